@@ -1,0 +1,1 @@
+"""How a body is estimated: images, cost, search, filtering, trackers, formats."""

@@ -1,0 +1,1 @@
+"""What is carried from frame to frame: modes, mixtures, paths."""

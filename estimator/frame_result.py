@@ -1,0 +1,33 @@
+"""What a tracker says of one frame: the hand-off from trackers to run files, exports and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """K hypotheses for one frame, best first.
+
+    index: number of the frame in the clip. time: seconds since the clip's start.
+    status: "tracked", "hard" (no mode converged, or the best explains few of the keypoints), "unobserved" (nothing
+        was seen: the hypotheses are carried on) or "lost".
+    q (K, nq), weight (K,), energy (K,), covariance (K, nv, nv): the modes.
+    parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
+    kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.
+    association (K): see `Mode`.
+    """
+
+    index: int
+    time: float
+    status: str
+    q: np.ndarray
+    weight: np.ndarray
+    energy: np.ndarray
+    covariance: np.ndarray
+    parent: np.ndarray
+    kkt_residual: np.ndarray
+    penetration: np.ndarray
+    association: tuple[str, ...]

@@ -1,0 +1,1 @@
+"""Camera, clip and cues: frame -> Observation."""

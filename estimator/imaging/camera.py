@@ -1,0 +1,57 @@
+"""Pinhole camera with Brown distortion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated camera, OpenCV conventions: x right, y down, z forward; pixel centres at integer coordinates.
+
+    name: how clips and keypoints refer to it.
+    image_size: width, height [px].
+    K (3, 3): intrinsic matrix [px].
+    distortion (5,): k1, k2, p1, p2, k3 (Brown).
+    R_camera_world (3, 3), t_camera_world (3,) [m]: x_camera = R_camera_world @ x_world + t_camera_world.
+    """
+
+    name: str
+    image_size: tuple[int, int]
+    K: np.ndarray
+    distortion: np.ndarray
+    R_camera_world: np.ndarray
+    t_camera_world: np.ndarray
+
+    @property
+    def centre_world(self) -> np.ndarray:
+        """Optical centre in the world [m], (3,)."""
+        return -self.R_camera_world.T @ self.t_camera_world
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera."""
+        x = points @ self.R_camera_world.T + self.t_camera_world
+        depth = np.where(x[..., 2] > 1e-6, x[..., 2], np.nan)
+        u, v = x[..., 0] / depth, x[..., 1] / depth
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = u * u + v * v
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        ud = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u)
+        vd = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v
+        return np.stack(
+            [self.K[0, 0] * ud + self.K[0, 1] * vd + self.K[0, 2], self.K[1, 1] * vd + self.K[1, 2]], axis=-1
+        )
+
+
+def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:
+    """A camera nobody calibrated: focal length 1.2 times the longer side (a 45 degree lens), level, at the origin.
+
+    The world is then x forward (along the optical axis), y left, z up.
+    """
+    width, height = image_size
+    focal = 1.2 * max(width, height)
+    K = np.array([[focal, 0.0, (width - 1) / 2.0], [0.0, focal, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
+    R_camera_world = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))

@@ -1,0 +1,36 @@
+"""What the cues of one instant say, in the order of the body's landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.imaging.camera import Camera
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Keypoints of one instant in every camera.
+
+    index: number of the frame in the clip.
+    time: seconds since the clip's start.
+    cameras (C): the cameras, in the order of the arrays.
+    pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
+    confidence (C, L): 0 to 1; 0 where missing.
+    """
+
+    index: int
+    time: float
+    cameras: tuple[Camera, ...]
+    pixels: np.ndarray
+    confidence: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """How many keypoints there are, over all cameras."""
+        return int(np.count_nonzero(self.confidence > 0.0))
+
+    def exchanged(self, mirror: np.ndarray) -> Observation:
+        """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
+        return replace(self, pixels=self.pixels[:, mirror], confidence=self.confidence[:, mirror])

@@ -1,0 +1,1 @@
+"""Constrained steps, mode seeking and proposals."""

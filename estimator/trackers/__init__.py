@@ -1,0 +1,1 @@
+"""Trackers: short recipes over the parts below."""
