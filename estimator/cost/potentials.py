@@ -1,0 +1,28 @@
+"""Robust error potentials (CSS section 3.1.1).
+
+A potential rho acts on a squared, whitened residual s = r' r / sigma^2; an observation costs rho(s) / 2, so that all
+potentials agree with a Gaussian, s / 2, near zero. `nu` is the spread of the outliers: the squared residual, in units
+of sigma^2, where an observation starts to lose its pull. In the notation of CSS, rho(s, sigma_css) with
+sigma_css^2 = nu sigma^2.
+"""
+
+from __future__ import annotations
+
+import math
+
+from humanoid.compiled import jit
+
+GAUSSIAN, LORENTZIAN, LECLERC = 0, 1, 2
+POTENTIALS = {"gaussian": GAUSSIAN, "lorentzian": LORENTZIAN, "leclerc": LECLERC}
+
+
+@jit
+def rho(kind: int, s: float, nu: float) -> tuple[float, float, float]:
+    """Value, first and second derivative of the potential at the squared whitened residual s."""
+    if kind == LORENTZIAN:
+        slope = 1.0 / (1.0 + s / nu)
+        return nu * math.log1p(s / nu), slope, -slope * slope / nu
+    if kind == LECLERC:
+        e = math.exp(-s / nu)
+        return nu * (1.0 - e), e, -e / nu
+    return s, 1.0, 0.0

@@ -1,0 +1,97 @@
+"""The quadratic programme of one step: ProxQP wherever the guessed active set does not settle it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from proxsuite import proxqp
+
+from estimator.search.box_step import damped_step
+from humanoid.body import Body
+
+ACCURACY = 1e-9
+UNBOUNDED = 1e20  # what ProxQP takes for infinity
+
+
+@dataclass
+class StepCounts:
+    """How the steps were solved: on a guessed active set, or by ProxQP."""
+
+    active_set: int = 0
+    proxqp: int = 0
+    failed: int = 0
+
+
+@dataclass
+class StepSolver:
+    """min 1/2 x'(H + damping diag H)x + g'x  s.t. joint limits, trust box, rows A x >= b  (CSS eq. 13 as a QP).
+
+    One persistent solver object for each number of rows; it starts cold each time so that equal problems have equal
+    solutions whatever was solved before.
+    """
+
+    body: Body
+    active_set_rounds: int = 3
+    counts: StepCounts = field(default_factory=StepCounts)
+
+    def __post_init__(self) -> None:
+        n = self.body.nv
+        self._M = np.zeros((n, n))
+        self._lower, self._upper = np.zeros(n), np.zeros(n)
+        self._solvers: dict[int, proxqp.dense.QP] = {}
+
+    def solve(
+        self,
+        hessian: np.ndarray,
+        gradient: np.ndarray,
+        damping: float,
+        radius: np.ndarray,
+        q: np.ndarray,
+        active: np.ndarray,
+        rows: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> np.ndarray | None:
+        """The step (nv,), or None if the model is not convex or the solver failed.
+
+        hessian (nv, nv), gradient (nv,): the model at q (nq,). radius (nv,): half-width of the trust box.
+        active (nv,) int8: guess of the active bounds, updated in place. rows: A (m, nv) and b (m,).
+        """
+        body = self.body
+        step = np.empty(body.nv)
+        rounds = damped_step(
+            hessian, gradient, damping, radius, q, body.bounded_q, body.bounded_v, body.lower, body.upper, active,
+            self.active_set_rounds, self._M, self._lower, self._upper, step,
+        )  # fmt: skip
+        if rounds > 0 and (rows is None or np.all(rows[0] @ step >= rows[1])):
+            self.counts.active_set += 1
+            return step
+        if rounds < 0:
+            return None
+        return self._proxqp(gradient, active, rows)
+
+    def _proxqp(
+        self, gradient: np.ndarray, active: np.ndarray, rows: tuple[np.ndarray, np.ndarray] | None
+    ) -> np.ndarray | None:
+        n, m = self.body.nv, 0 if rows is None else len(rows[1])
+        solver = self._solvers.get(m)
+        C, low, high = (None, None, None) if rows is None else (rows[0], rows[1], np.full(m, UNBOUNDED))
+        if solver is None:
+            solver = proxqp.dense.QP(n, 0, m, True)
+            solver.settings.eps_abs = ACCURACY
+            solver.settings.eps_rel = 0.0
+            solver.settings.max_iter = 200
+            solver.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+            solver.init(self._M, gradient, None, None, C, low, high, self._lower, self._upper)
+            self._solvers[m] = solver
+        else:
+            solver.update(self._M, gradient, None, None, C, low, high, self._lower, self._upper)
+        solver.solve()
+        x = np.array(solver.results.x)
+        if not np.all(np.isfinite(x)):
+            self.counts.failed += 1
+            return None
+        self.counts.proxqp += 1
+        step = np.minimum(np.maximum(x, self._lower), self._upper)  # the box holds exactly, the rows to ACCURACY
+        near = 1e-7
+        active[:] = np.where(step <= self._lower + near, -1, np.where(step >= self._upper - near, 1, 0))
+        return step
