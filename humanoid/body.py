@@ -77,6 +77,7 @@ class Body:
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
     lower, upper (nq,): hard limits of q (infinite where there are none).
+    neutral (nq,): root at the origin, joints at their rest positions, inside the limits.
     bounded_v, bounded_q: the degrees of freedom with limits and their places in q.
     """
 
@@ -94,6 +95,7 @@ class Body:
         pin.computeJointJacobians(model, self._data, pin.neutral(model))
         self._raw_placements = _raw_placements(self._data, model.njoints)
         self._raw_columns = self._data.J.T
+        self.neutral = self._rest()
 
     def _limits(self, model: pin.Model) -> None:
         lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
@@ -104,6 +106,14 @@ class Body:
         self.lower, self.upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
         self.lower[self.bounded_q] = lower[self.bounded_q]
         self.upper[self.bounded_q] = upper[self.bounded_q]
+
+    def _rest(self) -> np.ndarray:
+        """Neutral configuration with the stabilisers' joints at rest, inside the limits."""
+        q = pin.neutral(self.model)
+        for stabiliser in self.subject.stabilisers:
+            if self.model.existJointName(stabiliser.joint):
+                q[self.model.idx_qs[self.model.getJointId(stabiliser.joint)]] = stabiliser.rest
+        return self.clamp(q)
 
     def at(self, q: np.ndarray) -> PosedBody:
         """Forward kinematics and joint Jacobians at q (nq,); the result owns its arrays."""

@@ -77,10 +77,3 @@ def load_subject(source: str | Path, *, base: Base = "auto") -> Subject:
         path = Path(source)
     return subject_from_text(path.read_text(), source=str(source), base=base)
 
-
-def neutral(subject: Subject) -> np.ndarray:
-    """Neutral configuration (nq,), clamped into the limits."""
-    q = pin.neutral(subject.model)
-    finite = subject.model.upperPositionLimit - subject.model.lowerPositionLimit < 1e6
-    q[finite] = np.clip(q, subject.model.lowerPositionLimit, subject.model.upperPositionLimit)[finite]
-    return q

@@ -1,0 +1,56 @@
+# Needs Python 3.10 to 3.14 and make, nothing else.
+#   make demo     own environment, then the built-in clip is rendered and tracked; prints where the pictures are
+#   make test     own environment, then style, types and tests
+#   make lock     writes requirements.lock anew from pyproject.toml
+#   PYTHON=python3.12 make demo    another Python;   VENV=/some/folder make demo    another place for the environment
+
+PYTHON ?= python3
+VENV ?= .venv
+DEMO_OUT ?= demo-out
+PYTEST_ARGS ?=
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+CODE := humanoid estimator viz kinemode tests examples benchmarks
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help demo test check format lock clean
+
+help:
+	@sed -n '2,5s/^# *//p' Makefile
+
+demo: $(STAMP)
+	$(BIN)/kinemode demo --out $(DEMO_OUT)
+
+test: check
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: $(STAMP)
+	$(BIN)/ruff check $(CODE)
+	$(BIN)/ruff format --check $(CODE)
+	$(BIN)/mypy
+
+format: $(STAMP)
+	$(BIN)/ruff check --fix $(CODE)
+	$(BIN)/ruff format $(CODE)
+
+# The stamp is written last, so an interrupted installation starts over.
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 10) <= v < (3, 15) else "kinemode needs Python 3.10 to 3.14, this is %d.%d: PYTHON=python3.12 make ..." % v)'
+	@$(PYTHON) -m venv --clear $(VENV) || { echo "this Python cannot make environments; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
+	@echo "installing into $(VENV), some minutes the first time ..."
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --editable .
+	@touch $(STAMP)
+
+# --no-emit-index-url and the grep: the lock names versions, never where they came from.
+lock:
+	$(PYTHON) -m venv $(VENV)-lock
+	$(VENV)-lock/bin/python -m pip install --quiet uv
+	$(VENV)-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.10 --extra dev --quiet \
+		--upgrade --no-header --no-annotate --no-emit-index-url --no-emit-find-links --output-file requirements.tmp
+	{ echo '# Written by "make lock" for every supported Python and platform; change pyproject.toml instead.'; \
+		grep -v -e '^-' -e '://' requirements.tmp; } > requirements.lock
+	rm -rf requirements.tmp $(VENV)-lock
+
+clean:
+	rm -rf $(VENV) $(DEMO_OUT) .mypy_cache .ruff_cache .pytest_cache build dist

@@ -1,0 +1,89 @@
+"""The energy of one frame, assembled from its terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.cost.priors import Stabilisers, Transition
+from estimator.cost.reprojection import Reprojection
+from estimator.cost.term import Cost, Term
+from estimator.imaging.observation import Observation
+from humanoid.body import Body
+from humanoid.landmarks import landmark_spread
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
+
+    potential, nu: robust potential of a keypoint (`estimator.cost.potentials`).
+    keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
+        (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
+    stabiliser_weight: strength of the rest-position priors.
+    interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
+        [m] over which it changes e-fold.
+    turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
+        frames, per second, of joints, of the root's orientation and of its position.
+    exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
+    """
+
+    potential: str = "lorentzian"
+    nu: float = 4.0
+    keypoint_noise: float = 0.03
+    stabiliser_weight: float = 1.0
+    interpenetration_weight: float = 1.0
+    clearance_scale: float = 0.005
+    turn_speed: float = 2.0
+    root_turn_speed: float = 1.5
+    root_slide_speed: float = 1.0
+    exchange_penalty: float = 3.0
+
+
+class CostModel:
+    """Builds the energy of a frame for one body; terms that do not change from frame to frame are made once."""
+
+    def __init__(self, body: Body, settings: CostSettings | None = None) -> None:
+        self.body = body
+        self.settings = settings or CostSettings()
+        self._spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
+        priors: list[Term] = []
+        if self.settings.stabiliser_weight > 0.0:
+            priors.append(Stabilisers(body, self.settings.stabiliser_weight))
+        self._priors = tuple(priors)
+
+    def observation_term(self, observation: Observation) -> Reprojection:
+        """The keypoint term of a frame."""
+        return Reprojection(
+            self.body, observation, self.keypoint_sigma(observation), self.settings.potential, self.settings.nu
+        )
+
+    def keypoint_sigma(self, observation: Observation) -> np.ndarray:
+        """Standard deviation (C, L) [px] of the keypoints of a frame."""
+        extent = np.array([image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)])
+        sigma: np.ndarray = self.settings.keypoint_noise * extent[:, None] * self._spread[None, :]
+        return np.maximum(sigma, 0.5)
+
+    def cost(self, observed: Term | None, q_previous: np.ndarray | None = None, dt: float = 0.0) -> Cost:
+        """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
+        terms = list(self._priors) if observed is None else [observed, *self._priors]
+        if q_previous is not None:
+            terms.append(Transition(self.body, q_previous, self.transition_std(dt)))
+        return Cost(self.body, terms)
+
+    def transition_std(self, dt: float) -> np.ndarray:
+        """Standard deviation (nv,) of the change in `dt` seconds."""
+        s = self.settings
+        std = np.full(self.body.nv, s.turn_speed)
+        if self.body.subject.base == "free":
+            std[:3], std[3:6] = s.root_slide_speed, s.root_turn_speed
+        return std * max(dt, 1e-3)
+
+
+def image_extent(pixels: np.ndarray, confidence: np.ndarray) -> float:
+    """Root mean square distance [px] of the seen keypoints (L, 2) from their centre; 100 where fewer than two are seen."""
+    seen = confidence > 0.0
+    if np.count_nonzero(seen) < 2:
+        return 100.0
+    return float(np.sqrt(np.square(pixels[seen] - pixels[seen].mean(axis=0)).sum(axis=1).mean()))

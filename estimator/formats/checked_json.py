@@ -1,0 +1,97 @@
+"""Reading JSON that someone else wrote: what is wrong is said with file and place."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from humanoid.errors import InputError
+
+
+def read_json(path: str | Path) -> Any:
+    """The JSON value in a file; raises InputError with the line where it breaks off."""
+    text = read_text(path)
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        place = f"line {error.lineno}, column {error.colno}"
+        raise InputError(path, f"not valid JSON: {error.msg}", place=place) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, f"not usable JSON: {error}") from None
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a file that has some."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(path, "is a folder, a file is needed")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(path, "no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(path, "is not text") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror}") from None
+    if not text.strip():
+        raise InputError(path, "is empty")
+    return text
+
+
+def mapping(value: Any, source: str | Path, place: str = "") -> Mapping[str, Any]:
+    """`value`, which has to be a JSON object."""
+    if not isinstance(value, dict):
+        raise InputError(source, f"an object {{...}} is needed, found {_kind(value)}", place=place)
+    return value
+
+
+def sequence(value: Any, source: str | Path, place: str = "") -> list[Any]:
+    """`value`, which has to be a JSON array."""
+    if not isinstance(value, list):
+        raise InputError(source, f"a list [...] is needed, found {_kind(value)}", place=place)
+    return value
+
+
+def member(value: Mapping[str, Any], key: str, source: str | Path, place: str) -> Any:
+    """`value[key]`, which has to be there; `place` names `value` itself."""
+    if key not in value:
+        raise InputError(source, "is missing", place=f"{place}.{key}" if place else key)
+    return value[key]
+
+
+def numbers(value: Any, source: str | Path, place: str, *, finite: bool = True) -> np.ndarray:
+    """An array of float64 from nested lists of numbers, of any shape."""
+    try:
+        array = np.array(value)
+    except (ValueError, OverflowError):
+        raise InputError(source, "the lists differ in length", place=place) from None
+    if array.size and array.dtype.kind not in "iuf":
+        raise InputError(source, f"numbers are needed, found {_culprit(value)}", place=place)
+    array = array.astype(np.float64)
+    if finite and not np.isfinite(array).all():
+        raise InputError(source, "has a number that is not finite", place=place)
+    return array
+
+
+def shaped(value: Any, shape: tuple[int, ...], source: str | Path, place: str) -> np.ndarray:
+    """Finite numbers of a given shape."""
+    array = numbers(value, source, place)
+    if array.shape != shape:
+        need, found = (" x ".join(map(str, s)) or "one" for s in (shape, array.shape))
+        raise InputError(source, f"{need} numbers are needed, found {found}", place=place)
+    return array
+
+
+def _culprit(value: Any) -> str:
+    while isinstance(value, list):
+        value = next((v for v in value if isinstance(v, bool) or not isinstance(v, (int, float))), "nothing")
+    return _kind(value)
+
+
+def _kind(value: Any) -> str:
+    names = {dict: "an object", list: "a list", str: "text", bool: "true or false", type(None): "null"}
+    return names.get(type(value), "a number")

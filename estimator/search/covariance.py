@@ -1,0 +1,28 @@
+"""Constraint-consistent covariance of a mode."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid.body import Body
+
+MAX_STD = 2.0  # rad or m: directions that nothing observes
+
+
+def mode_covariance(
+    body: Body, q: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, max_std: float = MAX_STD
+) -> np.ndarray:
+    """Inverse Hessian (nv, nv) on the directions that no active limit holds, zero on the others (CSS section 4.2).
+
+    A limit is active where q lies on it and the gradient (nv,) presses against it. `hessian` (nv, nv) is positive
+    semi-definite; a weak isotropic prior of standard deviation `max_std` bounds what is not observed at all.
+    """
+    free = np.ones(body.nv, dtype=bool)
+    at_low = (q[body.bounded_q] <= body.lower[body.bounded_q]) & (gradient[body.bounded_v] > 0.0)
+    at_high = (q[body.bounded_q] >= body.upper[body.bounded_q]) & (gradient[body.bounded_v] < 0.0)
+    free[body.bounded_v[at_low | at_high]] = False
+    index = np.flatnonzero(free)
+    precision = hessian[np.ix_(index, index)] + np.eye(len(index)) / max_std**2
+    covariance = np.zeros((body.nv, body.nv))
+    covariance[np.ix_(index, index)] = np.linalg.inv(precision)
+    return 0.5 * (covariance + covariance.T)

@@ -1,0 +1,45 @@
+"""kinemode: how a person, or any articulated body with a URDF, moved in a clip.
+
+>>> import kinemode as km
+>>> subject = km.load_subject("human34")
+>>> run = km.track(subject, "walk.mp4", cameras="calibration.json", keypoints="walk.json", out="walk.run")
+>>> run.q, run.landmarks, run.mode_weight
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from estimator.formats.run_file import Run
+    from humanoid.errors import InputError
+    from humanoid.subject import Subject, load_subject
+    from kinemode.api import fit, open_run, track
+
+__all__ = ["InputError", "Run", "Subject", "__version__", "fit", "load_subject", "open_run", "track"]
+
+# Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
+_HOME = {
+    "InputError": "humanoid.errors",
+    "Run": "estimator.formats.run_file",
+    "Subject": "humanoid.subject",
+    "fit": "kinemode.api",
+    "load_subject": "humanoid.subject",
+    "open_run": "kinemode.api",
+    "track": "kinemode.api",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'kinemode' has no attribute '{name}'; it has {', '.join(sorted(_HOME))}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

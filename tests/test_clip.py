@@ -1,0 +1,117 @@
+"""Clips: what is read, when, and what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.imaging.clip import Clip
+from humanoid.errors import InputError
+
+COUNT, SIZE = 90, (96, 64)
+
+
+def picture(i: int) -> np.ndarray:
+    """A frame that tells its number: 7 blocks, black or white."""
+    image = np.full((SIZE[1], SIZE[0], 3), 128, np.uint8)
+    for bit in range(7):
+        image[16:48, 4 + 12 * bit : 14 + 12 * bit] = 255 if i >> bit & 1 else 0
+    return image
+
+
+def number(image: np.ndarray) -> int:
+    return sum((int(image[32, 9 + 12 * bit, 1]) > 128) << bit for bit in range(7))
+
+
+def video(path: Path, code: str, fps: float = 25.0) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*code), fps, SIZE)
+    for i in range(COUNT):
+        writer.write(picture(i))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize(("name", "code"), [("a.mp4", "mp4v"), ("a.avi", "MJPG"), ("a.webm", "VP80")])
+def test_random_access_is_sequential_access(tmp_path: Path, name: str, code: str) -> None:
+    clip = Clip.open(video(tmp_path / name, code))
+    assert clip.image_size == SIZE
+    assert clip.fps == pytest.approx(25.0)
+    in_order = list(clip.frames())
+    assert [number(f) for f in in_order] == list(range(COUNT))
+    for i in (70, 3, 69, 89, 0, 1, 45, 44, 88):
+        np.testing.assert_array_equal(clip.frame(i), in_order[i])
+    clip.close()
+    assert number(clip.frame(50)) == 50
+    assert [number(f) for f in clip.frames(85)] == list(range(85, COUNT))
+    assert clip.report.complete and clip.report.read == COUNT and not clip.report.notes
+    np.testing.assert_allclose(clip.times, np.arange(COUNT) / 25.0, atol=1e-3)
+    for i in (-1, COUNT, 10 * COUNT):
+        with pytest.raises(IndexError):
+            clip.frame(i)
+
+
+def test_truncated_video_is_reported_and_kept(tmp_path: Path) -> None:
+    path = video(tmp_path / "a.avi", "MJPG")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    clip = Clip.open(path)
+    read = [number(f) for f in clip.frames()]
+    assert 10 < len(read) < COUNT and read == list(range(len(read)))
+    if clip.frame_count is not None:  # the index at the end of the file is gone, the header's count may be too
+        assert clip.report.read == len(read) and not clip.report.complete
+        assert f"{len(read)} of {clip.frame_count}" in clip.report.notes[0]
+
+
+def test_bad_videos(tmp_path: Path) -> None:
+    (tmp_path / "empty.mp4").touch()
+    (tmp_path / "text.mp4").write_text("not a video at all\n" * 50)
+    good = video(tmp_path / "a.mp4", "mp4v").read_bytes()
+    (tmp_path / "headless.mp4").write_bytes(good[: len(good) // 2])
+    (tmp_path / "folder").mkdir()
+    for name in ("empty.mp4", "text.mp4", "headless.mp4", "folder", "absent.mp4"):
+        with pytest.raises(InputError, match=name):
+            Clip.open(tmp_path / name)
+    with pytest.raises(InputError, match="frames per second"):
+        Clip.open(tmp_path / "a.mp4", fps=float("nan"))
+
+
+def test_frame_times(tmp_path: Path) -> None:
+    clip = Clip.open(video(tmp_path / "a.mp4", "mp4v"), fps=50.0)
+    np.testing.assert_allclose(clip.times, np.arange(COUNT) / 50.0)
+    clip = Clip.open(tmp_path / "a.mp4")
+    uneven = np.cumsum([0.0, 0.04, 0.04, 0.12, 0.04]) + 0.5
+    times, fps, notes = clip._timing(uneven)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(times, uneven - 0.5)
+    assert fps == pytest.approx(4 / 0.24) and "varies" in notes[0]
+    for stamps in (np.zeros(5), np.array([0.0, 0.1, 0.05, 0.2]), np.arange(5) * 1e-6):
+        times, fps, _ = clip._timing(stamps)  # type: ignore[attr-defined]
+        np.testing.assert_allclose(times, np.arange(len(stamps)) / 25.0)
+
+
+def test_folder(tmp_path: Path) -> None:
+    for i in (10, 2, 1, 9):
+        cv2.imwrite(str(tmp_path / f"f{i}.png"), picture(i))
+    (tmp_path / "notes.txt").write_text("no image")
+    clip = Clip.open(tmp_path)
+    assert [number(f) for f in clip.frames()] == [1, 2, 9, 10]
+    np.testing.assert_array_equal(clip.frame(2), picture(9))
+    assert clip.report.read == 4 and "30" in clip.report.notes[0]
+    assert Clip.open(tmp_path, fps=10.0).times[-1] == pytest.approx(0.3)
+    cv2.imwrite(str(tmp_path / "f3.png"), np.zeros((10, 10, 3), np.uint8))
+    with pytest.raises(InputError, match=r"f3\.png.*10 x 10"):
+        _ = Clip.open(tmp_path).report
+    (tmp_path / "f3.png").write_bytes(b"broken")
+    with pytest.raises(InputError, match=r"f3\.png"):
+        list(Clip.open(tmp_path).frames())
+
+
+def test_real_clip(shared_data: Path) -> None:
+    clip = Clip.open(shared_data / "beam4cam" / "videos" / "cam01.mp4")
+    assert clip.image_size == (1080, 1920) and clip.frame_count == 100
+    late = clip.frame(60)
+    for i, image in enumerate(clip.frames()):
+        if i == 60:
+            np.testing.assert_array_equal(image, late)
+            break

@@ -1,0 +1,80 @@
+"""Meshcat without its server: commands are kept, and become a page that stands alone.
+
+`meshcat.Visualizer` talks to a window; its own window starts a server process. `CommandRecorder` takes the window's
+place, so that nothing is started and nothing can be left behind.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from importlib import resources
+from typing import Any, Protocol
+
+import numpy as np
+import umsgpack
+from meshcat.geometry import Geometry, pack_numpy_array
+
+Json = dict[str, Any]
+
+
+class Command(Protocol):
+    """What meshcat's commands have in common."""
+
+    def lower(self) -> Json:
+        """The command as plain data."""
+
+
+class CommandRecorder:
+    """Stands in for meshcat's ViewerWindow."""
+
+    def __init__(self) -> None:
+        self.commands: list[bytes] = []
+
+    def send(self, command: Command) -> None:
+        """Keep one command, packed as the viewer reads it; single precision is a micrometre at 10 m."""
+        self.commands.append(umsgpack.packb(_plain(command.lower()), force_float_precision="single"))
+
+    def page(self, title: str, data: Json) -> str:
+        """An HTML page with the viewer, the recorded scene and the player's data; it loads nothing from elsewhere."""
+        script = resources.files("meshcat").joinpath("viewer", "dist", "main.min.js").read_text(encoding="utf-8")
+        template = resources.files("viz").joinpath("page.html").read_text(encoding="utf-8")
+        commands = [base64.b64encode(command).decode("ascii") for command in self.commands]
+        parts = {"TITLE": _escaped(title), "VIEWER": script, "COMMANDS": json.dumps(commands), "DATA": _script_json(data)}
+        for name, value in parts.items():
+            template = template.replace(f"__{name}__", value, 1)
+        return template
+
+
+class TexturedPlane(Geometry):
+    """A rectangle given by its corners (4, 3): top left, top right, bottom right, bottom left of the picture."""
+
+    def __init__(self, corners: np.ndarray) -> None:
+        super().__init__()
+        self.corners = np.asarray(corners, dtype=np.float32)
+
+    def lower(self, object_data: Json) -> Json:
+        """See meshcat's Geometry."""
+        uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype=np.float32)
+        faces = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
+        attributes = {"position": pack_numpy_array(self.corners.T), "uv": pack_numpy_array(uv.T)}
+        index = pack_numpy_array(faces.T)
+        return {"uuid": self.uuid, "type": "BufferGeometry", "data": {"attributes": attributes, "index": index}}
+
+
+def _plain(value: Any) -> Any:
+    """NumPy numbers as Python's, which is all the packer knows."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _script_json(data: Json) -> str:
+    # "</script>" inside a string would end the script; NaN is not JSON
+    return json.dumps(data, allow_nan=False).replace("</", "<\\/")
+
+
+def _escaped(title: str) -> str:
+    return title.replace("&", "&amp;").replace("<", "&lt;")
