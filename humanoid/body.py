@@ -76,6 +76,7 @@ class Body:
     nq, nv: sizes of configuration and tangent.
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
+    landmark_support (L, nv) bool: which degrees of freedom move each landmark.
     lower, upper (nq,): hard limits of q (infinite where there are none).
     neutral (nq,): root at the origin, joints at their rest positions, inside the limits.
     bounded_v, bounded_q: the degrees of freedom with limits and their places in q.
@@ -90,6 +91,7 @@ class Body:
         self.landmark_joint, self.landmark_local = points_on_links(
             model, [(landmark.link, landmark.xyz) for landmark in subject.landmarks]
         )
+        self.landmark_support = np.array([self.support(int(j)) for j in self.landmark_joint]).reshape(-1, self.nv)
         self._limits(model)
         self._data = model.createData()
         pin.computeJointJacobians(model, self._data, pin.neutral(model))
@@ -148,19 +150,22 @@ class Body:
 
     def landmark_jacobians(self, posed: PosedBody) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
-        points = self.landmarks(posed)
-        jacobians = np.zeros((len(points), 3, self.nv))
-        for i, (joint, p) in enumerate(zip(self.landmark_joint, points, strict=True)):
-            k = self.last_dof(int(joint))
-            while k >= 0:
-                column = posed.columns[k]
-                jacobians[i, :, k] = column[:3] + np.cross(column[3:], p)
-                k = self.tree.dof_parent[k]
-        return jacobians
+        linear, angular = posed.columns[:, :3], posed.columns[:, 3:]
+        velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[:, None])
+        return np.where(self.landmark_support[:, None, :], velocity.transpose(0, 2, 1), 0.0)
 
     def last_dof(self, joint: int) -> int:
         """Last degree of freedom on the way from the root to (and with) a joint, -1 if none."""
         return int(self.model.idx_vs[joint] + self.model.nvs[joint] - 1) if joint > 0 else -1
+
+    def support(self, joint: int) -> np.ndarray:
+        """Which degrees of freedom move a joint, (nv,) bool."""
+        moved = np.zeros(self.nv, dtype=bool)
+        k = self.last_dof(joint)
+        while k >= 0:
+            moved[k] = True
+            k = int(self.tree.dof_parent[k])
+        return moved
 
     @property
     def q_names(self) -> tuple[str, ...]:

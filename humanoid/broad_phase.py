@@ -1,4 +1,4 @@
-"""Compiled kernels of `humanoid.clearance`: lower bounds of all distances at once, gradients of the near ones."""
+"""Compiled kernels of `humanoid.clearance`: solids into the world, and lower bounds of all distances at once."""
 
 from __future__ import annotations
 
@@ -58,9 +58,7 @@ def candidates(
         x, y, z = segment[b, 0] - segment[a, 0], segment[b, 1] - segment[a, 1], segment[b, 2] - segment[a, 2]
         uu = segment[a, 3] ** 2 + segment[a, 4] ** 2 + segment[a, 5] ** 2
         vv = segment[b, 3] ** 2 + segment[b, 4] ** 2 + segment[b, 5] ** 2
-        reach = radius[a] + radius[b] + limit + _SLACK
-        if reach <= 0.0:
-            reach = 0.0
+        reach = max(radius[a] + radius[b] + limit + _SLACK, 0.0)
         ball = reach + np.sqrt(uu) + np.sqrt(vv)
         if x * x + y * y + z * z > ball * ball:
             continue
@@ -121,8 +119,8 @@ def _gap(
             break
         for i in range(3):
             direction[i] /= size
-        _extreme(world, segment, radius, radii, a, direction, 1.0, p)
-        _extreme(world, segment, radius, radii, b, direction, -1.0, q)
+        extreme_point(world, segment, radius, radii, a, direction, 1.0, p)
+        extreme_point(world, segment, radius, radii, b, direction, -1.0, q)
         gap = far = 0.0
         for i in range(3):
             gap += direction[i] * (q[i] - p[i])
@@ -136,7 +134,7 @@ def _gap(
 
 
 @jit
-def _extreme(
+def extreme_point(
     world: np.ndarray,
     segment: np.ndarray,
     radius: np.ndarray,
@@ -163,39 +161,3 @@ def _extreme(
         step = sign * radii[k, j] ** 2 * along / np.sqrt(square)
         for i in range(3):
             point[i] += step * world[k, 3 * j + i]
-
-
-@jit
-def gradients(
-    columns: np.ndarray,
-    dof_parent: np.ndarray,
-    last_dof: np.ndarray,
-    points_a: np.ndarray,
-    points_b: np.ndarray,
-    normals: np.ndarray,
-) -> np.ndarray:
-    """Gradients (M, nv) of signed distances: n . (J_b(p_b) - J_a(p_a)).
-
-    columns (nv, 6): see `PosedBody`. dof_parent (nv,): see `Tree`. last_dof (M, 2): last degree of freedom of either
-    solid. points_a, points_b, normals (M, 3): witness points and normal from a to b.
-
-    A degree of freedom that moves both solids leaves their distance alone, so the walk to the root ends where the two
-    chains meet.
-    """
-    gradient = np.zeros((normals.shape[0], columns.shape[0]))
-    for m in range(normals.shape[0]):
-        a, b = last_dof[m, 0], last_dof[m, 1]
-        while a != b:  # a parent comes before its children, so the larger of the two is on one chain only
-            k, sign = (a, -1.0) if a > b else (b, 1.0)
-            p = points_a[m] if a > b else points_b[m]
-            n, c = normals[m], columns[k]
-            gradient[m, k] = sign * (
-                n[0] * (c[0] + c[4] * p[2] - c[5] * p[1])
-                + n[1] * (c[1] + c[5] * p[0] - c[3] * p[2])
-                + n[2] * (c[2] + c[3] * p[1] - c[4] * p[0])
-            )
-            if a > b:
-                a = dof_parent[a]
-            else:
-                b = dof_parent[b]
-    return gradient

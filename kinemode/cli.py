@@ -42,8 +42,10 @@ def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
 
     Parameters
     ----------
-    out: folder for the clip, the run and the pictures.
-    seed: of the tracker's random numbers.
+    out
+        Folder for the clip, the run and the pictures.
+    seed
+        Seed of the tracker's random numbers.
     """
     from kinemode.demo import run_demo
 
@@ -76,17 +78,28 @@ def track(
 
     Parameters
     ----------
-    clips: video files or folders of images; none where the keypoints are enough.
-    subject: a built-in name (see `kinemode subjects`) or a URDF file.
-    cameras: JSON with K, distortion, R, t of each camera; one camera without it is guessed.
-    keypoints: 2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26.
-    tracker: css (several hypotheses) or single_mode.
-    modes: how many hypotheses are kept.
-    seed: of the tracker's random numbers; the same seed gives the same run.
-    fit: auto fits the proportions of a built-in subject from the first frames; a file is taken as measured.
-    person: which of several people: auto (largest, then continuity) or an id of the keypoint file.
-    out: the run file.
-    resume: go on with an interrupted run.
+    clips
+        Video files or folders of images; none where the keypoints are enough.
+    subject
+        A built-in name (see `kinemode subjects`) or a URDF file.
+    cameras
+        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
+    keypoints
+        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26.
+    tracker
+        css (several hypotheses) or single_mode.
+    modes
+        How many hypotheses are kept.
+    seed
+        Seed of the tracker's random numbers; the same seed gives the same run.
+    fit
+        auto fits the proportions of a built-in subject from the first frames; a file is taken as measured.
+    person
+        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
+    out
+        The run file.
+    resume
+        Go on with an interrupted run.
     """
     from kinemode import api, report
     from kinemode.progress import reported
@@ -111,7 +124,7 @@ def track(
 
 
 @app.command
-def view(run: Path, *, html: Path | None = None) -> None:
+def view(run: Path, /, *, html: Path | None = None) -> None:
     """Look at a run in the browser: bodies, hypotheses, the video behind.
 
     Examples:
@@ -122,8 +135,10 @@ def view(run: Path, *, html: Path | None = None) -> None:
 
     Parameters
     ----------
-    run: a run file.
-    html: write a self-contained page here and start nothing.
+    run
+        A run file.
+    html
+        Write a self-contained page here and start nothing.
     """
     from kinemode.api import open_run
     from kinemode.scene import scene_of
@@ -141,16 +156,19 @@ def view(run: Path, *, html: Path | None = None) -> None:
 
 
 @app.command
-def overlay(run: Path, *, out: Path, camera: str | None = None) -> None:
+def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     """Write the video with the body drawn over it.
 
     Example: kinemode overlay walk.run --out walk-overlay.mp4
 
     Parameters
     ----------
-    run: a run file.
-    out: an mp4 file.
-    camera: name of one camera; all of them side by side unless given.
+    run
+        A run file.
+    out
+        An mp4 file.
+    camera
+        Name of one camera; all of them side by side unless given.
     """
     from kinemode.api import open_run
     from kinemode.progress import reported
@@ -163,7 +181,7 @@ def overlay(run: Path, *, out: Path, camera: str | None = None) -> None:
 
 
 @app.command
-def export(run: Path, file: Path, *, format: Format | None = None) -> None:
+def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     """Write a run for other programs.
 
     npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim.
@@ -172,9 +190,12 @@ def export(run: Path, file: Path, *, format: Format | None = None) -> None:
 
     Parameters
     ----------
-    run: a run file.
-    file: where to write.
-    format: npz, csv, trc or mot; the file's ending unless given.
+    run
+        A run file.
+    file
+        Where to write.
+    format
+        npz, csv, trc or mot; the file's ending unless given.
     """
     from kinemode.api import export_run, open_run
 
@@ -184,15 +205,17 @@ def export(run: Path, file: Path, *, format: Format | None = None) -> None:
 
 
 @app.command
-def evaluate(run: Path, *, reference: Path) -> None:
+def evaluate(run: Path, /, *, reference: Path) -> None:
     """Compare a run with known 3D landmarks: MPJPE, PA-MPJPE, best of K, limits, interpenetration.
 
     Example: kinemode evaluate cam01.run --reference reference3d.npz
 
     Parameters
     ----------
-    run: a run file.
-    reference: npz with points (T, L, 3) in metres and their names.
+    run
+        A run file.
+    reference
+        npz with points (T, L, 3) in metres and their names.
     """
     from kinemode import report
     from kinemode.api import evaluate_run, open_run
@@ -228,19 +251,24 @@ def fit(
 
     Parameters
     ----------
-    clips: video files or folders of images; none where the keypoints are enough.
-    subject: a built-in name (see `kinemode subjects`) or a URDF file with proportions.
-    cameras: JSON with K, distortion, R, t of each camera; one camera without it is guessed.
-    keypoints: 2D keypoint files or folders.
-    seed: of the random numbers.
-    person: which of several people: auto (largest, then continuity) or an id of the keypoint file.
-    out: the URDF file to write.
+    clips
+        Video files or folders of images; none where the keypoints are enough.
+    subject
+        A built-in name (see `kinemode subjects`) or a URDF file with proportions.
+    cameras
+        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
+    keypoints
+        2D keypoint files or folders.
+    seed
+        Seed of the random numbers.
+    person
+        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
+    out
+        The URDF file to write.
     """
     from kinemode import api, report
 
-    fitted = api.fit(
-        subject, clips, cameras=cameras, keypoints=keypoints, seed=seed, person=person, out=out
-    )
+    fitted = api.fit(subject, clips, cameras=cameras, keypoints=keypoints, seed=seed, person=person, out=out)
     report.print_fit(fitted, out)
 
 

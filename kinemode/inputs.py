@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import numpy as np
+
+from estimator.formats.cameras import load_cameras
+from estimator.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.imaging.camera import Camera, guessed_camera
+from estimator.imaging.clip import DEFAULT_FPS, Clip
+from estimator.imaging.observation import Observation
+from estimator.imaging.sequence import assemble, assembly_notes
+from humanoid.body import Body
 from humanoid.errors import InputError
 
 PathLike = str | os.PathLike[str]
+KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
 Named = PathLike | Iterable[PathLike] | Mapping[str, PathLike] | None
 
 
@@ -64,11 +74,87 @@ def matched(names: Iterable[str], files: Mapping[str, Path], what: str, owner: s
     return {name: files[name] for name in names}
 
 
-def choose_camera(name: str, cameras: Mapping[str, Any], source: str, count: int) -> Any:
-    """The camera of a clip, by its name; a file with one camera serves a single clip."""
+@dataclass(frozen=True)
+class Inputs:
+    """What there is to track: observations (T), clip of each camera that has one, and what the user should hear of."""
+
+    observations: list[Observation]
+    clips: dict[str, Path]
+    notes: tuple[str, ...]
+
+
+def load_inputs(
+    body: Body, clips: Named, keypoints: Named, cameras: PathLike | Mapping[str, Camera] | None, *, person: str | int
+) -> Inputs:
+    """Read everything a body is tracked from.
+
+    Raises InputError: no keypoints, files without a partner, no camera for one of several clips.
+    """
+    clip_files, keypoint_files = named_paths(clips, "clip"), named_paths(keypoints, "keypoint file")
+    if not keypoint_files:
+        raise InputError(
+            "keypoints", "are needed for now: image cues come with a later version", remedy=KEYPOINT_FORMATS
+        )
+    if clip_files:
+        keypoint_files = matched(clip_files, keypoint_files, "keypoint file", "clip")
+    chosen = int(person) if isinstance(person, str) and person.isdigit() else person
+    tracks = {name: load_keypoints(path, person=chosen) for name, path in keypoint_files.items()}
+    videos = {name: Clip.open(path) for name, path in clip_files.items()}
+    sizes = {name: clip.image_size for name, clip in videos.items()}
+    used, notes = _cameras(tracks, sizes, cameras)
+    times, time_notes = _times(tracks, videos)
+    notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
+    notes += [*time_notes, *assembly_notes(tracks, len(times))]
+    for clip in videos.values():
+        clip.close()
+    observations = assemble(body, tracks, used, times, clip_sizes=sizes)
+    return Inputs(observations, clip_files, tuple(notes))
+
+
+def _cameras(
+    tracks: Mapping[str, KeypointTrack],
+    sizes: Mapping[str, tuple[int, int]],
+    given: PathLike | Mapping[str, Camera] | None,
+) -> tuple[dict[str, Camera], list[str]]:
+    """Camera of each track by the track's name; the one camera of a single clip is guessed where nothing is given."""
+    if given is not None:
+        known = given if isinstance(given, Mapping) else load_cameras(given)
+        source = "cameras" if isinstance(given, Mapping) else given
+        return {name: _choose(name, known, source, len(tracks)) for name in tracks}, []
+    if len(tracks) > 1:
+        problem = f"several views ({', '.join(tracks)}) need their placements"
+        raise InputError("cameras", problem, remedy="give a camera file: JSON with K, distortion, R and t of each")
+    ((name, track),) = tracks.items()
+    size = sizes.get(name) or track.image_size
+    if size is None:
+        raise InputError(track.source, "does not say the size of the image", remedy="give the clip or a camera file")
+    focal = guessed_camera(name, size).K[0, 0]
+    note = f"no camera given: a focal length of {focal:.0f} px is guessed for {name}; sizes and distances depend on it"
+    return {name: guessed_camera(name, size)}, [note]
+
+
+def _choose(name: str, cameras: Mapping[str, Camera], source: PathLike, count: int) -> Camera:
     if name in cameras:
         return cameras[name]
     if count == 1 and len(cameras) == 1:
         return next(iter(cameras.values()))
     remedy = f"cameras: {', '.join(cameras)}; choose with NAME=PATH"
-    raise InputError(source, f"there is no camera {name!r}", remedy=remedy)
+    raise InputError(str(source), f"there is no camera {name!r}", remedy=remedy)
+
+
+def _times(tracks: Mapping[str, KeypointTrack], clips: Mapping[str, Clip]) -> tuple[np.ndarray, list[str]]:
+    """Frame times (T,) [s]: those of the clip that ends first; of the keypoint files where there is no clip."""
+    if clips:
+        notes = [f"{name}: {note}" for name, clip in clips.items() for note in clip.report.notes]
+        lengths = {name: clip.report.read for name, clip in clips.items()}
+        shortest = min(lengths, key=lambda name: lengths[name])
+        if len(set(lengths.values())) > 1:
+            each = ", ".join(f"{name} {count}" for name, count in lengths.items())
+            notes.append(f"the clips differ in length ({each} frames): all end with {shortest}")
+        return clips[shortest].times, notes
+    rates = {track.fps for track in tracks.values() if track.fps}
+    notes = [] if rates else [f"no frame rate in the keypoint files: {DEFAULT_FPS:g} frames per second assumed"]
+    if len(rates) > 1:
+        raise InputError("keypoints", f"the files differ in frames per second: {sorted(rates)}")
+    count = max(track.frame_count for track in tracks.values())
+    return np.arange(count) / (rates.pop() if rates else DEFAULT_FPS), notes

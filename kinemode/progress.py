@@ -59,7 +59,11 @@ class _PlainLines:
             return
         self._last = now
         worked = done - self._first  # a resumed run starts part of the way
-        left = f", {_duration((now - self._start) / worked * (total - done))} left" if 0 < worked < total - self._first else ""
+        left = (
+            f", {_duration((now - self._start) / worked * (total - done))} left"
+            if 0 < worked < total - self._first
+            else ""
+        )
         print(f"{self._label}: {done}/{total}{left}", file=self._stream, flush=True)
 
 

@@ -86,7 +86,7 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
     coarse: fewer triangles on the flesh, enough for a translucent hypothesis.
     """
     if body.subject.flesh:
-        around, along = (12, 6) if coarse else (24, 12)
+        around, along = (12, 6) if coarse else (18, 10)
         meshes = flesh_meshes(body, around, along)
         return tuple(Solid(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
     return _visual_solids(body) or _tree_solids(body)

@@ -30,14 +30,16 @@ class CostSettings:
     """
 
     potential: str = "lorentzian"
-    nu: float = 4.0
+    nu: float = 8.0
     keypoint_noise: float = 0.03
     stabiliser_weight: float = 1.0
     interpenetration_weight: float = 1.0
     clearance_scale: float = 0.005
-    turn_speed: float = 2.0
-    root_turn_speed: float = 1.5
-    root_slide_speed: float = 1.0
+    turn_speed: float = 4.0
+    root_turn_speed: float = 3.0
+    root_slide_speed: float = 1.5
+    transition_potential: str = "lorentzian"
+    transition_nu: float = 8.0
     exchange_penalty: float = 3.0
 
 
@@ -69,7 +71,10 @@ class CostModel:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms = list(self._priors) if observed is None else [observed, *self._priors]
         if q_previous is not None:
-            terms.append(Transition(self.body, q_previous, self.transition_std(dt)))
+            s = self.settings
+            terms.append(
+                Transition(self.body, q_previous, self.transition_std(dt), s.transition_potential, s.transition_nu)
+            )
         return Cost(self.body, terms)
 
     def transition_std(self, dt: float) -> np.ndarray:

@@ -50,36 +50,50 @@ def _stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient,
 
 
 class Transition:
-    """Gaussian diffusion from a previous configuration: 1/2 sum (q (-) q_previous)_i^2 / std_i^2 in its tangent space.
+    """Diffusion from a previous configuration, 1/2 sum rho((q (-) q_previous)_i^2 / std_i^2) in its tangent space.
 
-    q_previous (nq,): centre. std (nv,): standard deviation of the change [m, rad].
+    q_previous (nq,): centre. std (nv,): scale of the change [m, rad]. The Gaussian potential is a random walk; a
+    long-tailed one lets a mode jump at a price that grows with the logarithm of the distance, which is what lets a
+    search recover from a wrong interpretation (CSS section 1.1).
     """
 
-    def __init__(self, body: Body, q_previous: np.ndarray, std: np.ndarray) -> None:
-        self._model = body.model
+    def __init__(
+        self, body: Body, q_previous: np.ndarray, std: np.ndarray, potential: str = "gaussian", nu: float = 8.0
+    ) -> None:
+        self._model = model = body.model
         self._q_previous = q_previous
         self._precision = 1.0 / np.square(std)
-        model = body.model
+        self._kind, self._nu = POTENTIALS[potential], float(nu)
         # only joints of several degrees of freedom have a difference whose derivative is not the identity
         self._blocks = [
             slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j]) for j in range(1, model.njoints) if model.nvs[j] > 1
         ]
-        self._diagonal = np.ones(body.nv, dtype=bool)
-        for block in self._blocks:
-            self._diagonal[block] = False
-        self._index = np.flatnonzero(self._diagonal)
+        self._pull, self._bend = np.zeros(body.nv), np.zeros(body.nv)
+        self._index = np.setdiff1d(np.arange(body.nv), np.concatenate([np.r_[b] for b in self._blocks] or [[]]))
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.cost.term.Term`."""
         e = pin.difference(self._model, self._q_previous, posed.q)
-        pull = self._precision * e
-        i = self._index
+        pull, bend, i = self._pull, self._bend, self._index
+        value: float = _robust_square(e, self._precision, self._kind, self._nu, exact, pull, bend)
         gradient[i] += pull[i]
-        hessian[i, i] += self._precision[i]
+        hessian[i, i] += bend[i]
         if self._blocks:
             jacobian = pin.dDifference(self._model, self._q_previous, posed.q, pin.ARG1)
             for block in self._blocks:
                 J = jacobian[block, block]
                 gradient[block] += J.T @ pull[block]
-                hessian[block, block] += (J.T * self._precision[block]) @ J
-        return float(0.5 * e @ pull)
+                hessian[block, block] += (J.T * bend[block]) @ J
+        return value
+
+
+@jit
+def _robust_square(e, precision, kind, nu, exact, pull, bend):  # type: ignore[no-untyped-def]
+    """1/2 sum rho(precision e^2), its derivative `pull` and (Gauss-Newton or exact) curvature `bend`, all (nv,)."""
+    value = 0.0
+    for i in range(e.shape[0]):
+        cost, slope, curve = rho(kind, e[i] * e[i] * precision[i], nu)
+        value += 0.5 * cost
+        pull[i] = slope * precision[i] * e[i]
+        bend[i] = precision[i] * (slope + (2.0 * curve * e[i] * e[i] * precision[i] if exact else 0.0))
+    return value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.cost.points import accumulate_points
 from estimator.cost.potentials import POTENTIALS, rho
 from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
@@ -35,31 +36,38 @@ class Reprojection:
         self._pixels = np.where(valid[..., None], observation.pixels, 0.0)
         self._confidence = np.where(valid, observation.confidence, 0.0)
         self._precision = 1.0 / np.square(sigma)
-        self._joint_load = np.zeros((body.njoints, 6, 6))
-        self._joint_force = np.zeros((body.njoints, 6))
-        self._joint_moment = np.zeros((body.njoints, 3, 3))
+        count = len(body.landmark_names)
+        self._points, self._force = np.zeros((count, 3)), np.zeros((count, 3))
+        self._weight = np.zeros((count, 3, 3))
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.cost.term.Term`."""
-        body = self._body
-        self._joint_load[:] = 0.0
-        self._joint_force[:] = 0.0
-        self._joint_moment[:] = 0.0
-        value: float = _landmark_loads(
-            posed.placements, body.landmark_joint, body.landmark_local, self._intrinsics, self._distortion, self._R,
-            self._t, self._pixels, self._confidence, self._precision, self._kind, self._nu, self._joint_load,
-            self._joint_force, self._joint_moment, exact,
+        value = self._load_points(posed, exact)
+        accumulate_points(
+            self._body, posed, self._body.landmark_joint, self._points, self._force, self._weight, gradient, hessian, exact
+        )
+        return value
+
+    def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (L, 3) [1/m] and Gauss-Newton Hessian (L, 3, 3) of the value with respect to each landmark."""
+        self._load_points(posed, False)
+        return self._force.copy(), self._weight.copy()
+
+    def distances(self, posed: PosedBody) -> np.ndarray:
+        """Distance of every keypoint from its projected landmark in standard deviations, (C, L); NaN where missing."""
+        distances = np.full(self._confidence.shape, np.nan)
+        _whitened_distances(
+            self._body.landmarks(posed), self._intrinsics, self._distortion, self._R, self._t, self._pixels,
+            self._confidence, self._precision, distances,
         )  # fmt: skip
-        tree = body.tree
-        gather(
-            posed.columns, tree.joint_parent, tree.dof_joint, tree.dof_parent, self._joint_load, self._joint_force,
-            gradient, hessian,
+        return distances
+
+    def _load_points(self, posed: PosedBody, exact: bool) -> float:
+        value: float = _point_loads(
+            posed.placements, self._body.landmark_joint, self._body.landmark_local, self._intrinsics,
+            self._distortion, self._R, self._t, self._pixels, self._confidence, self._precision, self._kind, self._nu,
+            exact, self._points, self._force, self._weight,
         )  # fmt: skip
-        if exact:
-            bend(
-                posed.columns, tree.joint_parent, tree.dof_joint, tree.dof_parent, self._joint_force,
-                self._joint_moment, hessian,
-            )  # fmt: skip
         return value
 
 
@@ -105,23 +113,23 @@ def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # t
 
 
 @jit
-def _landmark_loads(  # type: ignore[no-untyped-def]
-    placements, joints, local, intrinsics, distortion, R, t, pixels, confidence, precision, kind, nu, load, force, moment,
-    exact,
-):
-    """Sum over the landmarks of each joint: value, 6-vectors `force`, 6x6 matrices `load` and, if `exact`, 3x3
-    matrices `moment` = sum p f' with f = d value / d p (all in the world frame)."""
+def _point_loads(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, pixels, confidence, precision, kind, nu, exact, points,
+    force, weight,
+):  # fmt: skip
+    """Value of the term; fills landmarks in the world `points` (L, 3), and the gradient `force` (L, 3) and Hessian
+    `weight` (L, 3, 3) of the value with respect to them."""
     value = 0.0
-    p = np.zeros(3)
     image_jacobian = np.zeros((2, 3))
-    row = np.zeros(6)
-    along = np.zeros(6)  # residual seen as a spatial force
+    along = np.zeros(3)  # residual pulled back to the point
     for n in range(joints.shape[0]):
-        j = joints[n]
+        p, f, W = points[n], force[n], weight[n]
         for k in range(3):
-            p[k] = placements[j, 9 + k]
+            p[k] = placements[joints[n], 9 + k]
             for i in range(3):
-                p[k] += placements[j, 3 * i + k] * local[n, i]
+                p[k] += placements[joints[n], 3 * i + k] * local[n, i]
+        f[:] = 0.0
+        W[:] = 0.0
         for c in range(pixels.shape[0]):
             if confidence[c, n] <= 0.0:
                 continue
@@ -132,102 +140,26 @@ def _landmark_loads(  # type: ignore[no-untyped-def]
             ru, rv = pixels[c, n, 0] - u, pixels[c, n, 1] - v
             cost, slope, bending = rho(kind, (ru * ru + rv * rv) * precision[c, n], nu)
             value += 0.5 * confidence[c, n] * cost
-            weight = confidence[c, n] * slope * precision[c, n]
-            along[:] = 0.0
-            for image_row in range(2):
-                a0, a1, a2 = image_jacobian[image_row, 0], image_jacobian[image_row, 1], image_jacobian[image_row, 2]
-                row[0], row[1], row[2] = a0, a1, a2
-                row[3] = p[1] * a2 - p[2] * a1
-                row[4] = p[2] * a0 - p[0] * a2
-                row[5] = p[0] * a1 - p[1] * a0
-                pull = weight * (ru if image_row == 0 else rv)
-                for i in range(6):
-                    force[j, i] -= pull * row[i]
-                    along[i] += (ru if image_row == 0 else rv) * row[i]
-                    for k in range(6):
-                        load[j, i, k] += weight * row[i] * row[k]
-            if exact:
-                curvature = 2.0 * confidence[c, n] * bending * precision[c, n] ** 2
-                for i in range(6):
-                    for k in range(6):
-                        load[j, i, k] += curvature * along[i] * along[k]
-                for i in range(3):
-                    for k in range(3):
-                        moment[j, i, k] -= weight * p[i] * along[k]
+            pull = confidence[c, n] * slope * precision[c, n]
+            curve = 2.0 * confidence[c, n] * bending * precision[c, n] ** 2 if exact else 0.0
+            for k in range(3):
+                along[k] = ru * image_jacobian[0, k] + rv * image_jacobian[1, k]
+                f[k] -= pull * along[k]
+            for i in range(3):
+                for k in range(3):
+                    square = image_jacobian[0, i] * image_jacobian[0, k] + image_jacobian[1, i] * image_jacobian[1, k]
+                    W[i, k] += pull * square + curve * along[i] * along[k]
     return value
 
 
 @jit
-def gather(columns, joint_parent, dof_joint, dof_parent, load, force, gradient, hessian):  # type: ignore[no-untyped-def]
-    """Per-joint loads to gradient and Hessian: sums go up the tree first, as in the composite rigid body algorithm.
-
-    Adds sum_j J_j' force_j to the gradient and sum_j J_j' load_j J_j to the Hessian in O(nv depth), however many
-    points made the loads. Overwrites `load` and `force` with their sums over subtrees.
-    """
-    for j in range(joint_parent.shape[0] - 1, 0, -1):
-        parent = joint_parent[j]
-        for i in range(6):
-            force[parent, i] += force[j, i]
-            for k in range(6):
-                load[parent, i, k] += load[j, i, k]
-    moved = np.zeros(6)
-    for d in range(dof_joint.shape[0]):
-        j = dof_joint[d]
-        for i in range(6):
-            gradient[d] += force[j, i] * columns[d, i]
-            s = 0.0
-            for k in range(6):
-                s += load[j, i, k] * columns[d, k]
-            moved[i] = s
-        k = d
-        while k >= 0:
-            s = 0.0
-            for i in range(6):
-                s += columns[k, i] * moved[i]
-            hessian[d, k] += s
-            if k != d:
-                hessian[k, d] += s
-            k = dof_parent[k]
-
-
-@jit
-def bend(columns, joint_parent, dof_joint, dof_parent, force, moment, hessian):  # type: ignore[no-untyped-def]
-    """Add the curvature of the kinematics: sum over points of f . d2p / dq_i dq_j.
-
-    For i at or above j in the tree, d/dq_i carries the whole velocity field of j along: d2p = w_i x (v_j + w_j x p),
-    so that the sum over points needs only F = sum f (`force`, already summed over subtrees by `gather`) and
-    sum p f' (`moment`, summed here). Within one joint the exponential map makes it the symmetric half.
-    """
-    for j in range(joint_parent.shape[0] - 1, 0, -1):
-        for i in range(3):
-            for k in range(3):
-                moment[joint_parent[j], i, k] += moment[j, i, k]
-    turned = np.zeros(3)
-    for d in range(dof_joint.shape[0]):
-        j = dof_joint[d]
-        v, w = columns[d, :3], columns[d, 3:]
-        F, P = force[j, :3], moment[j]
-        trace = P[0, 0] + P[1, 1] + P[2, 2]
-        for i in range(3):
-            turned[i] = P[i, 0] * w[0] + P[i, 1] * w[1] + P[i, 2] * w[2] - trace * w[i]
-        turned[0] += v[1] * F[2] - v[2] * F[1]
-        turned[1] += v[2] * F[0] - v[0] * F[2]
-        turned[2] += v[0] * F[1] - v[1] * F[0]
-        k = d
-        while k >= 0:
-            s = columns[k, 3] * turned[0] + columns[k, 4] * turned[1] + columns[k, 5] * turned[2]
-            if k == d:
-                hessian[d, d] += s
-            elif dof_joint[k] == j:  # each order of the pair gives half
-                hessian[d, k] += 0.5 * s
-                hessian[k, d] += 0.5 * s
-            else:
-                hessian[d, k] += s
-                hessian[k, d] += s
-            k = dof_parent[k]
-        k = d + 1
-        while k < dof_joint.shape[0] and dof_joint[k] == j:
-            s = 0.5 * (columns[k, 3] * turned[0] + columns[k, 4] * turned[1] + columns[k, 5] * turned[2])
-            hessian[d, k] += s
-            hessian[k, d] += s
-            k += 1
+def _whitened_distances(points, intrinsics, distortion, R, t, pixels, confidence, precision, out):  # type: ignore[no-untyped-def]
+    image_jacobian = np.zeros((2, 3))
+    for c in range(pixels.shape[0]):
+        for n in range(pixels.shape[1]):
+            if confidence[c, n] > 0.0:
+                u, v, visible = project_with_jacobian(
+                    points[n], intrinsics[c], distortion[c], R[c], t[c], image_jacobian
+                )
+                s = ((pixels[c, n, 0] - u) ** 2 + (pixels[c, n, 1] - v) ** 2) * precision[c, n]
+                out[c, n] = np.sqrt(s) if visible else np.inf

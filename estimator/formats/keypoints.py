@@ -1,0 +1,109 @@
+"""2D keypoints of one person in one camera, from the files of any common detector."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.formats.atomic import replacing
+from estimator.formats.keypoints_layouts import Reading, read_layout
+from estimator.formats.keypoints_people import Person, select
+from humanoid.errors import InputError
+
+
+@dataclass(frozen=True)
+class KeypointTrack:
+    """One person's keypoints over time in one camera.
+
+    layout: name of the keypoint format (a key of `humanoid.landmarks.FORMATS`, or what the file calls it).
+    names (J): landmark of each keypoint, None where none corresponds.
+    pixels (T, J, 2): [px], NaN where missing.
+    confidence (T, J): 0 to 1, 0 exactly where missing.
+    image_size: width, height [px], None where the file does not say. fps: likewise.
+    notes: what was put right or is worth knowing.
+    source: the file.
+    """
+
+    layout: str
+    names: tuple[str | None, ...]
+    pixels: np.ndarray
+    confidence: np.ndarray
+    image_size: tuple[int, int] | None = None
+    fps: float | None = None
+    notes: tuple[str, ...] = ()
+    source: str = ""
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames T."""
+        return len(self.pixels)
+
+
+def load_keypoints(
+    path: str | Path, *, layout: str = "auto", person: str | int = "auto", first: int = 0
+) -> KeypointTrack:
+    """Read keypoints: kinemode's JSON, OpenPose folders, Pose2Sim, Sports2D, AlphaPose, MMPose.
+
+    Parameters
+    ----------
+    layout: "auto" tells the format from the count of numbers; else a key of `humanoid.landmarks.FORMATS`.
+    person: whom of several people, see `keypoints_people.select`.
+    first: number that the clip's first frame has in the file.
+
+    Raises
+    ------
+    InputError: with file, frame and person.
+    """
+    path = Path(path)
+    reading = read_layout(path, layout)
+    if not reading.names:
+        raise InputError(path, "has no person in any frame")
+    chosen, note = select(reading.frames, person, path)
+    if not chosen:
+        raise InputError(path, "has no person in any frame")
+    _refuse_normalised(chosen, path)
+    pixels, confidence = _as_arrays(reading, chosen, first)
+    notes = (note, *reading.notes.texts, *_numbering_notes(reading, first))
+    return KeypointTrack(
+        reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, notes, str(path)
+    )
+
+
+def write_keypoints(path: str | Path, track: KeypointTrack, *, names: tuple[str, ...] | None = None) -> None:
+    """Write a track as kinemode's JSON; `names` are needed where the track has keypoints without a landmark."""
+    labels = names or tuple(name or f"keypoint_{j}" for j, name in enumerate(track.names))
+    values = np.concatenate([np.nan_to_num(track.pixels), track.confidence[..., None]], axis=2)
+    seen = (track.confidence > 0.0).any(axis=1)
+    frames = [{"keypoints": v.tolist() if s else None} for v, s in zip(values, seen, strict=True)]
+    size = list(track.image_size) if track.image_size else None
+    content = {"format": track.layout, "image_size": size, "fps": track.fps, "names": list(labels), "frames": frames}
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content), encoding="utf-8")
+
+
+def _as_arrays(reading: Reading, chosen: dict[int, Person], first: int) -> tuple[np.ndarray, np.ndarray]:
+    count = reading.count if reading.count is not None else max(reading.frames) + 1
+    if first >= count or first < 0:
+        raise InputError(reading.source, f"has no frame {first}", remedy=f"its frames end at {count - 1}")
+    points = np.full((count, len(reading.names), 3), [np.nan, np.nan, 0.0])
+    for index, person in chosen.items():
+        points[index] = person.points
+    points = points[first:]
+    return np.ascontiguousarray(points[..., :2]), np.ascontiguousarray(points[..., 2])
+
+
+def _numbering_notes(reading: Reading, first: int) -> tuple[str, ...]:
+    lowest = min(reading.frames)
+    if lowest <= first:
+        return ()
+    return (f"the frame numbers begin at {lowest}: frames before it are missing (is {lowest} the clip's first?)",)
+
+
+def _refuse_normalised(chosen: dict[int, Person], path: Path) -> None:
+    largest = max(float(np.nanmax(np.abs(p.points[:, :2]))) for p in chosen.values() if p.size > 0.0)
+    if largest <= 2.0:
+        remedy = "pixels are needed; OpenPose: leave --keypoint_scale at 0"
+        raise InputError(path, "the coordinates are fractions of the image", remedy=remedy)

@@ -1,0 +1,229 @@
+"""The file layouts 2D keypoints come in. Each reader gives the people of every frame.
+
+own: {"format", "image_size", "fps", "names", "frames": [{"keypoints": [[x, y, confidence], ...] or null}, ...]}
+OpenPose folders, also written by Pose2Sim and Sports2D: one `<video>_<frame number>_keypoints.json` (or `..._000012.json`) a
+    frame, {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, c, ...]}, ...]}
+AlphaPose: a list of {"image_id": "12.jpg", "keypoints": [x, y, c, ...], "score", "idx", "box"}; with its options `cmu`
+    and `open` an object of frames with "bodies" or "people" instead.
+MMPose (RTMPose): a list of {"frame_id", "instances": [{"keypoints": [[x, y], ...], "keypoint_scores": [...]}]}, also inside
+    {"meta_info", "instance_info": [...]}.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.formats.cameras import image_size
+from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence
+from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
+from humanoid.errors import InputError
+from humanoid.landmarks import FORMATS, landmark_name
+
+_MOST_FRAMES = 2_000_000
+_FRAME_NUMBER = re.compile(r"([0-9]+)(?:_keypoints)?$")
+
+
+@dataclass
+class Reading:
+    """What a file says: people by frame number, and what else it knows."""
+
+    source: Path
+    layout: str
+    frames: dict[int, list[Person]] = field(default_factory=dict)
+    names: tuple[str | None, ...] = ()
+    count: int | None = None
+    image_size: tuple[int, int] | None = None
+    fps: float | None = None
+    notes: Notes = field(default_factory=Notes)
+
+    def person(self, flat: Any, id: Any, source: str | Path, place: str) -> Person | None:
+        """One person from a flat list of x, y, confidence; None from an empty list."""
+        values = numbers(flat, source, place, finite=False)
+        if values.size == 0:
+            return None
+        if values.ndim == 2 and values.shape[1] == 3:
+            values = values.ravel()
+        if self.layout == "auto":
+            if values.ndim != 1 or values.size not in LAYOUT_BY_COUNT:
+                raise InputError(source, f"{values.size} numbers fit no layout", place=place, remedy=_counts())
+            self.layout = LAYOUT_BY_COUNT[values.size]
+        if not self.names:
+            self.names = FORMATS[self.layout]
+        if values.ndim != 1 or values.size != 3 * len(self.names):
+            problem = f"{self.layout} has {3 * len(self.names)} numbers, found {values.size}"
+            raise InputError(source, problem, place=place, remedy=_counts())
+        return Person(cleaned(values.reshape(-1, 3), self.notes, source, place), _person_id(id))
+
+    def add(self, frame: int, people: Sequence[Person | None]) -> None:
+        """Add people to a frame; the frame counts as read even when nobody is in it."""
+        self.frames.setdefault(frame, []).extend(p for p in people if p is not None)
+
+
+def _counts() -> str:
+    return "layouts: " + ", ".join(f"{layout} = {count}" for count, layout in sorted(LAYOUT_BY_COUNT.items()))
+
+
+def _person_id(value: Any) -> str | None:
+    while isinstance(value, list) and value:
+        value = value[0]
+    if isinstance(value, str):
+        return value or None
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value) and value >= 0:
+        return f"{value:g}" if float(value).is_integer() is False else str(int(value))
+    return None  # OpenPose writes [-1] where it knows none
+
+
+def read_layout(path: Path, layout: str) -> Reading:
+    """Read a keypoint file or folder of any known layout."""
+    if layout != "auto" and layout not in FORMATS:
+        raise InputError(path, f"no layout {layout!r}", remedy=f"one of auto, {', '.join(FORMATS)}")
+    if not path.exists():
+        raise InputError(path, "no such file or folder")
+    if path.is_dir():
+        return _folder(path, layout)
+    value = read_json(path)
+    reading = Reading(path, layout)
+    if isinstance(value, list):
+        _listed_frames(value, reading)
+    elif isinstance(value, dict) and "frames" in value:
+        _own(value, reading)
+    elif isinstance(value, dict) and "instance_info" in value:
+        _mmpose(sequence(value["instance_info"], path, "instance_info"), reading, "instance_info")
+    elif isinstance(value, dict) and "people" in value:
+        reading.add(0, _people(value, reading, path, ""))
+    elif isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
+        _frames_by_name(value, reading)
+    else:
+        raise InputError(path, "is no keypoint file of a known layout", remedy="see docs/formats")
+    return reading
+
+
+def _own(value: Mapping[str, Any], reading: Reading) -> None:
+    path = reading.source
+    _own_header(value, reading)
+    frames = sequence(value["frames"], path, "frames")
+    reading.count = len(frames)
+    for i, frame in enumerate(frames):
+        place = f"frame {i}"
+        keypoints = None if frame is None else member(mapping(frame, path, place), "keypoints", path, place)
+        people = [] if keypoints is None else [reading.person(keypoints, None, path, f"{place}, person 0")]
+        reading.add(i, people)
+
+
+def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
+    path = reading.source
+    if value.get("image_size") is not None:
+        reading.image_size = image_size(value["image_size"], path, "image_size")
+    if value.get("fps") is not None:
+        fps = numbers(value["fps"], path, "fps")
+        if fps.shape != () or fps <= 0.0:
+            raise InputError(path, "a positive number is needed", place="fps")
+        reading.fps = float(fps)
+    declared = value.get("format")
+    if reading.layout == "auto" and declared in FORMATS:
+        reading.layout = str(declared)
+    elif reading.layout == "auto" and value.get("names") is not None:
+        names = sequence(value["names"], path, "names")
+        if not all(isinstance(name, str) for name in names):
+            raise InputError(path, "a list of names is needed", place="names")
+        reading.layout = str(declared or "named")
+        reading.names = tuple(landmark_name(name) for name in names)
+
+
+def _listed_frames(value: list[Any], reading: Reading) -> None:
+    """AlphaPose's list of detections or MMPose's list of frames."""
+    path = reading.source
+    if not value:
+        raise InputError(path, "has no detection in it")
+    if isinstance(value[0], dict) and "instances" in value[0]:
+        _mmpose(value, reading, "")
+        return
+    entries = [mapping(v, path, f"entry {i}") for i, v in enumerate(value)]
+    keys = [str(member(e, "image_id", path, f"entry {i}")) for i, e in enumerate(entries)]
+    numbering = _numbering(keys, path)
+    for i, (entry, key) in enumerate(zip(entries, keys, strict=True)):
+        frame = numbering[key]
+        place = f"entry {i} (frame {frame})"
+        flat = member(entry, "keypoints", path, place)
+        id = entry.get("idx", entry.get("track_id"))
+        reading.add(frame, [reading.person(flat, id, path, f"{place}.keypoints")])
+
+
+def _mmpose(frames: list[Any], reading: Reading, where: str) -> None:
+    path = reading.source
+    entries = [mapping(f, path, f"{where}[{i}]") for i, f in enumerate(frames)]
+    ids = [e.get("frame_id", i) for i, e in enumerate(entries)]
+    if not all(isinstance(i, int) and 0 <= i < _MOST_FRAMES for i in ids):
+        raise InputError(path, "a frame_id is no frame number", place=where)
+    first = 1 if where and ids and min(ids) == 1 else 0  # the top-down demo counts its frames from 1
+    for number, entry in zip(ids, entries, strict=True):
+        people = sequence(member(entry, "instances", path, f"frame {number}"), path, f"frame {number}")
+        for k, one in enumerate(people):
+            place = f"frame {number}, person {k}"
+            one = mapping(one, path, place)
+            xy = numbers(member(one, "keypoints", path, place), path, place, finite=False)
+            scores = numbers(member(one, "keypoint_scores", path, place), path, place, finite=False)
+            if xy.ndim != 2 or xy.shape[1] != 2 or scores.shape != xy.shape[:1]:
+                raise InputError(path, "needs [x, y] and a score for each keypoint", place=place)
+            flat = np.column_stack([xy, scores]).ravel().tolist()
+            reading.add(number - first, [reading.person(flat, one.get("track_id"), path, place)])
+        reading.add(number - first, [])
+
+
+def _frames_by_name(value: Mapping[str, Any], reading: Reading) -> None:
+    numbering = _numbering(list(value), reading.source)
+    for name, frame in value.items():
+        reading.add(numbering[name], _people(frame, reading, reading.source, name))
+
+
+def _people(frame: Any, reading: Reading, source: Path, place: str) -> list[Person | None]:
+    frame = mapping(frame, source, place)
+    key, points = ("bodies", "joints") if "bodies" in frame else ("people", "pose_keypoints_2d")
+    people = sequence(member(frame, key, source, place), source, f"{place} {key}".strip())
+    found: list[Person | None] = []
+    for k, person in enumerate(people):
+        where = f"{place}, person {k}".removeprefix(", ")
+        person = mapping(person, source, where)
+        flat = member(person, points, source, where)
+        found.append(reading.person(flat, person.get("person_id"), source, where))
+    return found
+
+
+def _folder(path: Path, layout: str) -> Reading:
+    files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".json" and not p.name.startswith("."))
+    if not files:
+        raise InputError(path, "has no .json file", remedy="a folder has one JSON file a frame, as OpenPose writes them")
+    reading = Reading(path, layout)
+    numbering = _numbering([f.stem for f in files], path)
+    seen: dict[int, Path] = {}
+    for file in files:
+        number = numbering[file.stem]
+        if number in seen:
+            raise InputError(file, f"is frame {number}, and so is {seen[number].name}")
+        seen[number] = file
+        reading.add(number, _people(read_json(file), reading, file, f"frame {number}"))
+    return reading
+
+
+def _numbering(names: Sequence[str], source: Path) -> dict[str, int]:
+    """Frame number of each file or image name: the number it ends with; without any, the order of the names."""
+    unique = list(dict.fromkeys(names))
+    found: dict[str, int] = {}
+    for name in unique:
+        match = _FRAME_NUMBER.search(re.sub(r"\.[A-Za-z]{1,4}[0-9]?$", "", name))
+        if match:
+            found[name] = int(match.group(1))
+    if not found:
+        return {name: i for i, name in enumerate(sorted(unique))}
+    for name in unique:
+        if name not in found:
+            raise InputError(source, "has no frame number at its end", place=name)
+        if found[name] > _MOST_FRAMES:
+            raise InputError(source, f"{found[name]} is no likely frame number", place=name)
+    return found

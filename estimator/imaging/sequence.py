@@ -1,0 +1,87 @@
+"""From keypoint tracks to the observations of every instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.formats.keypoints import KeypointTrack
+from estimator.imaging.camera import Camera
+from estimator.imaging.observation import Observation
+from humanoid.body import Body
+from humanoid.errors import InputError
+
+_FEWEST_LANDMARKS = 4
+
+
+def assemble(
+    body: Body,
+    tracks: Mapping[str, KeypointTrack],
+    cameras: Mapping[str, Camera],
+    times: np.ndarray,
+    *,
+    clip_sizes: Mapping[str, tuple[int, int]] | None = None,
+) -> list[Observation]:
+    """Observations (T) of all cameras with keypoints, in the order of `tracks`.
+
+    A landmark whose keypoint a layout lacks stays missing. A track shorter than `times` (T,) [s] is missing at its
+    end, a longer one is cut; `assembly_notes` says so.
+
+    Raises
+    ------
+    InputError: a track without its camera, image sizes that disagree, fewer than 4 landmarks in common.
+    """
+    if not tracks:
+        raise InputError("keypoints", "there are none")
+    shape = (len(times), len(tracks), len(body.landmark_names))
+    pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    used: list[Camera] = []
+    for c, (name, track) in enumerate(tracks.items()):
+        used.append(_camera(name, track, cameras, (clip_sizes or {}).get(name)))
+        here, there = common_landmarks(body.landmark_names, track)
+        count = min(len(times), track.frame_count)
+        pixels[:count, c, here] = track.pixels[:count, there]
+        confidence[:count, c, here] = track.confidence[:count, there]
+    return [
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i]) for i, t in enumerate(np.asarray(times).tolist())
+    ]
+
+
+def assembly_notes(tracks: Mapping[str, KeypointTrack], frame_count: int) -> tuple[str, ...]:
+    """What a user should hear of tracks whose lengths differ from the clip's."""
+    notes = []
+    for name, track in tracks.items():
+        if track.frame_count < frame_count:
+            notes.append(f"{name}: keypoints end after {track.frame_count} of {frame_count} frames")
+        elif track.frame_count > frame_count:
+            notes.append(f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used")
+    return tuple(notes)
+
+
+def common_landmarks(landmarks: Sequence[str], track: KeypointTrack) -> tuple[list[int], list[int]]:
+    """Places of the landmarks a track has: in the body and in the track."""
+    place: dict[str, int] = {}
+    for j, name in enumerate(track.names):
+        if name is not None:
+            place.setdefault(name, j)
+    here = [i for i, name in enumerate(landmarks) if name in place]
+    if len(here) < _FEWEST_LANDMARKS:
+        problem = f"has {len(here)} of the subject's landmarks, at least {_FEWEST_LANDMARKS} are needed"
+        remedy = f"subject: {', '.join(landmarks) or 'none'}; {track.layout}: {', '.join(place) or 'none'}"
+        raise InputError(track.source or "keypoints", problem, remedy=remedy)
+    return here, [place[landmarks[i]] for i in here]
+
+
+def _camera(
+    name: str, track: KeypointTrack, cameras: Mapping[str, Camera], clip_size: tuple[int, int] | None
+) -> Camera:
+    if name not in cameras:
+        known = ", ".join(cameras) or "none"
+        raise InputError(track.source or "keypoints", f"there is no camera {name!r}", remedy=f"cameras: {known}")
+    sizes = {"camera": cameras[name].image_size, "keypoints": track.image_size, "clip": clip_size}
+    stated = {what: tuple(size) for what, size in sizes.items() if size is not None}
+    if len(set(stated.values())) > 1:
+        each = ", ".join(f"{what} {w} x {h}" for what, (w, h) in stated.items())
+        raise InputError(track.source or name, f"image sizes of {name!r} disagree: {each}")
+    return cameras[name]
