@@ -161,3 +161,30 @@ def extreme_point(
         step = sign * radii[k, j] ** 2 * along / np.sqrt(square)
         for i in range(3):
             point[i] += step * world[k, 3 * j + i]
+
+
+@jit
+def join_centres(
+    world: np.ndarray,
+    segment: np.ndarray,
+    radius: np.ndarray,
+    radii: np.ndarray,
+    a: int,
+    b: int,
+    p: np.ndarray,
+    q: np.ndarray,
+    n: np.ndarray,
+) -> float:
+    """Contact along the line of centres, for a query that failed: witness points p, q and normal n (3,); the gap."""
+    square = 0.0
+    for i in range(3):
+        n[i] = segment[b, i] - segment[a, i]
+        square += n[i] ** 2
+    for i in range(3):
+        n[i] = n[i] / np.sqrt(square) if square > 1e-18 else i // 2
+    extreme_point(world, segment, radius, radii, a, n, 1.0, p)
+    extreme_point(world, segment, radius, radii, b, n, -1.0, q)
+    gap = 0.0
+    for i in range(3):
+        gap += n[i] * (q[i] - p[i])
+    return gap

@@ -20,6 +20,7 @@ REST_OVERLAP = 0.003  # [m] pairs that overlap by more at the neutral configurat
 # With a finer tolerance EPA fails on ellipsoids, or answers wrongly, in some of a thousand deep overlaps; what it leaves
 # open `witness.sharpen` closes.
 _GJK_TOLERANCE, _EPA_TOLERANCE, _ITERATIONS = 1e-8, 1e-6, 500
+_ABSURD = 1e6  # [m] coal's answer where EPA failed is an overlap of 1.8e308
 
 
 class Contacts(NamedTuple):
@@ -43,12 +44,24 @@ class Contacts(NamedTuple):
 class Clearance:
     """Signed distances between the parts of a body, by coal, behind a compiled lower bound.
 
-    Attributes
+    A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are contracted
+    away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
+
+    Parameters
     ----------
     margin: distance [m] below which a pair counts as near.
+    exclude, include: pairs of links to take from, and to add to, what these rules leave; `exclude` has the last word.
+    geometry: which solids, see `humanoid.solids.solids_of`.
+
+    Attributes
+    ----------
     solids: see `humanoid.solids`.
     pairs: links (a, b) of every pair of solids looked at; a link with several solids occurs several times.
     overlapping_at_rest: pairs of links left out because they overlap at `body.neutral`, with their depth [m].
+
+    Raises
+    ------
+    InputError: a name in `exclude` or `include` has no solid, a pair cannot move, or a mesh cannot be read.
     """
 
     def __init__(
@@ -60,18 +73,6 @@ class Clearance:
         include: Iterable[LinkPair] = (),
         geometry: Geometry = "auto",
     ) -> None:
-        """Choose the pairs.
-
-        A pair needs two joints; links that are adjacent in the tree, once links without solids are contracted away, are
-        no pair, nor are links that overlap by over 3 mm at `body.neutral`.
-
-        include, exclude: pairs of links to add to, then to take from, what these rules leave.
-        geometry: which solids, see `humanoid.solids.solids_of`.
-
-        Raises
-        ------
-        InputError: a name in `exclude` or `include` has no solid, a pair cannot move, or a mesh cannot be read.
-        """
         self.margin = margin
         self.solids = solids_of(body, geometry)
         self._body = body
@@ -107,19 +108,30 @@ class Clearance:
         found = broad_phase.candidates(
             self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._found
         )
-        count = 0
+        count, result = 0, self._result
         for k in self._found[:found].tolist():
             i, j, query = self._queries[k]
             for s in (i, j):
                 self._transforms[s].setRotation(self._rotations[s])
                 self._transforms[s].setTranslation(self._translations[s])
-            result = self._result
             result.clear()
             distance = query(self._transforms[i], self._transforms[j], self._request, result)
             if distance < margin:
                 self._near[count], self._distance[count] = k, distance
                 self._point_a[count], self._point_b[count] = result.getNearestPoint1(), result.getNearestPoint2()
                 self._normal[count] = result.normal
+                if distance < -_ABSURD:
+                    self._distance[count] = broad_phase.join_centres(
+                        self._world,
+                        self._segment,
+                        self._radius,
+                        self._radii,
+                        i,
+                        j,
+                        self._point_a[count],
+                        self._point_b[count],
+                        self._normal[count],
+                    )
                 count += 1
         if count:
             witness.sharpen(

@@ -10,18 +10,36 @@ URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy 
 
 A proportion scales the origin of its joint, and of the joints named in `symmetric_with`, and stretches the flesh of
 the parent link with it.
+
+What Pinocchio gets is the URDF without these and without what it would act on differently or does not need: materials,
+simulator and transmission elements, <mimic> (a mimicking joint moves on its own here). Missing effort and velocity
+limits, which a kinematic model does not use, are filled in for its parser.
 """
 
 from __future__ import annotations
 
+import copy
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
+import pinocchio as pin
 
-EXTRA_TAGS = ("subject", "landmark", "stabiliser", "proportion")
+from humanoid.errors import InputError
+from humanoid.urdf_check import ends_of
+from humanoid.urdf_document import PLAUSIBLE, Document, elements, nearest, read_document
+
+T = TypeVar("T")
+
+_KEPT = {
+    "robot": ("link", "joint"),
+    "link": ("inertial", "visual", "collision"),
+    "visual": ("origin", "geometry"),
+    "collision": ("origin", "geometry"),
+    "joint": ("origin", "parent", "child", "axis", "limit"),
+}
 
 
 @dataclass(frozen=True)
@@ -86,94 +104,208 @@ class Elements:
     proportions: tuple[Proportion, ...]
 
 
-def _triple(text: str | None) -> tuple[float, float, float]:
-    a, b, c = (float(x) for x in (text or "0 0 0").split())
-    return a, b, c
-
-
-def _flesh(link: str, e: ET.Element) -> Flesh:
-    if e.get("shape") == "capsule":
-        size = (float(e.attrib["radius"]), float(e.attrib["length"]), 0.0)
-        return Flesh(link, "capsule", size, _triple(e.get("xyz")), _triple(e.get("rpy")))
-    return Flesh(link, "ellipsoid", _triple(e.get("radii")), _triple(e.get("xyz")), _triple(e.get("rpy")))
-
-
 def parse(text: str, source: str) -> Elements:
-    """Read the extra elements of a URDF text."""
-    root = ET.fromstring(text)
-    subject = root.find("subject")
-    landmarks = tuple(
-        Landmark(e.attrib["name"], e.attrib["link"], _triple(e.get("xyz"))) for e in root.findall("landmark")
-    )
-    flesh = tuple(_flesh(link.attrib["name"], e) for link in root.findall("link") for e in link.findall("flesh"))
-    stabilisers = tuple(
-        Stabiliser(e.attrib["joint"], float(e.attrib["rest"]), float(e.attrib["std"]))
-        for e in root.findall("stabiliser")
-    )
-    proportions = tuple(
-        Proportion(
-            e.attrib["joint"],
-            float(e.attrib["scale_min"]),
-            float(e.attrib["scale_max"]),
-            float(e.attrib["mean"]),
-            float(e.attrib["std"]),
-            tuple(e.get("symmetric_with", "").split()),
-        )
-        for e in root.findall("proportion")
-    )
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if child.tag in EXTRA_TAGS or child.tag == "flesh":
-                parent.remove(child)
-    plain = ET.tostring(root, encoding="unicode")
+    """Read the extra elements of a URDF text; faults raise InputError."""
+    return read_elements(read_document(text, source))
+
+
+def read_elements(document: Document) -> Elements:
+    """Read the extra elements of a URDF whose links and joints have been checked.
+
+    Raises
+    ------
+    InputError: an attribute is missing or out of range, a name unknown or given twice.
+    """
+    root = document.root
+    links = {e.get("name", "") for e in elements(root, "link")}
+    joints = {e.get("name", ""): e for e in elements(root, "joint")}
+    proportions = _each(document, "proportion", "joint", lambda e: _proportion(document, e, joints))
+    _check_shared(document, proportions)
     return Elements(
-        subject.get("base") if subject is not None else None, plain, landmarks, flesh, stabilisers, proportions
+        base=_base(document),
+        plain_urdf=ET.tostring(_plain(root), encoding="unicode"),
+        landmarks=_each(document, "landmark", "name", lambda e: _landmark(document, e, links)),
+        flesh=tuple(
+            _flesh(document, link.get("name", ""), e) for link in elements(root, "link") for e in elements(link, "flesh")
+        ),
+        stabilisers=_each(document, "stabiliser", "joint", lambda e: _stabiliser(document, e, joints)),
+        proportions=proportions,
     )
 
 
-def scaled_urdf(text: str, proportions: Sequence[Proportion], scales: Mapping[str, float]) -> str:
+def _each(document: Document, tag: str, key: str, read: Callable[[ET.Element], T]) -> tuple[T, ...]:
+    """All elements of a kind, each name once."""
+    seen: set[str] = set()
+    found = []
+    for element in elements(document.root, tag):
+        name = document.attribute(element, key)
+        if name in seen:
+            raise document.fault(element, f"a second <{tag}> of {name!r}", "keep one")
+        seen.add(name)
+        found.append(read(element))
+    return tuple(found)
+
+
+def _base(document: Document) -> str | None:
+    found = list(elements(document.root, "subject"))
+    if not found:
+        return None
+    base = found[-1].get("base")
+    if len(found) > 1:
+        raise document.fault(found[-1], "a second <subject>", "keep one")
+    if base not in ("free", "fixed"):
+        raise document.fault(found[0], f"base={base!r} is unknown", 'write base="free" or base="fixed"')
+    return base
+
+
+def _landmark(document: Document, e: ET.Element, links: set[str]) -> Landmark:
+    link = document.attribute(e, "link")
+    if link not in links:
+        raise document.fault(e, f"there is no link {link!r}", nearest(link, links, "links"))
+    return Landmark(document.attribute(e, "name"), link, document.triple(e, "xyz"))
+
+
+def _flesh(document: Document, link: str, e: ET.Element) -> Flesh:
+    xyz, rpy = document.triple(e, "xyz"), document.triple(e, "rpy")
+    shape = document.attribute(e, "shape")
+    if shape == "capsule":
+        size = (document.number(e, "radius"), document.number(e, "length"), 0.0)
+        positive = size[0] > 0.0 and size[1] >= 0.0
+    elif shape == "ellipsoid":
+        size = document.triple(e, "radii", None)
+        positive = min(size) > 0.0
+    else:
+        raise document.fault(e, f"unknown shape {shape!r}", "shapes: capsule, ellipsoid")
+    if not positive or max(size) > PLAUSIBLE:
+        raise document.fault(e, "a size is not positive", "give radii and lengths in metres, above 0")
+    return Flesh(link, "capsule" if shape == "capsule" else "ellipsoid", size, xyz, rpy)
+
+
+def _joint_named(document: Document, e: ET.Element, name: str, joints: Mapping[str, ET.Element]) -> ET.Element:
+    if name not in joints:
+        raise document.fault(e, f"there is no joint {name!r}", nearest(name, joints, "joints"))
+    return joints[name]
+
+
+def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Stabiliser:
+    name = document.attribute(e, "joint")
+    kind = _joint_named(document, e, name, joints).get("type")
+    if kind not in ("revolute", "prismatic"):
+        movable = [n for n, j in joints.items() if j.get("type") in ("revolute", "prismatic")]
+        raise document.fault(e, f"joint {name!r} is {kind} and has no rest position", nearest(name, movable, "joints"))
+    rest, std = document.number(e, "rest"), document.number(e, "std")
+    if std <= 0.0:
+        raise document.fault(e, f"std={std:g} is not positive", "give the standard deviation in rad or m, above 0")
+    return Stabiliser(name, rest, std)
+
+
+def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Proportion:
+    name = document.attribute(e, "joint")
+    low, high, mean, std = (document.number(e, key) for key in ("scale_min", "scale_max", "mean", "std"))
+    found = Proportion(name, low, high, mean, std, tuple(e.get("symmetric_with", "").split()))
+    for joint in found.joints:
+        origin = _joint_named(document, e, joint, joints).find("origin")
+        if origin is None or not any(document.triple(origin, "xyz")):
+            raise document.fault(e, f"joint {joint!r} has no offset to scale", "name a joint whose origin is not zero")
+    if not 0.0 < low <= high:
+        raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is no range", "0 < scale_min <= scale_max")
+    if std <= 0.0 or mean <= 0.0:
+        raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "give a mean near 1 and a std such as 0.05")
+    return found
+
+
+def _check_shared(document: Document, proportions: Sequence[Proportion]) -> None:
+    owner: dict[str, str] = {}
+    for proportion, element in zip(proportions, elements(document.root, "proportion"), strict=True):
+        for joint in proportion.joints:
+            if joint in owner:
+                raise document.fault(
+                    element, f"joint {joint!r} is scaled by the proportion of {owner[joint]!r} already", "keep one"
+                )
+            owner[joint] = proportion.joint
+
+
+def _plain(root: ET.Element) -> ET.Element:
+    """A copy with only what Pinocchio needs."""
+    plain = copy.deepcopy(root)
+    for parent in list(plain.iter()):
+        kept = _KEPT.get(str(parent.tag))
+        for child in list(parent):
+            if not isinstance(child.tag, str) or (kept is not None and child.tag not in kept):
+                parent.remove(child)
+    for limit in plain.findall("joint/limit"):
+        for key in ("effort", "velocity"):
+            limit.attrib.setdefault(key, "1000")
+    return plain
+
+
+def scaled_urdf(text: str, source: str, scales: Mapping[str, float]) -> str:
     """The same URDF with the origins of the proportions' joints scaled, and the flesh of their parent links stretched.
 
-    The prior of each `<proportion>` is divided by its scale, so that the written file still prefers, and allows, the
-    same lengths in metres.
+    scales: keys are `Proportion.joint`, values factors on the file's lengths within the hard range; 1 where not given.
+    The prior and range of each `<proportion>` are divided by its scale, so that the written file still prefers, and
+    allows, the same lengths in metres.
+
+    Raises
+    ------
+    InputError: a key is no proportion, a value not within scale_min and scale_max.
     """
-    root = ET.fromstring(text, parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
-    joints = {j.attrib["name"]: j for j in root.findall("joint")}
-    links = {e.attrib["name"]: e for e in root.findall("link")}
-    for proportion in proportions:
-        scale = float(scales.get(proportion.joint, 1.0))
+    document = read_document(text, source)
+    proportions = {p.joint: p for p in read_elements(document).proportions}
+    joints = {j.attrib["name"]: j for j in elements(document.root, "joint")}
+    links = {e.attrib["name"]: e for e in elements(document.root, "link")}
+    for name, value in scales.items():
+        scale = _checked_scale(source, proportions, name, value)
         stretched: set[str] = set()
-        for name in proportion.joints:
-            origin = joints[name].find("origin")
+        for joint in proportions[name].joints:
+            origin = joints[joint].find("origin")
             assert origin is not None
-            offset = np.array(_triple(origin.get("xyz")))
+            offset = np.array(document.triple(origin, "xyz"))
             origin.set("xyz", _text(offset * scale))
-            parent = joints[name].find("parent")
-            assert parent is not None
-            link = parent.attrib["link"]
+            link = ends_of(joints[joint])[0]
             if link not in stretched:  # neck and clavicles share the trunk, which is stretched once
                 stretched.add(link)
-                for flesh in links[link].findall("flesh"):
-                    _stretch(flesh, offset, scale)
-        for element in root.findall("proportion"):
-            if element.get("joint") == proportion.joint:
+                for flesh in elements(links[link], "flesh"):
+                    _stretch(document, flesh, offset, scale)
+        for element in elements(document.root, "proportion"):
+            if element.get("joint") == name:
                 for key in ("scale_min", "scale_max", "mean", "std"):
-                    element.set(key, f"{float(element.attrib[key]) / scale:.9g}")
-    return ET.tostring(root, encoding="unicode")
+                    element.set(key, f"{document.number(element, key) / scale:.17g}")
+    return document.text()
 
 
-def _stretch(flesh: ET.Element, offset: np.ndarray, scale: float) -> None:
+def _checked_scale(source: str, proportions: Mapping[str, Proportion], name: str, value: float) -> float:
+    if name not in proportions:
+        tied = next((p.joint for p in proportions.values() if name in p.symmetric_with), None)
+        remedy = f"it is tied to {tied!r}" if tied else nearest(name, proportions, "proportions")
+        raise InputError(source, f"there is no proportion {name!r}", place="scales", remedy=remedy)
+    low, high = proportions[name].scale_min, proportions[name].scale_max
+    slack = 1e-9 * high  # a fit that ends on the bound may differ from it in the last bit
+    if not low - slack <= float(value) <= high + slack:
+        raise InputError(
+            source, f"scale {value:g} of {name!r} is out of range", place="scales", remedy=f"{low:g} to {high:g}"
+        )
+    return float(value)
+
+
+def _stretch(document: Document, flesh: ET.Element, offset: np.ndarray, scale: float) -> None:
     """Move a solid's centre along the segment that was scaled, and lengthen the solid with it."""
     axis = offset / np.linalg.norm(offset)
-    centre = np.array(_triple(flesh.get("xyz")))
+    centre = np.array(document.triple(flesh, "xyz"))
     flesh.set("xyz", _text(centre + axis * (axis @ centre) * (scale - 1.0)))
+    along = np.abs(_rotation(document.triple(flesh, "rpy")).T @ axis)  # the segment in the solid's own frame
     if flesh.get("shape") == "capsule":
-        flesh.set("length", f"{float(flesh.attrib['length']) * scale:.9g}")
+        grown = document.number(flesh, "length") * (1.0 + (scale - 1.0) * along[2])
+        flesh.set("length", f"{grown:.17g}")
     else:
-        radii = np.array(_triple(flesh.get("radii")))
-        radii[np.argmax(np.abs(axis))] *= scale
+        radii = np.array(document.triple(flesh, "radii"))
+        radii[np.argmax(along)] *= scale
         flesh.set("radii", _text(radii))
 
 
+def _rotation(rpy: tuple[float, float, float]) -> np.ndarray:
+    return np.array(pin.rpy.rpyToMatrix(*rpy))
+
+
 def _text(xyz: np.ndarray) -> str:
-    return " ".join(f"{v:.9g}" for v in xyz)
+    return " ".join(f"{v:.17g}" for v in xyz)

@@ -2,15 +2,13 @@
 
 The signed distance of two convex solids is the largest gap s(n) = n . (c_b - c_a) - h_a(n) - h_b(-n) over unit vectors
 n (h: support functions about the centres c; globally largest when apart, the least overlap otherwise). GJK and EPA find
-n for ellipsoids to about the root of their tolerance, too little for gradients, and EPA may fail where its tolerance is
-fine. Newton's method on the sphere takes their n to the last digits in two or three steps.
+n for ellipsoids to about the root of their tolerance, too little for gradients. Newton's method on the sphere takes their n to the last digits in two or three steps.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from humanoid.broad_phase import extreme_point
 from humanoid.compiled import jit
 
 _STEPS = 8
@@ -33,42 +31,12 @@ def sharpen(
 ) -> None:
     """Improve the first `count` contacts in place; arrays as in `broad_phase.candidates` and `Contacts`.
 
-    Capsules and hulls are exact already and left alone, unless the query failed: then n joins the centres.
+    Capsules and hulls are exact already and left alone.
     """
     for m in range(count):
         a, b = pairs[near[m], 0], pairs[near[m], 1]
-        n = normal[m]
-        failed = not _plausible(segment, radius, a, b, distance[m], n)
-        if failed:
-            _join_centres(segment, a, b, n)
-            extreme_point(world, segment, radius, radii, a, n, 1.0, point_a[m])
-            extreme_point(world, segment, radius, radii, b, n, -1.0, point_b[m])
-            distance[m] = 0.0
-            for i in range(3):
-                distance[m] += n[i] * (point_b[m, i] - point_a[m, i])
         if radii[a, 0] + radii[b, 0] > 0.0:
-            distance[m] = _sharpen_one(world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], n)
-
-
-@jit
-def _plausible(segment: np.ndarray, radius: np.ndarray, a: int, b: int, distance: float, n: np.ndarray) -> bool:
-    """Whether a query succeeded: coal reports a failed one as an infinitely deep overlap or without a normal."""
-    deepest = radius[a] + radius[b]
-    for k in (a, b):
-        deepest += np.sqrt(segment[k, 3] ** 2 + segment[k, 4] ** 2 + segment[k, 5] ** 2)
-    square = n[0] ** 2 + n[1] ** 2 + n[2] ** 2
-    return np.isfinite(distance) and distance >= -2.0 * deepest and abs(square - 1.0) < 1e-6
-
-
-@jit
-def _join_centres(segment: np.ndarray, a: int, b: int, n: np.ndarray) -> None:
-    square = 0.0
-    for i in range(3):
-        n[i] = segment[b, i] - segment[a, i]
-        square += n[i] ** 2
-    size = np.sqrt(square)
-    for i in range(3):
-        n[i] = n[i] / size if size > 1e-9 else float(i == 2)
+            distance[m] = _sharpen_one(world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m])
 
 
 @jit
@@ -238,7 +206,7 @@ def _tangents(x: np.ndarray, u: np.ndarray, across: bool, first: np.ndarray, sec
     else:
         least = np.argmin(np.abs(x))
         for i in range(3):
-            second[i] = float(i == least)
+            second[i] = 1.0 if i == least else 0.0
     first[0] = x[1] * second[2] - x[2] * second[1]
     first[1] = x[2] * second[0] - x[0] * second[2]
     first[2] = x[0] * second[1] - x[1] * second[0]

@@ -2,11 +2,38 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import urllib.request
+from dataclasses import replace
+from http.server import ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import cv2
 import numpy as np
 import pinocchio as pin
+import pytest
+import umsgpack
+
+from estimator.formats.run_file import Run, RunHeader, RunWriter
+from estimator.frame_result import FrameResult
 from estimator.imaging.camera import Camera
-from humanoid import Body, load_subject
-from viz.scene import Scene
+from estimator.imaging.observation import Observation
+from humanoid import Body, InputError, load_subject
+from viz.live import serve
+from viz.overlay import write_overlay
+from viz.painter import BodyPainter, camera_view
+from viz.preview import page, write_html
+from viz.scene import Scene, as_scene, evenly
+from viz.sheet import write_sheet
+from viz.solids import body_solids, merged, side_of, skeleton
 
 
 def looking_camera(name: str, eye: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
@@ -48,3 +75,275 @@ def moving_scene(instants: int = 12, modes: int = 3, with_frames: bool = True) -
         body, (camera,), ((lambda: iter(pictures)) if with_frames else None,), np.arange(instants), time,
         ("tracked",) * instants, q, mode_q, mode_weight, np.zeros(instants, dtype=int), pixels, confidence,
     )  # fmt: skip
+
+
+def test_the_silhouette_lands_where_the_camera_projects_the_surface() -> None:
+    scene = moving_scene()
+    painter = BodyPainter(scene.body)
+    for longest in (640, 320):
+        view = camera_view(scene.cameras[0], longest)
+        posed = scene.body.at(scene.q[3])
+        canvas = np.zeros((view.size[1], view.size[0], 3), dtype=np.uint8)
+        painter.solid(canvas, view, posed, 1.0)
+        drawn = canvas.max(axis=2) > 40
+        full = scene.cameras[0].project(painter.vertices(posed))
+        expected = (full + 0.5) * longest / 640.0 - 0.5
+        rows, columns = np.nonzero(drawn)
+        assert np.abs([columns.min(), rows.min()] - expected.min(axis=0)).max() < 1.2
+        assert np.abs([columns.max(), rows.max()] - expected.max(axis=0)).max() < 1.2
+        inside = np.round(expected).astype(int)
+        kernel = np.ones((3, 3), np.uint8)
+        assert cv2.dilate(drawn.astype(np.uint8), kernel)[inside[:, 1], inside[:, 0]].all()
+
+
+def test_nearer_parts_cover_farther_ones() -> None:
+    body = Body(load_subject("human34"))
+    q = pin.neutral(body.model)
+    centre = body.landmarks(body.at(q))[body.landmark_names.index("left_knee")]
+    for side, eye in (("left", 3.0), ("right", -3.0)):  # level with the knees, the near one hides the other
+        camera = looking_camera("side", (centre[0], eye, centre[2]), (centre[0], 0.0, centre[2]))
+        canvas = np.zeros((480, 640, 3), dtype=np.uint8)
+        BodyPainter(body).solid(canvas, camera_view(camera, 640), body.at(q), 1.0)
+        blue, _, red = canvas[238, 322].astype(int)
+        assert (blue > red + 40) if side == "left" else (red > blue + 40)
+
+
+def test_solids_are_closed_and_face_outwards() -> None:
+    for name in ("human34", "arm8", "upper13"):
+        for solid in (*body_solids(Body(load_subject(name))), *merged(body_solids(Body(load_subject(name))))):
+            corners = solid.vertices[solid.faces]
+            volume = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+            edges = np.sort(np.concatenate([solid.faces[:, [0, 1]], solid.faces[:, [1, 2]], solid.faces[:, [2, 0]]]), 1)
+            assert volume > 1e-5
+            assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+
+
+def test_a_subject_without_flesh_and_landmarks_is_drawn_as_its_joint_tree() -> None:
+    subject = load_subject("human34")
+    bare = Body(replace(subject, flesh=(), landmarks=()))
+    solids, bones = body_solids(bare), skeleton(bare)
+    assert {"left", "right", "trunk"} == {solid.side for solid in solids}
+    posed = bare.at(pin.neutral(bare.model))
+    knee = posed.translations[bare.model.getJointId("left_knee_flexion")]
+    assert np.linalg.norm(bones.at(posed)[bones.segments].reshape(-1, 3) - knee, axis=1).min() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "side"),
+    [("left_hip", "left"), ("l_elbow", "left"), ("arm_R_1", "right"), ("RightFoot", "right"), ("skull", "trunk")],
+)
+def test_sides_are_read_from_names(name: str, side: str) -> None:
+    assert side_of(name) == side
+
+
+def test_overlay_has_every_frame_at_the_reduced_size(tmp_path: Path) -> None:
+    scene = moving_scene()
+    wide = replace(scene.cameras[0], name="wide", image_size=(1280, 960))
+    two = replace(
+        scene, cameras=(scene.cameras[0], wide), frames=(scene.frames[0], None),
+        pixels=np.repeat(scene.pixels, 2, axis=1), confidence=np.repeat(scene.confidence, 2, axis=1),
+    )  # fmt: skip
+    done: list[tuple[int, int]] = []
+    path = write_overlay(two, tmp_path / "o.mp4", progress=lambda *count: done.append(count))
+    capture = cv2.VideoCapture(str(path))
+    sizes = []
+    while True:
+        read, image = capture.read()
+        if not read:
+            break
+        sizes.append(image.shape)
+    assert sizes == [(720, 640 + 960, 3)] * len(scene)
+    assert done[-1] == (len(scene), len(scene))
+    with pytest.raises(InputError, match="front, wide"):
+        write_overlay(two, tmp_path / "o.mp4", camera="side")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_overlay(scene, tmp_path / "missing" / "o.mp4")
+
+
+def test_pictures_follow_the_instants_even_where_the_clip_ends_early() -> None:
+    scene = moving_scene()
+    pictures = [np.full((4, 4, 3), value, dtype=np.uint8) for value in range(9)]
+    sparse = replace(scene, frames=(lambda: iter(pictures),), index=2 * np.arange(12))
+    seen = [None if image is None else int(image[0, 0, 0]) for image in sparse.images(0, range(12))]
+    assert seen == [0, 2, 4, 6, 8, *[None] * 7]
+
+
+def test_sheet_is_written(tmp_path: Path) -> None:
+    scene = moving_scene(with_frames=False)
+    image = cv2.imread(str(write_sheet(scene, tmp_path / "sheet.png", frames=3)))
+    assert image is not None
+    assert image.shape[1] > image.shape[0]
+    assert image.std() > 10.0
+    with pytest.raises(InputError):
+        write_sheet(scene, tmp_path / "missing" / "sheet.png")
+
+
+def commands(html: str) -> list[dict[str, Any]]:
+    packed = re.search(r"for \(const command of (\[.*?\])\)", html)
+    assert packed is not None
+    return [umsgpack.unpackb(base64.b64decode(text)) for text in json.loads(packed.group(1))]
+
+
+def test_page_is_whole_in_itself_and_holds_the_run() -> None:
+    scene = moving_scene(instants=12, modes=3)
+    html = page(scene)
+    assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=[\"']?(https?:)?//", html)
+    sent = commands(html)
+    objects = {c["path"] for c in sent if c["type"] == "set_object"}
+    nodes = {path.split("/")[2] for path in objects if path.startswith("/meshcat/hypothesis_")}
+    assert nodes == {"hypothesis_0", "hypothesis_1", "hypothesis_2"}
+    (animation,) = [c for c in sent if c["type"] == "set_animation"]
+    tracks = {clip["path"]: clip["clip"]["tracks"] for clip in animation["animations"]}
+    assert {len(track["keys"]) for clip in tracks.values() for track in clip} == {len(scene)}
+    joint = scene.body.model.getJointId("left_knee_flexion")
+    (knee,) = [clip for path, clip in tracks.items() if "/body/" in path and path.endswith("left_shank")]
+    for t in (0, 7):
+        expected = scene.body.at(scene.q[t]).translations[joint]
+        assert np.allclose(knee[0]["keys"][t]["value"], expected, atol=1e-6)
+
+
+def test_long_runs_are_thinned() -> None:
+    assert evenly(5, 9) == [0, 1, 2, 3, 4]
+    assert evenly(1000, 3) == [0, 500, 999]
+
+
+def test_preview_starts_no_process(tmp_path: Path) -> None:
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import subprocess, socket\n"
+        "def never(*a, **k): raise AssertionError('started something')\n"
+        "subprocess.Popen.__init__ = never; socket.socket.bind = never\n"
+        "from test_viz import moving_scene; from viz.preview import write_html\n"
+        "write_html(moving_scene(4), sys.argv[2])\n"
+    )
+    root = Path(__file__).parent
+    environment = {**os.environ, "PYTHONPATH": str(root.parent)}
+    target = tmp_path / "p.html"
+    subprocess.run([sys.executable, "-c", program, str(root), str(target)], check=True, env=environment)
+    assert target.stat().st_size > 500_000
+
+
+def saved(scene: Scene, folder: Path, instants: int) -> Path:
+    """A run file with the first `instants` of a scene, its clip a folder of images."""
+    clip, path = folder / "front", folder / "a.run"
+    clip.mkdir()
+    for t in range(len(scene)):
+        cv2.imwrite(str(clip / f"{t:03d}.png"), np.full((480, 640, 3), 90 + t, dtype=np.uint8))
+    subject, camera = scene.body.subject, scene.cameras[0]
+    header = RunHeader(
+        subject.urdf, subject.source, subject.base, (camera,), {"front": str(clip)}, {"front": camera.image_size},
+        scene.time, "css", {}, 0, "0",
+    )  # fmt: skip
+    with RunWriter.create(path, header) as writer:
+        writer.put_observations([
+            Observation(t, float(scene.time[t]), scene.cameras, scene.pixels[t], scene.confidence[t])
+            for t in range(len(scene))
+        ])  # fmt: skip
+        for t in range(instants):
+            writer.append(result(scene, t), {})
+    return path
+
+
+def result(scene: Scene, t: int) -> FrameResult:
+    """A tracker's word on one instant of the scene; the fourth has no hypothesis at all."""
+    k = 0 if t == 3 else int(np.isfinite(scene.mode_weight[t]).sum())
+    nv = scene.body.nv
+    return FrameResult(
+        t, float(scene.time[t]), "lost" if k == 0 else "tracked", scene.mode_q[t, :k], scene.mode_weight[t, :k],
+        np.zeros(k), np.zeros((k, nv, nv)), np.full(k, 0 if t not in (0, 4) else -1), np.zeros(k), np.zeros(k),
+        ("as_detected",) * k,
+    )  # fmt: skip
+
+
+def test_pictures_are_made_from_an_unfinished_run_file(tmp_path: Path) -> None:
+    scene = moving_scene()
+    run = Run.open(saved(scene, tmp_path, 8))
+    read = as_scene(run)
+    assert len(read) == 8
+    assert not read.has_body(3)
+    assert np.allclose(read.q[7], scene.q[7])
+    assert np.allclose(read.pixels, scene.pixels[:8])
+    (first,) = read.images(0, [0])
+    assert first is not None
+    assert (first == 90).all()
+    for path in (write_overlay(run, tmp_path / "o.mp4"), write_sheet(run, tmp_path / "s.png", frames=8)):
+        assert path.stat().st_size > 10_000
+    assert '"best": [0, 0, 0, -1, 0, 0, 0, 0]' in page(run)
+
+
+def test_a_run_without_frames_is_refused(tmp_path: Path) -> None:
+    run = Run.open(saved(moving_scene(), tmp_path, 0))
+    with pytest.raises(InputError, match="no tracked frame"):
+        page(run)
+
+
+def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None:
+    scene = moving_scene()
+    path = saved(scene, tmp_path, 5)
+    run = Run.open(path)
+    counts: list[int] = []
+
+    def visit(server: ThreadingHTTPServer, address: str) -> None:
+        def load() -> None:
+            with urllib.request.urlopen(address) as response:
+                found = re.search(r'"status": (\[.*?\])', response.read().decode())
+            counts.append(len(json.loads(found.group(1))) if found else -1)
+
+        def run_through() -> None:
+            try:
+                load()
+                writer, _, _ = RunWriter.resume(path, run.header)
+                with writer:
+                    writer.append(result(scene, 5), {})
+                load()
+            finally:
+                server.shutdown()
+
+        threading.Thread(target=run_through).start()
+
+    serve(run, open_browser=False, ready=visit)
+    assert counts == [5, 6]
+
+
+def test_page_draws_in_a_browser(tmp_path: Path) -> None:
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs chromium to draw the page")
+    scene = moving_scene()
+    target = write_html(scene, tmp_path / "p.html")
+    shots = [screenshot(chromium, target, tmp_path, place) for place in ("t=0", "t=11", "t=11&view=front")]
+    assert all(colourful(shot) for shot in shots)
+    assert np.abs(shots[0].astype(int) - shots[1]).mean() > 0.3
+    # seen from the camera, the body covers what Camera.project says: the page is as high as the picture
+    size = (800, 600)
+    full = scene.cameras[0].project(BodyPainter(scene.body).vertices(scene.body.at(scene.q[11])))
+    blue, red = shots[2][..., 0].astype(int), shots[2][..., 2].astype(int)
+    coloured = np.abs(blue - red) > 70
+    coloured[:150, :250] = coloured[-100:] = False  # the panels
+    rows, columns = np.nonzero(coloured)
+    K = scene.cameras[0].K
+    expected = (full - [K[0, 2], K[1, 2]]) * size[1] / 480.0 + [(size[0] - 1) / 2, (size[1] - 1) / 2]
+    low, high = expected.min(axis=0), expected.max(axis=0)
+    assert columns.min() > low[0] - 12
+    assert columns.max() < high[0] + 12
+    assert rows.max() < high[1] + 12
+    assert rows.max() > high[1] - 40
+
+
+def screenshot(chromium: str, page_file: Path, folder: Path, place: str) -> np.ndarray:
+    out = folder / "shot.png"
+    options = [
+        "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+        "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
+        "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--window-size=800,600", "--hide-scrollbars",
+        "--virtual-time-budget=1500", f"--screenshot={out}",
+    ]  # fmt: skip
+    subprocess.run([chromium, *options, f"{page_file.as_uri()}#{place}"], check=True, capture_output=True, timeout=60)
+    image = cv2.imread(str(out))
+    assert image is not None
+    return image
+
+
+def colourful(image: np.ndarray) -> bool:
+    """Both sides of the body are there, in their colours."""
+    blue, red = image[100:-80, 200:, 0].astype(int), image[100:-80, 200:, 2].astype(int)
+    return bool(((blue - red) > 70).sum() > 500 and ((red - blue) > 70).sum() > 500)

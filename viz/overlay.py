@@ -8,11 +8,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from humanoid.errors import InputError
 
+from estimator.formats.run_file import Run
+from humanoid.errors import InputError
 from viz import palette
 from viz.painter import BodyPainter, CameraView, camera_view
-from viz.scene import Scene
+from viz.scene import Scene, as_scene
 from viz.solids import side_of
 
 LONGEST = 960  # longer side of a camera's picture in the overlay [px]
@@ -22,7 +23,7 @@ Progress = Callable[[int, int], None]
 
 
 def write_overlay(
-    scene: Scene,
+    run: Run | Scene,
     path: str | Path,
     *,
     camera: str | None = None,
@@ -35,7 +36,7 @@ def write_overlay(
     progress: called with (frames done, frames in all).
     Raises InputError where the camera does not exist or the file cannot be written.
     """
-    path = Path(path)
+    path, scene = Path(path), as_scene(run)
     chosen = chosen_cameras(scene, camera)
     views = [camera_view(scene.cameras[c], LONGEST) for c in chosen]
     painter = BodyPainter(scene.body)
@@ -43,7 +44,7 @@ def write_overlay(
     rows = range(len(scene))
     streams = [scene.images(c, rows) for c in chosen]
     with ExitStack() as stack:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), scene.rate, size)
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), scene.rate, size)
         stack.callback(writer.release)
         if not writer.isOpened():
             raise InputError(path, "cannot be written", remedy="give a path ending in .mp4 in a folder that exists")
@@ -81,7 +82,8 @@ def drawn(
 ) -> np.ndarray:
     """One camera's picture at one instant with everything on it, (H, W, 3) uint8 BGR."""
     canvas = reduced(image, view)
-    painter.solid(canvas, view, scene.body.at(scene.q[t]), OPACITY if image is not None else 1.0)
+    if scene.has_body(t):
+        painter.solid(canvas, view, scene.body.at(scene.q[t]), OPACITY if image is not None else 1.0)
     if hypotheses:
         _draw_others(scene, painter, view, t, canvas)
     _draw_keypoints(scene, view, camera, t, canvas)
@@ -118,9 +120,7 @@ def _draw_others(scene: Scene, painter: BodyPainter, view: CameraView, t: int, c
 def _draw_keypoints(scene: Scene, view: CameraView, camera: int, t: int, canvas: np.ndarray) -> None:
     radius = max(1.6, max(view.size) / 420.0)
     points = view.pixels(scene.pixels[t, camera])
-    for name, point, confidence in zip(
-        scene.body.landmark_names, points, scene.confidence[t, camera], strict=True
-    ):
+    for name, point, confidence in zip(scene.body.landmark_names, points, scene.confidence[t, camera], strict=True):
         palette.dot(canvas, point, radius, palette.SIDES[side_of(name)], hollow=confidence < CONFIDENT)
 
 

@@ -7,9 +7,9 @@ from typing import Protocol
 
 import cv2
 import numpy as np
+
 from estimator.imaging.camera import Camera
 from humanoid.body import Body, PosedBody
-
 from viz import palette
 from viz.solids import Skeleton, Solid, body_solids, skeleton
 
@@ -22,7 +22,9 @@ _AMBIENT, _DIFFUSE, _RIM = 0.55, 0.55, 0.2
 class View(Protocol):
     """Where points of the world appear in an image of `size` (width, height)."""
 
-    size: tuple[int, int]
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the image [px]."""
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """World points (..., 3) [m] -> pixels (..., 2) and depths (...) [m]."""
@@ -75,7 +77,7 @@ class OrthographicView:
 def camera_view(camera: Camera, longest: int) -> CameraView:
     """The camera's view, its longer side at most `longest` px and both sides even (video coders want that)."""
     scale = min(1.0, longest / max(camera.image_size))
-    width, height = (max(2, int(round(side * scale / 2.0)) * 2) for side in camera.image_size)
+    width, height = (max(2, round(side * scale / 2.0) * 2) for side in camera.image_size)
     return CameraView(camera, scale, (width, height))
 
 
@@ -105,7 +107,8 @@ class BodyPainter:
         world = self.vertices(posed)
         pixels, depth = view.project(world)
         with np.errstate(invalid="ignore"):
-            lost = ~(np.isfinite(pixels).all(axis=1) & (depth > _NEAR) & (np.abs(pixels) < 4.0 * max(view.size)).all(axis=1))
+            # NaN compares false: points behind the camera are lost as well
+            lost = ~((np.abs(pixels) < 4.0 * max(view.size)).all(axis=1) & (depth > _NEAR))
         corners = pixels[self.faces]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         with np.errstate(invalid="ignore"):

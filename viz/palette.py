@@ -75,6 +75,7 @@ def dot(image: np.ndarray, centre: np.ndarray, radius: float, colour: Rgb, *, ho
     height, width = image.shape[:2]
     if not (np.isfinite(centre).all() and -50 < centre[0] < width + 50 and -50 < centre[1] < height + 50):
         return
+
     def ring(r: float) -> np.ndarray:
         return np.round((centre + r * _CIRCLE) * 16.0).astype(np.int32)
 

@@ -14,18 +14,19 @@ from typing import Any
 
 import cv2
 import meshcat
-import meshcat.animation
 import meshcat.geometry as g
 import numpy as np
 import pinocchio as pin
+from meshcat.animation import Animation, AnimationClip, AnimationTrack
+
+from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
 from humanoid.body import Body
 from humanoid.errors import InputError
-
 from viz import palette
 from viz.painter import BodyPainter
 from viz.recorder import CommandRecorder, TexturedPlane
-from viz.scene import Scene, evenly
+from viz.scene import Scene, as_scene, evenly
 from viz.solids import Solid, body_solids, merged
 
 KEY_FRAMES = 600
@@ -37,19 +38,20 @@ _MARK_DEPTH = 0.25  # size of the little pyramid that stands for a camera [m]
 _HOME_FOV = np.radians(38.0)
 
 
-def write_html(scene: Scene, path: str | Path) -> Path:
+def write_html(run: Run | Scene, path: str | Path) -> Path:
     """Write a page that needs nothing else: no server, no network. Raises InputError where it cannot be written."""
     path = Path(path)
     try:
-        path.write_text(page(scene), encoding="utf-8")
+        path.write_text(page(run), encoding="utf-8")
     except OSError as error:
         reason = error.strerror or "unknown reason"
         raise InputError(path, f"cannot be written: {reason}", remedy="give a file in a folder that exists") from error
     return path
 
 
-def page(scene: Scene) -> str:
+def page(run: Run | Scene) -> str:
     """The preview as the text of one HTML page; starts no process."""
+    scene = as_scene(run)
     rows = evenly(len(scene), KEY_FRAMES)
     recorder = CommandRecorder()
     root = meshcat.Visualizer(window=recorder)
@@ -57,7 +59,7 @@ def page(scene: Scene) -> str:
     stage = _Stage(scene, painter, rows)
     _set_lights(root, stage)
     _set_ground(root, stage)
-    animation = meshcat.animation.Animation(default_framerate=_key_rate(scene, rows))
+    animation = Animation(default_framerate=_key_rate(scene, rows))
     _add_bodies(root, animation, scene, rows)
     cameras = [_add_camera(root, scene, c, rows, stage) for c in range(len(scene.cameras))]
     root.set_animation(animation, play=True)
@@ -68,7 +70,8 @@ class _Stage:
     """Where the body moves: used to place the ground, the lights, the pictures and the first view."""
 
     def __init__(self, scene: Scene, painter: BodyPainter, rows: list[int]) -> None:
-        chosen = [rows[i] for i in evenly(len(rows), 60)]
+        bodies = [t for t in rows if scene.has_body(t)]
+        chosen = [bodies[i] for i in evenly(len(bodies), 60)]
         vertices = [painter.vertices(scene.body.at(scene.q[t])) for t in chosen]
         self.points = np.concatenate([v[:: max(1, len(v) // 200)] for v in vertices])
         self.floor = min(float(v[:, 2].min()) for v in vertices)
@@ -120,9 +123,7 @@ def _lines(points: np.ndarray, colour: palette.Rgb) -> g.LineSegments:
     return g.LineSegments(geometry, g.LineBasicMaterial(color=palette.hexadecimal(colour)))
 
 
-def _add_bodies(
-    root: meshcat.Visualizer, animation: meshcat.animation.Animation, scene: Scene, rows: list[int]
-) -> None:
+def _add_bodies(root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int]) -> None:
     parts = merged(body_solids(scene.body))
     _add_body(root["body"], animation, scene.body, parts, scene.q[rows], None)
     coarse = merged(body_solids(scene.body, coarse=True))
@@ -132,7 +133,7 @@ def _add_bodies(
 
 def _add_body(
     node: meshcat.Visualizer,
-    animation: meshcat.animation.Animation,
+    animation: Animation,
     body: Body,
     parts: Iterable[Solid],
     q: np.ndarray,
@@ -150,10 +151,10 @@ def _add_body(
         child.set_transform(_matrix(positions[0, j], quaternions[0, j]))
         keys = list(range(len(q)))
         tracks = {
-            "position": meshcat.animation.AnimationTrack("position", "vector3", keys, positions[:, j].tolist()),
-            "quaternion": meshcat.animation.AnimationTrack("quaternion", "quaternion", keys, quaternions[:, j].tolist()),
+            "position": AnimationTrack("position", "vector3", keys, positions[:, j].tolist()),
+            "quaternion": AnimationTrack("quaternion", "quaternion", keys, quaternions[:, j].tolist()),
         }
-        animation.clips[child.path] = meshcat.animation.AnimationClip(tracks, fps=animation.default_framerate)
+        animation.clips[child.path] = AnimationClip(tracks, fps=animation.default_framerate)
 
 
 def _motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[dict[int, int], np.ndarray, np.ndarray]:

@@ -37,10 +37,15 @@ class CommandRecorder:
 
     def page(self, title: str, data: Json) -> str:
         """An HTML page with the viewer, the recorded scene and the player's data; it loads nothing from elsewhere."""
-        script = resources.files("meshcat").joinpath("viewer", "dist", "main.min.js").read_text(encoding="utf-8")
-        template = resources.files("viz").joinpath("page.html").read_text(encoding="utf-8")
+        script = (resources.files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
+        template = (resources.files("viz") / "page.html").read_text(encoding="utf-8")
         commands = [base64.b64encode(command).decode("ascii") for command in self.commands]
-        parts = {"TITLE": _escaped(title), "VIEWER": script, "COMMANDS": json.dumps(commands), "DATA": _script_json(data)}
+        parts = {
+            "TITLE": _escaped(title),
+            "VIEWER": script,
+            "COMMANDS": json.dumps(commands),
+            "DATA": _script_json(data),
+        }
         for name, value in parts.items():
             template = template.replace(f"__{name}__", value, 1)
         return template

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+
+from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
+from estimator.imaging.clip import Clip
 from humanoid.body import Body
+from humanoid.errors import InputError
 
 Frames = Callable[[], Iterable[np.ndarray]]
 
@@ -18,8 +23,8 @@ class Scene:
 
     cameras (C). frames (C): opens each camera's clip as BGR images from its first frame on; None without pictures.
     index (T,) int: number of each instant's frame in the clips. time (T,) [s]. status (T): see `FrameResult`.
-    q (T, nq): the best hypothesis. mode_q (T, K, nq), mode_weight (T, K): all of them, NaN where there are fewer.
-    path (T,) int: which mode continues into q.
+    q (T, nq): the best hypothesis, NaN where there is none. path (T,) int: which mode it is, -1 for none.
+    mode_q (T, K, nq), mode_weight (T, K): all hypotheses, NaN where there are fewer.
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
     """
 
@@ -38,6 +43,10 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def has_body(self, t: int) -> bool:
+        """There is a best hypothesis at instant t."""
+        return bool(np.isfinite(self.q[t]).all())
 
     @property
     def rate(self) -> float:
@@ -66,6 +75,43 @@ class Scene:
                 if image is None:
                     break
             yield image
+
+
+def as_scene(source: Scene | Run) -> Scene:
+    """What a run file holds so far, with its clips where they still are.
+
+    Raises InputError for a run without a single tracked frame.
+    """
+    if isinstance(source, Scene):
+        return source
+    run, cameras = source, source.header.cameras
+    if len(run) == 0 or not np.isfinite(run.q).all(axis=1).any():
+        raise InputError(run.file, "holds no tracked frame", remedy="track with --resume first")
+    pixels, confidence = run.pixels[: len(run)], run.confidence[: len(run)]
+    if len(pixels) < len(run):
+        shape = (len(run), len(cameras), len(run.body.landmark_names))
+        pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    frames = tuple(_opener(run.header.clips.get(camera.name)) for camera in cameras)
+    status = tuple(str(s) for s in run.status)
+    return Scene(
+        run.body, cameras, frames, run.index, run.time, status, run.q, run.mode_q, run.mode_weight, run.path,
+        pixels, confidence,
+    )  # fmt: skip
+
+
+def _opener(clip: str | None) -> Frames | None:
+    """Opens a clip's frames anew each time; None where the clip is not there (any more)."""
+    if clip is None or not Path(clip).exists():
+        return None
+
+    def frames() -> Iterator[np.ndarray]:
+        opened = Clip.open(clip)
+        try:
+            yield from opened.frames()
+        finally:
+            opened.close()
+
+    return frames
 
 
 def evenly(count: int, wanted: int) -> list[int]:

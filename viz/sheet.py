@@ -6,12 +6,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from humanoid.errors import InputError
 
+from estimator.formats.run_file import Run
+from humanoid.errors import InputError
 from viz import palette
 from viz.overlay import chosen_cameras, drawn
 from viz.painter import BodyPainter, CameraView, OrthographicView, camera_view
-from viz.scene import Scene, evenly
+from viz.scene import Scene, as_scene, evenly
 
 FRAMES = 6
 TILE = (300, 380)  # width, height of one picture [px]
@@ -22,13 +23,13 @@ _HEADER = 40
 _OTHERS = 3  # hypotheses shown from the side, beside the best
 
 
-def write_sheet(scene: Scene, path: str | Path, *, frames: int = FRAMES, camera: str | None = None) -> Path:
+def write_sheet(run: Run | Scene, path: str | Path, *, frames: int = FRAMES, camera: str | None = None) -> Path:
     """Write a PNG: evenly spaced instants; above, the overlay around the person; below, the bodies from the side.
 
     The side view is a parallel projection from the camera's left, the depths of that camera running to the right:
     there the hypotheses, alike in the image, differ.
     """
-    path = Path(path)
+    path, scene = Path(path), as_scene(run)
     chosen = chosen_cameras(scene, camera)[0]
     rows = evenly(len(scene), frames)
     painter = BodyPainter(scene.body)
@@ -56,6 +57,8 @@ def _column(
 
 def _box(scene: Scene, painter: BodyPainter, view: CameraView, t: int) -> tuple[np.ndarray, float]:
     """Centre and height [px] of a crop of the tile's shape with the whole body and some room around it."""
+    if not scene.has_body(t):
+        return np.array(view.size) / 2.0, float(view.size[1])
     pixels, _ = view.project(painter.vertices(scene.body.at(scene.q[t])))
     pixels = pixels[np.isfinite(pixels).all(axis=1)]
     if len(pixels) == 0:
@@ -77,6 +80,8 @@ def _crop(canvas: np.ndarray, box: tuple[np.ndarray, float]) -> np.ndarray:
 
 
 def _side(scene: Scene, painter: BodyPainter, view: CameraView, t: int) -> np.ndarray:
+    if not scene.has_body(t):
+        return palette.plain(*TILE)
     forward = view.axes()[2] * np.array([1.0, 1.0, 0.0])
     if np.linalg.norm(forward) < 1e-6:
         forward = np.array([1.0, 0.0, 0.0])
@@ -97,7 +102,7 @@ def _side(scene: Scene, painter: BodyPainter, view: CameraView, t: int) -> np.nd
 
 def _ground(canvas: np.ndarray, side: OrthographicView, height: float) -> None:
     level, _ = side.project(np.array([side.centre[0], side.centre[1], height]))
-    y = int(round(float(level[1])))
+    y = round(float(level[1]))
     cv2.line(canvas, (0, y), (canvas.shape[1], y), palette.bgr(palette.GRID), 1, cv2.LINE_AA)
 
 

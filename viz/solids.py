@@ -11,6 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import trimesh
+
 from humanoid.body import Body, PosedBody, points_in_world
 from humanoid.errors import InputError
 from humanoid.flesh import flesh_meshes, solid_mesh
@@ -19,8 +20,8 @@ from humanoid.subject import Flesh
 
 Side = Literal["left", "right", "trunk"]
 
-_LEFT = re.compile(r"(^|[_\W])(left|l)([_\W\d]|$)", re.IGNORECASE)
-_RIGHT = re.compile(r"(^|[_\W])(right|r)([_\W\d]|$)", re.IGNORECASE)
+_LEFT = re.compile(r"left|(^|[_\W])l([_\W\d]|$)", re.IGNORECASE)
+_RIGHT = re.compile(r"right|(^|[_\W])r([_\W\d]|$)", re.IGNORECASE)
 _HULL_GRID = 14  # cells along a visual mesh's longest side when it is simplified
 
 # pairs of landmark names, COCO's where COCO has one
@@ -30,7 +31,11 @@ LIMBS: tuple[tuple[str, str], ...] = (
     *((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for a, b in (("eye", "ear"), ("shoulder", "elbow"))),
     *((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for a, b in (("elbow", "wrist"), ("hip", "knee"))),
     *((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for a, b in (("knee", "ankle"), ("ankle", "big_toe"))),
-    *((a, f"{s}_{b}") for s in ("left", "right") for a, b in (("nose", "eye"), ("neck", "shoulder"), ("mid_hip", "hip"))),
+    *(
+        (a, f"{s}_{b}")
+        for a, b in (("nose", "eye"), ("neck", "shoulder"), ("mid_hip", "hip"))
+        for s in ("left", "right")
+    ),
 )
 # what stands in for the trunk where the body has no neck or no middle of the hips
 _TRUNK: tuple[tuple[str, str], ...] = (
@@ -86,7 +91,7 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
     coarse: fewer triangles on the flesh, enough for a translucent hypothesis.
     """
     if body.subject.flesh:
-        around, along = (12, 6) if coarse else (18, 10)
+        around, along = (12, 6) if coarse else (20, 12)
         meshes = flesh_meshes(body, around, along)
         return tuple(Solid(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
     return _visual_solids(body) or _tree_solids(body)

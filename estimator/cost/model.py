@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Term
 from estimator.imaging.observation import Observation
 from humanoid.body import Body
+from humanoid.clearance import Clearance
 from humanoid.landmarks import landmark_spread
 
 
@@ -25,7 +27,8 @@ class CostSettings:
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
-        frames, per second, of joints, of the root's orientation and of its position.
+        frames, per second, of joints, of the root's orientation and of its position; transition_potential,
+        transition_nu: long tails let a mode jump when the image insists.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
     """
 
@@ -39,20 +42,24 @@ class CostSettings:
     root_turn_speed: float = 3.0
     root_slide_speed: float = 1.5
     transition_potential: str = "lorentzian"
-    transition_nu: float = 8.0
+    transition_nu: float = 20.0
     exchange_penalty: float = 3.0
 
 
 class CostModel:
     """Builds the energy of a frame for one body; terms that do not change from frame to frame are made once."""
 
-    def __init__(self, body: Body, settings: CostSettings | None = None) -> None:
+    def __init__(self, body: Body, settings: CostSettings | None = None, clearance: Clearance | None = None) -> None:
         self.body = body
         self.settings = settings or CostSettings()
+        self.clearance = clearance if clearance is not None and clearance.pairs else None
         self._spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
         priors: list[Term] = []
         if self.settings.stabiliser_weight > 0.0:
             priors.append(Stabilisers(body, self.settings.stabiliser_weight))
+        if self.clearance is not None and self.settings.interpenetration_weight > 0.0:
+            s = self.settings
+            priors.append(Interpenetration(self.clearance, s.clearance_scale, s.interpenetration_weight))
         self._priors = tuple(priors)
 
     def observation_term(self, observation: Observation) -> Reprojection:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,4 +40,12 @@ class Mixture:
 
     modes: tuple[Mode, ...]
     weights: np.ndarray
-    log_scores: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    log_scores: np.ndarray
+
+
+def mixture_of(modes: tuple[Mode, ...], log_scores: np.ndarray) -> Mixture:
+    """Mixture with weights in proportion to exp(log_scores), best first; scores are shifted so that the best is 0."""
+    order = np.argsort(-log_scores, kind="stable")
+    scores = log_scores[order] - np.max(log_scores, initial=-np.inf)
+    weights = np.exp(scores)
+    return Mixture(tuple(modes[k] for k in order), weights / weights.sum(), scores)

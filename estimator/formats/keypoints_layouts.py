@@ -75,7 +75,7 @@ def _person_id(value: Any) -> str | None:
     if isinstance(value, str):
         return value or None
     if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value) and value >= 0:
-        return f"{value:g}" if float(value).is_integer() is False else str(int(value))
+        return str(int(value)) if value == int(value) else str(value)
     return None  # OpenPose writes [-1] where it knows none
 
 

@@ -84,12 +84,15 @@ def select(
         if str(person) not in ids:
             raise InputError(source, f"has no person {person}", remedy=f"ids in it: {_listed(ids)}; or auto")
         return _with_id(frames, str(person)), f"person {person}"
+    if person == "auto" and all(len(people) <= 1 for people in frames.values()):
+        alone = {index: people[0] for index, people in frames.items() if people and people[0].size > 0.0}
+        return alone, f"person found in {len(alone)} frames"
     tracks = sorted(link(frames), key=lambda t: -sum(p.weight for p in t.values()))
     if not tracks:
         return {}, "no person in any frame"
     if person == "auto":
-        others = f", the largest of {len(tracks)} tracks" if len(tracks) > 1 else ""
-        return tracks[0], f"person found in {len(tracks[0])} frames{others}"
+        subject = _rejoined(tracks)
+        return subject, f"person found in {len(subject)} frames, the largest of {len(tracks)} tracks"
     try:
         index = int(person)
     except ValueError:
@@ -97,6 +100,17 @@ def select(
     if not 0 <= index < len(tracks):
         raise InputError(source, f"has no person {person}", remedy=f"0 (the largest) to {len(tracks) - 1}; or auto")
     return tracks[index], f"track {index} of {len(tracks)}"
+
+
+def _rejoined(tracks: Sequence[dict[int, Person]]) -> dict[int, Person]:
+    """The first track with those later ones that can be the same person: never seen beside it, and of its size."""
+    subject = dict(tracks[0])
+    size = np.median([p.size for p in subject.values()])
+    for track in tracks[1:]:
+        ratio = np.median([p.size for p in track.values()]) / size
+        if 0.6 < ratio < 1.7 and not subject.keys() & track.keys():
+            subject.update(track)
+    return subject
 
 
 def _with_id(frames: Mapping[int, Sequence[Person]], wanted: str) -> dict[int, Person]:

@@ -17,12 +17,17 @@ def mode_covariance(
     A limit is active where q lies on it and the gradient (nv,) presses against it. `hessian` (nv, nv) is positive
     semi-definite; a weak isotropic prior of standard deviation `max_std` bounds what is not observed at all.
     """
-    free = np.ones(body.nv, dtype=bool)
-    at_low = (q[body.bounded_q] <= body.lower[body.bounded_q]) & (gradient[body.bounded_v] > 0.0)
-    at_high = (q[body.bounded_q] >= body.upper[body.bounded_q]) & (gradient[body.bounded_v] < 0.0)
-    free[body.bounded_v[at_low | at_high]] = False
-    index = np.flatnonzero(free)
+    index = free_directions(body, q, gradient)
     precision = hessian[np.ix_(index, index)] + np.eye(len(index)) / max_std**2
     covariance = np.zeros((body.nv, body.nv))
     covariance[np.ix_(index, index)] = np.linalg.inv(precision)
     return 0.5 * (covariance + covariance.T)
+
+
+def free_directions(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Indices of the degrees of freedom that no active limit holds: q on it and the gradient (nv,) pressing."""
+    free = np.ones(body.nv, dtype=bool)
+    at_low = (q[body.bounded_q] <= body.lower[body.bounded_q]) & (gradient[body.bounded_v] > 0.0)
+    at_high = (q[body.bounded_q] >= body.upper[body.bounded_q]) & (gradient[body.bounded_v] < 0.0)
+    free[body.bounded_v[at_low | at_high]] = False
+    return np.flatnonzero(free)

@@ -7,13 +7,18 @@ import numpy as np
 from humanoid.body import Body
 
 
-def covariance_scaled_sample(
-    rng: np.random.Generator, body: Body, q: np.ndarray, covariance: np.ndarray, scale: float
-) -> np.ndarray:
-    """One sample (nq,) of N(q, scale^2 covariance) on the manifold, clamped into the limits (CSS Figure 6, step 2.2).
+class CovarianceScaledProposal:
+    """N(q, scale^2 covariance) on the manifold, clamped into the limits (CSS Figure 6, steps 1 and 2.2).
 
-    `scale` multiplies standard deviations; the s of CSS Figure 6, which multiplies the covariance, is scale^2.
+    q (nq,), covariance (nv, nv). `scale` multiplies standard deviations; the s of CSS Figure 6, which multiplies the
+    covariance, is scale^2.
     """
-    values, vectors = np.linalg.eigh(covariance)
-    v = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(body.nv))
-    return body.integrate(q, scale * v)
+
+    def __init__(self, body: Body, q: np.ndarray, covariance: np.ndarray, scale: float) -> None:
+        self._body, self._q = body, q
+        values, vectors = np.linalg.eigh(covariance)
+        self._factor = scale * vectors * np.sqrt(np.maximum(values, 0.0))
+
+    def sample(self, rng: np.random.Generator) -> np.ndarray:
+        """One configuration (nq,)."""
+        return self._body.integrate(self._q, self._factor @ rng.standard_normal(self._body.nv))

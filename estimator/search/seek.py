@@ -56,7 +56,7 @@ class Seeker:
         self.settings = settings or SeekSettings()
         self.solver = StepSolver(body)
         self._residual = np.zeros(body.nv)
-        self._radius = trust_box(body, self.settings.max_turn, self.settings.max_slide)
+        self.radius = trust_box(body, self.settings.max_turn, self.settings.max_slide)
 
     def kkt_residual(self, quadratic: Quadratic) -> float:
         """Largest entry of the projected gradient at a posed body: zero at a minimum within the joint limits."""
@@ -78,7 +78,7 @@ class Seeker:
         for iteration in range(settings.max_iterations):
             if residual < settings.kkt_tolerance:
                 return Found(here, "converged", residual, iteration)
-            step = self.solver.solve(here.hessian, here.gradient, damping, self._radius, here.posed.q, active)
+            step = self.solver.solve(here.hessian, here.gradient, damping, self.radius, here.posed.q, active)
             if step is None and here.exact:  # the true curvature is indefinite here: back to Gauss-Newton
                 here = cost.of(here.posed)
                 continue

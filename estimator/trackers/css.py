@@ -1,99 +1,103 @@
-"""Covariance scaled sampling (Sminchisescu and Triggs 2003, Figure 6)."""
+"""Covariance scaled sampling (Sminchisescu and Triggs 2003, section 4.2 and Figure 6)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.cost.model import CostModel, CostSettings
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost
-from estimator.filtering.merge import best_distinct, body_size
-from estimator.filtering.mixture import Mixture, Mode
+from estimator.filtering.merge import bhattacharyya
+from estimator.filtering.mixture import Mixture, mixture_of
+from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.search.covariance import mode_covariance
-from estimator.search.proposals import covariance_scaled_sample
-from estimator.search.seek import Found, Seeker, SeekSettings
-from humanoid.body import Body
-from humanoid.landmarks import mirror_index
-
-ASSOCIATIONS = ("as_detected", "exchanged")
+from estimator.search.mode_search import Hypothesis, ModeSearch
+from estimator.search.proposals import CovarianceScaledProposal
+from estimator.start import start_modes
+from estimator.trackers.tracker import TrackState, carried, judged, observable
 
 
 @dataclass(frozen=True)
 class CssSettings:
+    """The search of each frame.
+
+    modes: hypotheses kept (7 for the body, 3 for the arm in CSS section 6). samples: samples a frame. scale: factor on
+    the standard deviations of the proposals, the square root of the s of Figure 6 (4 to 14 there). forgetting: power
+    of a parent's weight that is handed on, 1 in Figure 6; less keeps an early mistake from deciding for ever.
+    transition: pay for the change since the parent; off in the paper, whose search is static (footnote 5). keep:
+    search from the parents' own poses too, in every reading of the keypoints, not from samples alone.
+    """
+
     modes: int = 7
     samples: int = 14
     scale: float = 3.0
-    forgetting: float = 0.9
-    exchange: bool = True
-    distinct: float = 0.03
-    cost: CostSettings = field(default_factory=CostSettings)
-    explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
-    refine: SeekSettings = field(default_factory=SeekSettings)
+    forgetting: float = 0.95
+    transition: bool = True
+    keep: bool = True
 
 
-class Candidate(NamedTuple):
-    found: Found
-    cost: Cost
-    parent: int
-    association: int
-    score: float
-    energy: float
+PAPER = CssSettings(samples=70, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False)
+"""Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
 class CovarianceScaledSampling:
-    def __init__(self, body: Body, settings: CssSettings | None = None) -> None:
-        self.body = body
-        self.settings = s = settings or CssSettings()
-        self.model = CostModel(body, s.cost)
-        self.seeker = Seeker(body, s.refine)
-        self.mirror = mirror_index(body.landmark_names)
-        self.distance = s.distinct * body_size(body)
+    """The recipe: numbers in comments are the steps of Figure 6."""
 
-    def terms(self, observation: Observation) -> list[Reprojection]:
-        readings = [observation, observation.exchanged(self.mirror)] if self.settings.exchange else [observation]
-        return [self.model.observation_term(o) for o in readings]
+    def __init__(self, search: ModeSearch, settings: CssSettings | None = None) -> None:
+        self.search = search
+        self.body = search.body
+        self.settings = settings or CssSettings()
 
-    def step(self, rng: np.random.Generator, mixture: Mixture, observation: Observation, dt: float) -> Mixture:
-        s = self.settings
-        terms = self.terms(observation)
-        proposals = [(i, m.q, a) for i, m in enumerate(mixture.modes) for a in range(len(terms))]
-        parents = rng.choice(len(mixture.modes), size=s.samples, p=mixture.weights)
-        for i in parents:
-            m = mixture.modes[i]
-            q = covariance_scaled_sample(rng, self.body, m.q, m.covariance, s.scale)
-            proposals.append((int(i), q, ASSOCIATIONS.index(m.association)))
-        candidates = []
-        costs = {}
-        for i, q, a in proposals:
-            if (i, a) not in costs:
-                costs[i, a] = self.model.cost(terms[a], mixture.modes[i].q, dt)
-            cost = costs[i, a]
-            candidates.append(self.candidate(self.seeker.seek(cost, q, s.explore), cost, i, a, s.forgetting * mixture.log_scores[i]))
-        return self.select(candidates, terms)
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+        """See `estimator.trackers.tracker.Tracker`."""
+        return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
-    def candidate(self, found: Found, cost: Cost, parent: int, association: int, prior: float) -> Candidate:
-        energy = found.quadratic.value + (self.settings.cost.exchange_penalty if association else 0.0)
-        return Candidate(found, cost, parent, association, prior - energy, energy)
+    def step(
+        self, rng: np.random.Generator, state: TrackState, observation: Observation
+    ) -> tuple[TrackState, FrameResult]:
+        """See `estimator.trackers.tracker.Tracker`."""
+        if not observable(observation):
+            return carried(self.search, state, observation)
+        readings = self.search.readings(observation)
+        hypotheses = self._kept(state.mixture, len(readings)) if self.settings.keep else []
+        names = [r.name for r in readings]
+        hypotheses += self._samples(rng, state.mixture, names)
+        found = self.search.best_modes(hypotheses, readings, self.settings.modes, observation.time - state.time)  # 2-4
+        if not self.settings.transition:
+            found = self._matched(state.mixture, found)  # 5, 6; with a transition the parent is known
+        return judged(self.search, observation, found)
 
-    def select(self, candidates: list[Candidate], terms: list[Reprojection]) -> Mixture:
-        s = self.settings
-        points = lambda c: self.body.landmarks(c.found.quadratic.posed)
-        kept = best_distinct(candidates, lambda c: c.score, points, self.distance, s.modes + 3)
-        refined = []
-        for c in kept:
-            found = self.seeker.seek(c.cost, c.found.q, s.refine)
-            refined.append(self.candidate(found, c.cost, c.parent, c.association, c.score + c.energy))
-        kept = best_distinct(refined, lambda c: c.score, points, self.distance, s.modes)
-        scores = np.array([c.score for c in kept])
-        scores -= scores.max()
-        weights = np.exp(scores) / np.exp(scores).sum()
-        modes = []
-        for c in kept:
-            static = self.model.cost(terms[c.association]).of(c.found.quadratic.posed)
-            covariance = mode_covariance(self.body, c.found.q, static.gradient, static.hessian)
-            modes.append(Mode(c.found.q, covariance, c.energy, c.found.status, c.found.kkt_residual, 0.0, c.parent, ASSOCIATIONS[c.association]))
-        return Mixture(tuple(modes), weights, scores)
+    def _hypothesis(self, prior: Mixture, i: int, q: np.ndarray, reading: int) -> Hypothesis:
+        if not self.settings.transition:
+            return Hypothesis(q, reading, i)
+        return Hypothesis(q, reading, i, self.settings.forgetting * prior.log_scores[i], prior.modes[i].q)
+
+    def _kept(self, prior: Mixture, readings: int) -> list[Hypothesis]:
+        return [self._hypothesis(prior, i, m.q, r) for i, m in enumerate(prior.modes) for r in range(readings)]
+
+    def _samples(self, rng: np.random.Generator, prior: Mixture, readings: list[str]) -> list[Hypothesis]:
+        parents = rng.choice(len(prior.modes), size=self.settings.samples, p=prior.weights)  # 2.1
+        hypotheses = []
+        for i in np.unique(parents):
+            mode = prior.modes[i]
+            proposal = CovarianceScaledProposal(self.body, mode.q, mode.covariance, self.settings.scale)  # 1
+            for _ in range(np.count_nonzero(parents == i)):
+                q = proposal.sample(rng)  # 2.2
+                hypotheses.append(self._hypothesis(prior, int(i), q, readings.index(mode.association)))
+        return hypotheses
+
+    def _matched(self, prior: Mixture, found: Mixture) -> Mixture:
+        """Multiply each new mode's weight with that of the closest prior mode, which is then used up (5)."""
+        left = list(range(len(prior.modes)))
+        modes, scores = [], []
+        for mode, score in zip(found.modes, found.log_scores, strict=True):
+            parent = -1
+            if left:
+                distances = [
+                    bhattacharyya(self.body, prior.modes[i].q, prior.modes[i].covariance, mode.q, mode.covariance)
+                    for i in left
+                ]
+                parent = left.pop(int(np.argmin(distances)))
+            modes.append(replace(mode, parent=parent))
+            handed_on = prior.log_scores[parent] if parent >= 0 else prior.log_scores.min()
+            scores.append(score + self.settings.forgetting * handed_on)
+        return mixture_of(tuple(modes), np.array(scores))  # 6

@@ -4,36 +4,59 @@ from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Lock
+
+from estimator.formats.run_file import Run
+from viz.preview import page
+from viz.scene import Scene
 
 HOST = "127.0.0.1"
 
 
 def serve(
-    make_page: Callable[[], str],
+    run: Run | Scene,
     *,
     port: int = 0,
     open_browser: bool = True,
     ready: Callable[[ThreadingHTTPServer, str], None] | None = None,
 ) -> None:
-    """Serve a page on 127.0.0.1 until Ctrl-C; all of it in this process, so nothing outlives it.
+    """Serve the preview on 127.0.0.1 until Ctrl-C; all of it in this process, so nothing outlives it.
 
-    make_page: called for every load of the page, so that reloading shows what a growing run holds by then.
-    port: 0 takes a free one. ready: called with the server and its address before serving (for a message, or a test
-    that calls `server.shutdown()`).
+    A run that is still being written is read again for every load of the page: reload to see what it holds by then.
+    port: 0 takes a free one. ready: called with the server and its address before serving; the address is printed
+    unless it is given.
     """
-    with ThreadingHTTPServer((HOST, port), _handler(make_page)) as server:
+    with ThreadingHTTPServer((HOST, port), _handler(_pages(run))) as server:
         server.daemon_threads = True
         address = f"http://{HOST}:{server.server_address[1]}/"
         if ready is not None:
             ready(server, address)
+        else:
+            print(f"{address} shows the run; Ctrl-C ends it", flush=True)
         if open_browser:
             webbrowser.open(address, new=2)
-        try:
+        with suppress(KeyboardInterrupt):
             server.serve_forever(poll_interval=0.1)
-        except KeyboardInterrupt:
-            pass
+
+
+def _pages(run: Run | Scene) -> Callable[[], str]:
+    """Makes the page on each call, or only once where it cannot change any more."""
+    kept: list[tuple[bool, int, str]] = []
+    lock = Lock()
+
+    def make() -> str:
+        with lock:
+            current = run if isinstance(run, Scene) else Run.open(run.file)
+            complete = isinstance(current, Scene) or current.complete
+            if not kept or kept[-1][:2] != (complete, len(current)):
+                kept[:] = [(complete, len(current), page(current))]
+            return kept[-1][2]
+
+    make()  # what is wrong with a run is said before a server is up
+    return make
 
 
 def _handler(make_page: Callable[[], str]) -> type[BaseHTTPRequestHandler]:

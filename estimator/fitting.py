@@ -1,0 +1,163 @@
+"""A person's proportions from the first seconds of a clip (CSS section 5, first stage)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.cost.model import CostModel, CostSettings
+from estimator.cost.term import Cost
+from estimator.filtering.paths import backtrack_results
+from estimator.imaging.observation import Observation
+from estimator.runner import run
+from estimator.search.box_step import solve_box
+from estimator.search.covariance import free_directions
+from estimator.search.seek import Seeker, SeekSettings
+from estimator.trackers.registry import Settings, make_tracker
+from estimator.trackers.tracker import observable
+from humanoid.body import Body
+from humanoid.proportions import ProportionedBody
+from humanoid.subject import Subject
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """seconds, frames: the fit looks at this many frames, evenly spread over the first seconds with keypoints.
+    rounds: times the poses are found anew with the lengths of the round before. iterations: Newton steps a round."""
+
+    seconds: float = 4.0
+    frames: int = 30
+    rounds: int = 2
+    iterations: int = 15
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Outcome of a fit.
+
+    subject: the subject with the fitted lengths. names (P): proportions by joint. scales, std (P,): estimate relative
+    to the given subject and its standard deviation. frames: indices of the frames used; empty if none were usable, and
+    the subject is then the given one.
+    """
+
+    subject: Subject
+    names: tuple[str, ...]
+    scales: np.ndarray
+    std: np.ndarray
+    frames: tuple[int, ...]
+
+
+def fit_proportions(
+    subject: Subject,
+    observations: Sequence[Observation],
+    seed: int = 0,
+    settings: FitSettings | None = None,
+    track_settings: Settings | None = None,
+) -> Fit:
+    """Fit the proportions with left and right tied, the anthropometric prior and the hard range of each."""
+    settings = settings or FitSettings()
+    body = ProportionedBody(subject)
+    used = chosen_frames(observations, settings)
+    scales = np.clip(body.mean, body.low, body.high)
+    std = body.std.copy()
+    if not used or not body.names:
+        return Fit(subject, body.names, np.ones(len(body.names)), std, ())
+    for _ in range(settings.rounds):
+        poses, seen = _poses(subject.scaled(body.scales(scales)), used, seed, track_settings)
+        scales, std = _refine(body, poses, seen, scales, settings.iterations, track_settings)
+    return Fit(subject.scaled(body.scales(scales)), body.names, scales, std, tuple(o.index for o in seen))
+
+
+def chosen_frames(observations: Sequence[Observation], settings: FitSettings) -> list[Observation]:
+    """Usable frames, evenly spread over the first seconds."""
+    usable = [o for o in observations if observable(o)]
+    usable = [o for o in usable if o.time <= usable[0].time + settings.seconds]
+    if len(usable) <= settings.frames:
+        return usable
+    picks = np.unique(np.linspace(0, len(usable) - 1, settings.frames).round().astype(int))
+    return [usable[k] for k in picks]
+
+
+def _poses(
+    subject: Subject, observations: Sequence[Observation], seed: int, settings: Settings | None
+) -> tuple[list[np.ndarray], list[Observation]]:
+    """Pose of every frame along the best path of a track, and the frames in the reading that the path chose."""
+    tracker = make_tracker("css", Body(subject), settings)
+    results = [result for result, _ in run(tracker, observations, seed)]
+    mirror = tracker.search.mirror
+    poses, seen = [], []
+    for observation, result, k in zip(observations, results, backtrack_results(results), strict=True):
+        poses.append(result.q[k])
+        exchanged = result.association[k] == "exchanged"
+        seen.append(observation.exchanged(mirror) if exchanged else observation)
+    return poses, seen
+
+
+def _refine(
+    body: ProportionedBody,
+    poses: list[np.ndarray],
+    observations: list[Observation],
+    scales: np.ndarray,
+    iterations: int,
+    track_settings: Settings | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Damped Newton on the energy minimised over the poses (variable projection), bounded by the hard range."""
+    problem = _Profile(body, observations, track_settings.cost if track_settings else CostSettings())
+    here = problem.at(scales, poses)
+    damping = 1e-3
+    for _ in range(iterations):
+        value, gradient, hessian, at_poses = here
+        step = np.zeros(len(scales))
+        damped = hessian + damping * np.diag(np.diag(hessian))
+        active = np.zeros(len(scales), dtype=np.int8)
+        if solve_box(damped, gradient, body.low - scales, body.high - scales, active, 20, step) <= 0:
+            damping *= 10.0
+            continue
+        trial = problem.at(np.clip(scales + step, body.low, body.high), at_poses)
+        if trial[0] < value:
+            scales, here, damping = np.clip(scales + step, body.low, body.high), trial, max(1e-9, damping * 0.1)
+            if value - trial[0] < 1e-4:
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+    return scales, np.sqrt(np.diag(np.linalg.inv(here[2])))
+
+
+class _Profile:
+    """Energy of the scales with every pose at its own minimum."""
+
+    def __init__(self, body: ProportionedBody, observations: list[Observation], settings: CostSettings) -> None:
+        self._body, self._observations, self._settings = body, observations, settings
+
+    def at(
+        self, scales: np.ndarray, poses: list[np.ndarray]
+    ) -> tuple[float, np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Value, gradient (P,) and Schur-complement Hessian (P, P) at scales (P,), and the poses at their minima."""
+        proportions = self._body
+        body = proportions.at(scales)
+        model, seeker = CostModel(body, self._settings), Seeker(body)
+        e = (scales - proportions.mean) / proportions.std
+        value, gradient = 0.5 * float(e @ e), e / proportions.std
+        hessian = np.diag(1.0 / proportions.std**2)
+        found_poses = []
+        for observation, q in zip(self._observations, poses, strict=True):
+            term = model.observation_term(observation)
+            cost: Cost = model.cost(term)
+            found = seeker.seek(cost, q, SeekSettings(kkt_tolerance=1e-5))
+            posed = found.quadratic.posed
+            force, weight = term.point_loads(posed)
+            D = proportions.landmark_derivatives(posed)
+            J = body.landmark_jacobians(posed)
+            WD = np.einsum("lab,lbp->lap", weight, D)
+            cross = np.einsum("lav,lap->vp", J, WD)
+            free = free_directions(body, posed.q, found.quadratic.gradient)
+            H = cost.of(posed).hessian[np.ix_(free, free)] + 1e-9 * np.eye(len(free))
+            value += found.quadratic.value
+            gradient = gradient + np.einsum("la,lap->p", force, D)
+            hessian = hessian + np.einsum("lap,laq->pq", D, WD) - cross[free].T @ np.linalg.solve(H, cross[free])
+            found_poses.append(posed.q)
+        return value, gradient, 0.5 * (hessian + hessian.T), found_poses

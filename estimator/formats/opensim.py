@@ -1,0 +1,85 @@
+"""OpenSim's file formats: markers (.trc) and coordinates (.mot).
+
+OpenSim's ground is y up: x forward, y up, z to the right. A point of kinemode's world (z up: x forward, y left) goes to
+(x, z, -y).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from estimator.formats.checked_json import read_text
+from humanoid.errors import InputError
+
+R_OPENSIM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_HEADER_LINES = 5
+
+
+def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.ndarray, *, title: str = "") -> None:
+    """Write points (T, L, 3) of the world [m] as markers in millimetres, y up; missing ones are left empty."""
+    rate, count = f"{frame_rate(time):.6g}", str(len(points))
+    head = [
+        ["PathFileType", "4", "(X/Y/Z)", title or path.name],
+        ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"],
+        [rate, rate, count, str(len(names)), "mm", rate, "1", count],
+        ["Frame#", "Time", *(cell for name in names for cell in (name, "", ""))],
+        ["", "", *(f"{axis}{i + 1}" for i in range(len(names)) for axis in "XYZ")],
+        [],
+    ]  # fmt: skip
+    values = (1e3 * points @ R_OPENSIM_WORLD.T).reshape(len(points), -1)
+    rows = [
+        [str(i + 1), f"{t:.6f}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)]
+        for i, (t, row) in enumerate(zip(time, values, strict=True))
+    ]
+    path.write_text("\n".join("\t".join(row) for row in head + rows) + "\n", encoding="utf-8")
+
+
+def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Marker names (L), points (T, L, 3) in the z-up world [m], NaN where missing, and times (T,) [s]."""
+    lines = read_text(path).splitlines()
+    if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
+        raise InputError(path, "is no TRC file", place="line 1")
+    header = dict(zip(lines[1].split(), lines[2].split()))
+    unit = header.get("Units", "")
+    if unit not in _METRES:
+        raise InputError(path, f"unknown unit {unit!r}", place="line 3", remedy=f"one of {', '.join(_METRES)}")
+    names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
+    rows = [
+        _trc_row(line, 3 * len(names) + 2, path, number)
+        for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
+        if line.strip()
+    ]
+    values = np.array(rows).reshape(-1, 3 * len(names) + 2)
+    points = values[:, 2:].reshape(-1, len(names), 3) * _METRES[unit]
+    return names, points @ R_OPENSIM_WORLD, values[:, 1]
+
+
+def write_mot(path: Path, names: Sequence[str], values: np.ndarray, time: np.ndarray, *, title: str) -> None:
+    """Write coordinates (T, N), angles in degrees and lengths in metres."""
+    head = [
+        title, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "",
+        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader",
+        "\t".join(["time", *names]),
+    ]  # fmt: skip
+    rows = ["\t".join([f"{t:.6f}", *(f"{v:.8f}" for v in row)]) for t, row in zip(time, values, strict=True)]
+    path.write_text("\n".join(head + rows) + "\n", encoding="utf-8")
+
+
+def frame_rate(time: np.ndarray) -> float:
+    """Frames per second of times (T,) [s]; 30 where there are fewer than two."""
+    return float(1.0 / np.median(np.diff(time))) if len(time) > 1 else 30.0
+
+
+def _trc_row(line: str, count: int, path: Path, number: int) -> list[float]:
+    cells = line.split("\t")
+    cells = [*cells, *[""] * (count - len(cells))]  # empty cells at the end are often cut off
+    if any(cell.strip() for cell in cells[count:]):
+        raise InputError(path, f"has {len(cells)} columns, {count} are expected", place=f"line {number}")
+    try:
+        return [float(cell) if cell.strip() else np.nan for cell in cells[:count]]
+    except ValueError:
+        raise InputError(path, "has a cell that is no number", place=f"line {number}") from None

@@ -1,0 +1,245 @@
+"""Run files, the reading side."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from estimator.filtering.paths import backtrack
+from estimator.formats import run_store
+from estimator.formats.packing import unpack
+from estimator.formats.run_header import RunHeader
+from estimator.frame_result import FrameResult
+from humanoid.body import Body
+from humanoid.errors import InputError
+from humanoid.subject import Subject, subject_from_text
+
+
+class Run:
+    """A run file as of the moment it was opened, finished or still being written.
+
+    Arrays have one row for each of the T frames in the file, and K columns, the largest number of hypotheses of any
+    frame; where a frame has fewer, numbers are NaN and indices -1. They are read when first asked for.
+
+    Attributes
+    ----------
+    file, header: the file and what the run was made from.
+    frame_count, planned_count: frames in the file, and frames there will be. complete: the run was finished.
+    """
+
+    def __init__(self, file: Path, header: RunHeader, frame_count: int, complete: bool) -> None:
+        self.file, self.header = file, header
+        self.frame_count, self.complete = frame_count, complete
+        self.planned_count = len(header.times)
+
+    @staticmethod
+    def open(path: str | Path) -> Run:
+        """Open a run file; raises InputError for a file that is none, is newer than this program, or is damaged."""
+        path = Path(path)
+        run_store.check(path)
+        with run_store.reading(path) as connection:
+            row = connection.execute("SELECT json FROM header").fetchone()
+            (count,) = connection.execute("SELECT count(*) FROM frame").fetchone()
+            (finished,) = connection.execute("SELECT count(*) FROM finished").fetchone()
+        try:
+            header = RunHeader.from_json(row[0], str(path))
+        except (KeyError, TypeError, ValueError, json.JSONDecodeError) as error:
+            raise InputError(path, f"is damaged: its header cannot be read ({error})") from None
+        return Run(path, header, int(count), finished > 0)
+
+    @cached_property
+    def subject(self) -> Subject:
+        """The subject that was tracked."""
+        return subject_from_text(self.header.subject_urdf, source=self.header.subject_source, base=self.header.base)
+
+    @cached_property
+    def body(self) -> Body:
+        """The subject's kinematics."""
+        return Body(self.subject)
+
+    @cached_property
+    def _frames(self) -> list[dict[str, np.ndarray]]:
+        """The arrays of every frame as they are stored."""
+        with run_store.reading(self.file) as connection:
+            query = "SELECT data FROM frame WHERE position < ? ORDER BY position"
+            rows = connection.execute(query, (self.frame_count,)).fetchall()
+        return [self._unpacked(i, data) for i, (data,) in enumerate(rows)]
+
+    def _unpacked(self, i: int, data: bytes) -> dict[str, np.ndarray]:
+        try:
+            arrays = unpack(data)
+        except (KeyError, ValueError, TypeError, struct.error) as error:
+            raise InputError(self.file, f"is damaged ({error})", place=f"frame {i}") from None
+        return arrays
+
+    def result(self, i: int) -> FrameResult:
+        """Frame `i` of the file; negative counts from the end."""
+        a = self._frames[i]
+        return FrameResult(
+            int(a["index"]), float(a["time"]), str(a["status"]), a["q"], a["weight"], a["energy"],
+            _symmetric(a["covariance"], self.body.nv), a["parent"], a["kkt_residual"], a["penetration"],
+            tuple(str(s) for s in a["association"]),
+        )  # fmt: skip
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        return (self.result(i) for i in range(self.frame_count))
+
+    def __len__(self) -> int:
+        return self.frame_count
+
+    @property
+    def hypothesis_count(self) -> int:
+        """K, the largest number of hypotheses of any frame."""
+        return max((len(f["weight"]) for f in self._frames), default=0)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """(T,) [s]."""
+        return np.array([f["time"] for f in self._frames], dtype=np.float64)
+
+    @cached_property
+    def index(self) -> np.ndarray:
+        """(T,) number of each frame in the clip."""
+        return np.array([f["index"] for f in self._frames], dtype=np.int64)
+
+    @cached_property
+    def status(self) -> np.ndarray:
+        """(T,) text, see `FrameResult.status`."""
+        return np.array([f["status"] for f in self._frames], dtype=np.str_)
+
+    @cached_property
+    def mode_q(self) -> np.ndarray:
+        """(T, K, nq) configurations."""
+        return self._padded("q", (self.body.nq,))
+
+    @cached_property
+    def mode_weight(self) -> np.ndarray:
+        """(T, K)."""
+        return self._padded("weight")
+
+    @cached_property
+    def mode_energy(self) -> np.ndarray:
+        """(T, K)."""
+        return self._padded("energy")
+
+    @cached_property
+    def mode_kkt_residual(self) -> np.ndarray:
+        """(T, K)."""
+        return self._padded("kkt_residual")
+
+    @cached_property
+    def mode_penetration(self) -> np.ndarray:
+        """(T, K) [m]."""
+        return self._padded("penetration")
+
+    @cached_property
+    def mode_covariance(self) -> np.ndarray:
+        """(T, K, nv, nv), single precision."""
+        nv = self.body.nv
+        out = np.full((len(self._frames), self.hypothesis_count, nv, nv), np.nan, dtype=np.float32)
+        for t, frame in enumerate(self._frames):
+            out[t, : len(frame["covariance"])] = _symmetric(frame["covariance"], nv)
+        return out
+
+    @cached_property
+    def mode_parent(self) -> np.ndarray:
+        """(T, K) index into the frame before, -1 if none."""
+        parent = self._padded("parent")
+        return np.where(np.isnan(parent), -1, parent).astype(np.int64)
+
+    @cached_property
+    def mode_association(self) -> np.ndarray:
+        """(T, K) text, empty where there is no hypothesis."""
+        k = self.hypothesis_count
+        rows = [[*f["association"], *[""] * (k - len(f["association"]))] for f in self._frames]
+        return np.array(rows, dtype=np.str_).reshape(len(rows), k)
+
+    @cached_property
+    def mode_landmarks(self) -> np.ndarray:
+        """(T, K, L, 3) in the world [m]."""
+        body, q = self.body, self.mode_q
+        points = np.full((*q.shape[:2], len(body.landmark_names), 3), np.nan)
+        for t, k in zip(*np.nonzero(np.isfinite(q).all(axis=2)), strict=True):
+            points[t, k] = body.landmarks(body.at(q[t, k]))
+        return points
+
+    @cached_property
+    def path(self) -> np.ndarray:
+        """(T,) the best hypothesis of each frame: back from the last frame's best through the parents."""
+        return backtrack(self.mode_parent, self.mode_weight)
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """(T, nq) along the path."""
+        return self._along(self.mode_q)
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """(T,) along the path."""
+        return self._along(self.mode_weight)
+
+    @cached_property
+    def energy(self) -> np.ndarray:
+        """(T,) along the path."""
+        return self._along(self.mode_energy)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(T, nv, nv) along the path."""
+        nv = self.body.nv
+        out = np.full((len(self._frames), nv, nv), np.nan)
+        for t, (frame, k) in enumerate(zip(self._frames, self.path, strict=True)):
+            if k >= 0:
+                out[t] = _symmetric(frame["covariance"][k : k + 1], nv)[0]
+        return out
+
+    @cached_property
+    def landmarks(self) -> np.ndarray:
+        """(T, L, 3) along the path, in the world [m]."""
+        return self._along(self.mode_landmarks)
+
+    @cached_property
+    def _keypoints(self) -> tuple[np.ndarray, np.ndarray]:
+        with run_store.reading(self.file) as connection:
+            rows = connection.execute("SELECT data FROM observation ORDER BY position").fetchall()
+        frames = [unpack(data) for (data,) in rows]
+        shape = (len(frames), len(self.header.cameras), len(self.body.landmark_names))
+        pixels = np.array([f["pixels"] for f in frames], dtype=np.float64).reshape(*shape, 2)
+        return pixels, np.array([f["confidence"] for f in frames], dtype=np.float64).reshape(shape)
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(planned T, C, L, 2) keypoints the run was made from [px], NaN where missing; none if never stored."""
+        return self._keypoints[0]
+
+    @property
+    def confidence(self) -> np.ndarray:
+        """(planned T, C, L) of `pixels`."""
+        return self._keypoints[1]
+
+    def _padded(self, key: str, shape: tuple[int, ...] = ()) -> np.ndarray:
+        out = np.full((len(self._frames), self.hypothesis_count, *shape), np.nan)
+        for t, frame in enumerate(self._frames):
+            out[t, : len(frame[key])] = frame[key]
+        return out
+
+    def _along(self, per_mode: np.ndarray) -> np.ndarray:
+        """Rows of the path; NaN for a frame without hypotheses."""
+        out = np.full((per_mode.shape[0], *per_mode.shape[2:]), np.nan)
+        some = self.path >= 0
+        out[some] = per_mode[some, self.path[some]]
+        return out
+
+
+def _symmetric(triangle: np.ndarray, n: int) -> np.ndarray:
+    """Symmetric matrices (K, n, n) from their upper triangles (K, n (n + 1) / 2)."""
+    rows, columns = np.triu_indices(n)
+    full = np.zeros((len(triangle), n, n))
+    full[:, rows, columns] = triangle
+    full[:, columns, rows] = triangle
+    return full

@@ -1,0 +1,82 @@
+"""Runs a tracker over observations, frame by frame, into a run file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.trackers.tracker import Tracker, TrackState, observable
+
+Progress = Callable[[int, int], None]
+
+
+class Writer(Protocol):
+    """Where results go, each with the exact state after it (see `estimator.formats.run_file.RunWriter`)."""
+
+    def append(self, result: FrameResult, state: Mapping[str, np.ndarray]) -> None:
+        """Store one frame."""
+        ...
+
+
+def run(
+    tracker: Tracker,
+    observations: Sequence[Observation],
+    seed: int,
+    *,
+    state: TrackState | None = None,
+    first: int = 0,
+) -> Iterator[tuple[FrameResult, TrackState | None]]:
+    """Results and states of the observations from `first` on; `state` is the one after the frame before.
+
+    Every frame has its own random generator made from the seed and the frame's index, so that a resumed run is the
+    same as an uninterrupted one. Frames before the first usable one are "unobserved" and have no hypotheses.
+    """
+    for observation in observations[first:]:
+        rng = np.random.default_rng((seed, observation.index))
+        if state is not None:
+            state, result = tracker.step(rng, state, observation)
+        elif observable(observation):
+            state, result = tracker.init(rng, observation)
+        else:
+            result = _empty(observation, tracker.body.nq, tracker.body.nv)
+        yield result, state
+
+
+def run_into(
+    writer: Writer,
+    tracker: Tracker,
+    observations: Sequence[Observation],
+    seed: int,
+    *,
+    state: TrackState | None = None,
+    first: int = 0,
+    progress: Progress | None = None,
+) -> None:
+    """`run`, each frame stored as soon as it is done; `progress` is told how many of how many are."""
+    done = first
+    for result, after in run(tracker, observations, seed, state=state, first=first):
+        writer.append(result, {} if after is None else after.arrays())
+        done += 1
+        if progress is not None:
+            progress(done, len(observations))
+
+
+def _empty(observation: Observation, nq: int, nv: int) -> FrameResult:
+    none = np.zeros(0)
+    return FrameResult(
+        index=observation.index,
+        time=observation.time,
+        status="unobserved",
+        q=np.zeros((0, nq)),
+        weight=none,
+        energy=none,
+        covariance=np.zeros((0, nv, nv)),
+        parent=np.zeros(0, dtype=np.int64),
+        kkt_residual=none,
+        penetration=none,
+        association=(),
+    )

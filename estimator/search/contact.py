@@ -1,0 +1,67 @@
+"""Hard clearance: a mode whose parts overlap is searched again with clearance as rows of the step's QP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.cost.term import Cost
+from estimator.search.box_step import model_decrease
+from estimator.search.seek import Found, Seeker
+from humanoid.body import PosedBody
+from humanoid.clearance import Clearance
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """tolerance: overlap [m] that is let be. margin: distance [m] below which a pair gets a row. steps: steps tried.
+    force: energy per metre of overlap that a step may gain and still be refused for it."""
+
+    tolerance: float = 0.005
+    margin: float = 0.03
+    steps: int = 30
+    force: float = 1e5
+
+
+def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, settings: ContactSettings) -> Found:
+    """`found` itself if no parts overlap by more than the tolerance, else the end of a search with hard rows.
+
+    Every step solves the QP with the linearised clearance d + n'J dx >= target of all near pairs, target being 0 or,
+    deep inside, half of the overlap; a step is taken when it lowers energy + force * overlap.
+    """
+    here = found.quadratic
+    if clearance.penetration(here.posed) <= settings.tolerance:
+        return found
+    body, damping = seeker.body, 1e-3
+    active = np.zeros(body.nv, dtype=np.int8)
+    merit = here.value + settings.force * clearance.penetration(here.posed)
+    iteration = 0
+    for iteration in range(settings.steps):
+        rows = clearance_rows(clearance, here.posed, settings.margin)
+        step = seeker.solver.solve(here.hessian, here.gradient, damping, seeker.radius, here.posed.q, active, rows)
+        if step is None or not np.any(np.abs(step) > 1e-9):
+            break
+        trial = cost.at(body.integrate(here.posed.q, step))
+        depth = clearance.penetration(trial.posed)
+        trial_merit = trial.value + settings.force * depth
+        if trial_merit < merit:
+            flat = merit - trial_merit < 1e-9 and model_decrease(here.hessian, here.gradient, step) < 1e-9
+            here, merit, damping = trial, trial_merit, max(1e-9, 0.2 * damping)
+            if flat:
+                break
+        else:
+            damping = max(damping, 1e-6) * 8.0
+            if damping > 1e9:
+                break
+    residual = seeker.kkt_residual(here)
+    return Found(here, "separated", residual, found.iterations + iteration + 1)
+
+
+def clearance_rows(clearance: Clearance, posed: PosedBody, margin: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Rows A (m, nv), b (m,) with A dx >= b for every pair nearer than `margin`; None where there is no such pair."""
+    contacts = clearance.near(posed, margin)
+    if len(contacts.distance) == 0:
+        return None
+    target = np.minimum(0.0, 0.5 * contacts.distance)
+    return contacts.gradient, target - contacts.distance

@@ -1,0 +1,36 @@
+"""First poses from keypoints alone: no manual initialisation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.filtering.mixture import Mixture
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import Hypothesis, ModeSearch
+from estimator.search.views import view_sphere
+from humanoid.body import Body
+
+RANDOM_STARTS = 24
+
+
+def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
+    """The `count` best modes of one frame.
+
+    A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
+    random configurations within the limits.
+    """
+    body = search.body
+    if body.subject.base == "free":
+        starts = view_sphere(body, body.neutral, observation)
+    else:
+        starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
+    readings = search.readings(observation)
+    return search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), readings, count)
+
+
+def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:
+    """Neutral configuration (nq,) with every limited joint drawn evenly between its limits."""
+    q = body.neutral.copy()
+    i = body.bounded_q
+    q[i] = rng.uniform(body.lower[i], body.upper[i])
+    return q

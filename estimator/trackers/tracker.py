@@ -1,0 +1,116 @@
+"""What every tracker is: `init` makes a state, `step` carries it to the next frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from estimator.filtering.mixture import Mixture, Mode
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import ModeSearch
+from humanoid.body import Body
+
+MIN_KEYPOINTS = 4  # fewer say nothing worth a search
+FAR = 3.0  # standard deviations beyond which a keypoint is not explained
+NUMBERS = ("energy", "kkt_residual", "penetration")
+
+
+@dataclass(frozen=True)
+class TrackState:
+    """State carried between frames: the mixture and the time [s] it belongs to."""
+
+    mixture: Mixture
+    time: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Everything as plain arrays, exact to the last bit; `from_arrays` is the inverse."""
+        modes = self.mixture.modes
+        return {
+            "time": np.array(self.time),
+            "log_scores": self.mixture.log_scores,
+            "weights": self.mixture.weights,
+            "q": np.array([m.q for m in modes]),
+            "covariance": np.array([m.covariance for m in modes]),
+            "parent": np.array([m.parent for m in modes]),
+            "status": np.array([m.status for m in modes], dtype=np.str_),
+            "association": np.array([m.association for m in modes], dtype=np.str_),
+            **{name: np.array([getattr(m, name) for m in modes]) for name in NUMBERS},
+        }
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray]) -> TrackState:
+        """Rebuild a state from `arrays`."""
+        modes = tuple(
+            Mode(
+                q=arrays["q"][k],
+                covariance=arrays["covariance"][k],
+                status=str(arrays["status"][k]),
+                parent=int(arrays["parent"][k]),
+                association=str(arrays["association"][k]),
+                **{name: float(arrays[name][k]) for name in NUMBERS},
+            )
+            for k in range(len(arrays["weights"]))
+        )
+        return TrackState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]))
+
+
+class Tracker(Protocol):
+    """The family of trackers. Equal random generators give equal tracks; a hard frame is flagged, never raised."""
+
+    body: Body
+    search: ModeSearch
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+        """First state, from a frame with keypoints and no manual pose."""
+        ...
+
+    def step(
+        self, rng: np.random.Generator, state: TrackState, observation: Observation
+    ) -> tuple[TrackState, FrameResult]:
+        """Carry the state to a later frame."""
+        ...
+
+
+def observable(observation: Observation) -> bool:
+    """Whether a frame has enough keypoints to be searched."""
+    return observation.count >= MIN_KEYPOINTS
+
+
+def carried(search: ModeSearch, state: TrackState, observation: Observation) -> tuple[TrackState, FrameResult]:
+    """An unobserved frame: the hypotheses stay where they are and their uncertainty grows by the diffusion."""
+    growth = np.diag(np.square(search.model.transition_std(observation.time - state.time)))
+    modes = tuple(replace(m, covariance=m.covariance + growth, parent=k) for k, m in enumerate(state.mixture.modes))
+    mixture = replace(state.mixture, modes=modes)
+    return TrackState(mixture, observation.time), result_of(observation, mixture, "unobserved")
+
+
+def judged(search: ModeSearch, observation: Observation, mixture: Mixture) -> tuple[TrackState, FrameResult]:
+    """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained."""
+    best = mixture.modes[0]
+    reading = next(r for r in search.readings(observation) if r.name == best.association)
+    distances = reading.term.distances(search.body.at(best.q))
+    explained = np.nanmean(np.where(np.isnan(distances), np.nan, distances < FAR))
+    hard = explained < 0.5 or best.status == "iterations"
+    return TrackState(mixture, observation.time), result_of(observation, mixture, "hard" if hard else "tracked")
+
+
+def result_of(observation: Observation, mixture: Mixture, status: str) -> FrameResult:
+    """The hand-off to run files and pictures."""
+    modes = mixture.modes
+    return FrameResult(
+        index=observation.index,
+        time=observation.time,
+        status=status,
+        q=np.array([m.q for m in modes]),
+        weight=mixture.weights,
+        energy=np.array([m.energy for m in modes]),
+        covariance=np.array([m.covariance for m in modes]),
+        parent=np.array([m.parent for m in modes]),
+        kkt_residual=np.array([m.kkt_residual for m in modes]),
+        penetration=np.array([m.penetration for m in modes]),
+        association=tuple(m.association for m in modes),
+    )

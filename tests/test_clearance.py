@@ -1,0 +1,309 @@
+"""Laws of the distances between body parts, and of the potential made of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from estimator.cost.interpenetration import Interpenetration
+from humanoid.body import Body
+from humanoid.clearance import Clearance, Contacts
+from humanoid.errors import InputError
+from humanoid.subject import load_subject, subject_from_text
+
+LOOSE = (("torso", "left_upper_arm"), ("pelvis", "left_thigh"))  # adjacent, so they overlap often and deeply
+
+
+@pytest.fixture(scope="module")
+def human() -> Body:
+    return Body(load_subject("human34"))
+
+
+def random_pose(body: Body, rng: np.random.Generator) -> np.ndarray:
+    q = pin.neutral(body.model)
+    q[body.bounded_q] = rng.uniform(body.lower[body.bounded_q], body.upper[body.bounded_q])
+    q[:3], q[3:7] = rng.normal(size=3), rng.normal(size=4)
+    return pin.normalize(body.model, q)
+
+
+def two_solids(first: str, second: str) -> Body:
+    """A solid at the world's origin, and one that slides along x, then y, then turns about z."""
+    axes = (("slide_x", "prismatic", "1 0 0"), ("slide_y", "prismatic", "0 1 0"), ("turn", "revolute", "0 0 1"))
+    joints, parent = "", "a"
+    for name, kind, axis in axes:
+        child = "b" if name == "turn" else f"{name}_link"
+        joints += (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
+            f'<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+            f'<link name="{child}">{second if child == "b" else ""}</link>'
+        )
+        parent = child
+    text = f'<robot name="two"><subject base="fixed"/><link name="a">{first}</link>{joints}</robot>'
+    return Body(subject_from_text(text, source="two.urdf"))
+
+
+BALL = '<flesh shape="ellipsoid" radii="0.1 0.1 0.1"/>'
+EGG = '<flesh shape="ellipsoid" radii="0.1 0.14 0.2"/>'
+STICK = '<flesh shape="capsule" radius="0.05" length="0.4"/>'  # along z
+LYING = '<flesh shape="capsule" radius="0.03" length="0.3" rpy="1.5707963267948966 0 0"/>'  # along y
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "q", "expected"),
+    [
+        (STICK, LYING, (0.2, 0.05, 0.0), 0.2 - 0.08),
+        (STICK, LYING, (0.03, 0.05, 0.0), 0.03 - 0.08),
+        (STICK, STICK, (0.3, 0.4, 1.0), 0.5 - 0.10),
+        (BALL, BALL, (0.3, 0.4, 1.0), 0.5 - 0.2),
+        (BALL, BALL, (0.06, 0.08, 1.0), 0.1 - 0.2),
+        (STICK, BALL, (0.06, 0.08, 1.0), 0.1 - 0.15),
+        (EGG, BALL, (0.25, 0.0, 0.0), 0.25 - 0.2),
+        (EGG, EGG, (0.0, -0.3, 0.0), 0.3 - 0.28),
+        (EGG, EGG, (0.15, 0.0, 0.0), 0.15 - 0.2),
+        (EGG, LYING, (0.11, 0.02, 0.0), 0.11 - 0.13),
+        (EGG, LYING, (0.0, 0.33, 0.0), 0.33 - 0.15 - 0.03 - 0.14),
+        (EGG, STICK, (0.13, 0.0, 0.4), 0.13 - 0.15),
+    ],
+)
+def test_distances_known_in_closed_form(first: str, second: str, q: tuple[float, ...], expected: float) -> None:
+    body = two_solids(first, second)
+    clearance = Clearance(body, margin=1.0, include=[("a", "b")])
+    contacts = clearance.near(body.at(np.array(q)))
+    assert contacts.distance[0] == pytest.approx(expected, abs=1e-9)
+    along = np.einsum("mi,mi->m", contacts.normal, contacts.point_b - contacts.point_a)
+    assert along[0] == pytest.approx(expected, abs=1e-9)
+    assert clearance.penetration(body.at(np.array(q))) == pytest.approx(max(0.0, -expected), abs=1e-9)
+
+
+@pytest.mark.parametrize("shapes", [(STICK, LYING), (BALL, BALL), (EGG, EGG), (EGG, STICK), (STICK, STICK)])
+def test_coinciding_solids_stay_finite(shapes: tuple[str, str]) -> None:
+    body = two_solids(*shapes)
+    contacts = Clearance(body, include=[("a", "b")]).near(body.at(np.zeros(3)))
+    assert contacts.distance[0] < -0.05
+    assert all(np.isfinite(array).all() for array in contacts)
+    assert np.linalg.norm(contacts.normal[0]) == pytest.approx(1.0)
+
+
+def _kind(clearance: Clearance, pair: int, distance: float) -> tuple[str, ...]:
+    i, j = clearance._solid_pairs[pair]
+    names = sorted(type(clearance.solids[s].geometry).__name__ for s in (i, j))
+    return (*names, "overlap" if distance < 0.0 else "apart")
+
+
+def test_gradient_is_the_central_difference(human: Body) -> None:
+    """Relative 1e-5 along random directions, for every pair of shapes, apart and in overlap.
+
+    The distance's second derivative jumps where the touched point passes the end of a capsule, and grows without bound
+    where two axes nearly cross: hence a small step, and poses are many rather than a tolerance wide.
+    """
+    rng, step = np.random.default_rng(3), 1e-6
+    clearance = Clearance(human, include=LOOSE)
+    seen: dict[tuple[str, ...], int] = {}
+    for _ in range(120):
+        q, v = random_pose(human, rng), rng.normal(size=human.nv)
+        here = clearance.near(human.at(q), 0.02)
+        sides = [clearance.near(human.at(pin.integrate(human.model, q, s * step * v)), 0.03) for s in (1, -1)]
+        ahead, behind = (dict(zip(side.pair, side.distance, strict=True)) for side in sides)
+        for pair, distance, gradient in zip(here.pair, here.distance, here.gradient, strict=True):
+            difference = (ahead[pair] - behind[pair]) / (2.0 * step)
+            scale = max(np.linalg.norm(gradient) * np.linalg.norm(v), 1e-3)
+            assert abs(difference - gradient @ v) < 1e-5 * scale, (clearance.pairs[pair], distance)
+            kind = _kind(clearance, pair, distance)
+            seen[kind] = seen.get(kind, 0) + 1
+    assert len(seen) == 6, seen
+    assert min(seen.values()) >= 3, seen
+
+
+def test_broad_phase_misses_no_pair(human: Body) -> None:
+    rng = np.random.default_rng(5)
+    clearance = Clearance(human, include=LOOSE)
+    request = coal.DistanceRequest()
+    found = 0
+    for _ in range(60):
+        posed = human.at(random_pose(human, rng))
+        near = clearance.near(posed, 0.03)
+        expected = set()
+        placed = []
+        for solid in clearance.solids:
+            T_world_joint = pin.SE3(posed.rotations[solid.joint], posed.translations[solid.joint])
+            T = T_world_joint * pin.SE3(solid.rotation, solid.translation)
+            placed.append(coal.Transform3s(T.rotation, T.translation))
+        for k, (i, j) in enumerate(clearance._solid_pairs):
+            a, b = clearance.solids[i].geometry, clearance.solids[j].geometry
+            distance = coal.distance(a, placed[i], b, placed[j], request, coal.DistanceResult())
+            if distance < 0.03:
+                expected.add(k)
+                m = np.flatnonzero(near.pair == k)
+                assert m.size == 1, clearance.pairs[k]
+                assert near.distance[m[0]] == pytest.approx(distance, abs=3e-6)
+        assert set(near.pair.tolist()) == expected
+        found += len(expected)
+    assert found > 100
+
+
+def _equal(one: Contacts, other: Contacts) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def test_the_same_pose_gives_the_same_bits_whatever_came_before(human: Body) -> None:
+    rng = np.random.default_rng(7)
+    poses = [human.at(random_pose(human, rng)) for _ in range(40)]
+    clearance = Clearance(human, include=LOOSE)
+    once = [clearance.near(posed) for posed in poses]
+    again = [clearance.near(poses[i]) for i in rng.permutation(len(poses)).repeat(2)]
+    order = np.random.default_rng(7)
+    _ = [random_pose(human, order) for _ in range(40)]
+    for i, contacts in zip(order.permutation(len(poses)).repeat(2), again, strict=True):
+        assert _equal(once[i], contacts)
+    assert sum(len(contacts.pair) for contacts in once) > 40
+
+
+def test_a_failed_query_still_gives_an_overlap(human: Body) -> None:
+    """EPA may give up: the answer is then the gap along the line of centres, improved; never deeper than no number."""
+    rng = np.random.default_rng(11)
+    clearance = Clearance(human)
+    for _ in range(30):
+        posed = human.at(random_pose(human, rng))
+        right = clearance.near(posed, 0.0)
+        if not right.pair.size:
+            continue
+        queries = clearance._queries
+        clearance._queries = [(i, j, lambda *_: -np.finfo(float).max) for i, j, _ in queries]
+        failed = clearance.near(posed, 0.0)
+        clearance._queries = queries
+        kept = dict(zip(failed.pair, failed.distance, strict=True))
+        assert all(np.isfinite(array).all() for array in failed)
+        # any direction's gap is at most the signed distance
+        assert all(kept[k] <= d + 1e-6 for k, d in zip(right.pair, right.distance, strict=True))
+
+
+def test_pairs_follow_the_tree(human: Body) -> None:
+    clearance = Clearance(human)
+    pairs = {frozenset(pair) for pair in clearance.pairs}
+    for adjacent in (("torso", "left_upper_arm"), ("torso", "pelvis"), ("pelvis", "right_thigh"), ("torso", "neck"),
+                     ("left_forearm", "left_hand"), ("neck", "head")):  # fmt: skip
+        assert frozenset(adjacent) not in pairs
+    for apart in (("torso", "head"), ("left_thigh", "right_thigh"), ("left_upper_arm", "left_hand")):
+        assert frozenset(apart) in pairs
+    assert clearance.penetration(human.at(human.neutral)) < 0.003
+    changed = Clearance(human, exclude=[("head", "torso")], include=[("torso", "left_upper_arm")])
+    assert {frozenset(p) for p in changed.pairs} == pairs - {frozenset(("torso", "head"))} | {
+        frozenset(("torso", "left_upper_arm"))
+    }
+
+
+def test_pairs_that_overlap_at_rest_are_left_out_and_named() -> None:
+    text = load_subject("human34").urdf.replace('radius="0.07" length="0.27"', 'radius="0.12" length="0.27"')
+    body = Body(subject_from_text(text, source="wide.urdf"))
+    clearance = Clearance(body)
+    assert ("left_thigh", "right_thigh") in {tuple(sorted(pair)) for pair in clearance.overlapping_at_rest}
+    assert frozenset(("left_thigh", "right_thigh")) not in {frozenset(p) for p in clearance.pairs}
+    kept = Clearance(body, include=[("left_thigh", "right_thigh")])
+    assert frozenset(("left_thigh", "right_thigh")) in {frozenset(p) for p in kept.pairs}
+    assert kept.penetration(body.at(body.neutral)) > 0.03
+
+
+@pytest.mark.parametrize("option", ["exclude", "include"])
+@pytest.mark.parametrize("pair", [("torso", "tail"), ("torso", "left_clavicle"), ("head", "head"), "head"])
+def test_wrong_pairs_name_the_choices(human: Body, option: str, pair: object) -> None:
+    with pytest.raises(InputError) as caught:
+        Clearance(human, **{option: [pair]})
+    assert caught.value.place == option
+    if pair != "head" and pair[0] != pair[1]:  # type: ignore[index]
+        assert "left_upper_arm" in caught.value.remedy
+
+
+def test_links_fixed_to_each_other_are_refused(human: Body) -> None:
+    with pytest.raises(InputError, match="fixed to each other"):
+        Clearance(human, include=[("neck", "head")])
+
+
+def test_without_solids_nothing_is_near(human: Body) -> None:
+    clearance = Clearance(Body(dataclasses.replace(human.subject, flesh=())))
+    contacts = clearance.near(human.at(human.neutral))
+    assert clearance.pairs == ()
+    assert contacts.gradient.shape == (0, human.nv)
+
+
+@pytest.mark.parametrize("name", ["panda", "talos"])
+def test_third_party_robots(name: str) -> None:
+    try:
+        body = Body(load_subject(f"example-robot-data:{name}"))
+    except (InputError, OSError) as error:
+        pytest.skip(f"example-robot-data:{name} does not load: {error}")
+    clearance = Clearance(body)
+    assert clearance.pairs
+    rng, step = np.random.default_rng(0), 1e-6
+    compared = 0
+    for _ in range(20):
+        q = pin.neutral(body.model)
+        q[body.bounded_q] = rng.uniform(body.lower[body.bounded_q], body.upper[body.bounded_q])
+        v = rng.normal(size=body.nv)
+        here = clearance.near(body.at(q))
+        sides = [clearance.near(body.at(pin.integrate(body.model, q, s * step * v)), 0.03) for s in (1, -1)]
+        ahead, behind = (dict(zip(side.pair, side.distance, strict=True)) for side in sides)
+        difference = np.array([ahead[k] - behind[k] for k in here.pair]) / (2.0 * step)
+        # hulls have flat faces and edges: the odd step crosses from one to the next
+        compared += np.count_nonzero(np.abs(difference - here.gradient @ v) < 1e-5 * np.linalg.norm(v))
+    assert compared > 10
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
+def test_potential_gradient_and_curvature(human: Body, power: float) -> None:
+    rng, step = np.random.default_rng(13), 1e-6
+    term = Interpenetration(Clearance(human), scale=0.008, weight=2.0, power=power)
+
+    def energy(q: np.ndarray) -> float:
+        return term.accumulate(human.at(q), np.zeros(human.nv), np.zeros((human.nv, human.nv)))
+
+    compared = 0
+    for _ in range(40):
+        q, v = random_pose(human, rng), rng.normal(size=human.nv)
+        gradient, hessian = np.zeros(human.nv), np.zeros((human.nv, human.nv))
+        if term.accumulate(human.at(q), gradient, hessian) == 0.0:
+            continue
+        slopes = [energy(pin.integrate(human.model, q, s * step * v)) for s in (1, -1)]
+        scale = max(np.linalg.norm(gradient) * np.linalg.norm(v), 1.0)
+        assert abs((slopes[0] - slopes[1]) / (2.0 * step) - gradient @ v) < 1e-5 * scale
+        assert np.array_equal(hessian, hessian.T)
+        assert np.linalg.eigvalsh(hessian)[0] > -1e-9 * np.abs(hessian).max()
+        compared += 1
+    assert compared > 10
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_potential_along_one_line(power: float) -> None:
+    """CSS 3.2.4 near contact; zero with its slope at the margin; falling with the distance, finite at any depth."""
+    body = two_solids(BALL, BALL)
+    clearance = Clearance(body, include=[("a", "b")])
+    term = Interpenetration(clearance, scale=0.005, power=power)
+
+    def energy(distance: float) -> tuple[float, float, float]:
+        gradient, hessian = np.zeros(3), np.zeros((3, 3))
+        value = term.accumulate(body.at(np.array([0.2 + distance, 0.0, 0.0])), gradient, hessian)
+        return value, gradient[0], hessian[0, 0]
+
+    margin = clearance.margin
+    assert energy(margin + 1e-9)[:2] == (0.0, 0.0)
+    assert energy(margin - 1e-7)[0] == pytest.approx(0.0, abs=1e-8)
+    assert abs(energy(margin - 1e-7)[1]) < 1e-3
+    distances = np.linspace(-0.15, margin - 1e-6, 400)
+    values, slopes, curvatures = np.array([energy(d) for d in distances]).T
+    assert np.all(np.diff(values) < 0.0)
+    assert np.all(slopes < 0.0)
+    assert np.all(curvatures >= 0.0)
+    # the paper's function, up to the line that is taken away
+    z = np.array([-0.006, -0.004, 0.002, 0.006]) / 0.005
+    paper = np.exp(-z * np.abs(z) ** (power - 1.0))
+    line = np.array([energy(0.005 * x)[0] for x in z]) - paper
+    assert np.ptp(np.diff(line) / np.diff(z)) < 1e-9
+
+
+@pytest.mark.parametrize("wrong", [{"scale": 0.0}, {"weight": -1.0}, {"power": 0.5}, {"scale": float("nan")}])
+def test_potential_settings_are_checked(human: Body, wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError):
+        Interpenetration(Clearance(human), **wrong)

@@ -1,0 +1,136 @@
+"""Exports: what other programs read is what was tracked."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_run_file import header, state_of, walk
+
+from estimator.formats.export import FORMATS, export
+from estimator.formats.reference import load_reference
+from estimator.formats.run_file import Run, RunWriter
+from humanoid.body import Body
+from humanoid.errors import InputError
+from humanoid.subject import load_subject
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Twelve frames of a run that was to have twenty."""
+    file = tmp_path_factory.mktemp("run") / "a.run"
+    with RunWriter.create(file, header(20)) as writer:
+        for result in walk(Body(load_subject("human34")), FRAMES):
+            writer.append(result, state_of(result))
+    return Run.open(file)
+
+
+def test_npz(run: Run, tmp_path: Path) -> None:
+    with np.load(export(run, tmp_path / "a.npz"), allow_pickle=False) as f:
+        a = dict(f)
+    t, k, nq, nv, n = FRAMES, run.mode_weight.shape[1], run.body.nq, run.body.nv, len(run.body.landmark_names)
+    shapes = {
+        "time": (t,), "q": (t, nq), "q_names": (nq,), "joint_names": (run.body.njoints - 1,), "landmark_names": (n,),
+        "landmarks": (t, n, 3), "mode_q": (t, k, nq), "mode_weight": (t, k), "mode_landmarks": (t, k, n, 3),
+        "covariance": (t, nv, nv), "energy": (t,), "status": (t,),
+    }  # fmt: skip
+    assert {name: array.shape for name, array in a.items()} == shapes
+    np.testing.assert_array_equal(a["q"], run.q)
+    for t in range(FRAMES):
+        np.testing.assert_allclose(a["landmarks"][t], run.body.landmarks(run.body.at(a["q"][t])), atol=1e-12)
+    assert list(a["q_names"]) == list(run.body.q_names) and a["status"][1] == "tracked"
+    names, points, fps = load_reference(tmp_path / "a.npz")
+    assert names == run.body.landmark_names and fps == pytest.approx(30.0)
+    np.testing.assert_array_equal(points, run.landmarks)
+
+
+def test_csv(run: Run, tmp_path: Path) -> None:
+    with export(run, tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == FRAMES
+    knee = run.body.q_names.index("left_knee_flexion")
+    nose = run.body.landmark_names.index("nose")
+    for t, row in enumerate(rows):
+        assert float(row["time_s"]) == pytest.approx(run.time[t])
+        assert float(row["root_x_m"]) == pytest.approx(run.q[t, 0], rel=1e-8)
+        assert float(row["root_qw"]) == pytest.approx(run.q[t, 6], rel=1e-8)
+        assert float(row["left_knee_flexion_rad"]) == pytest.approx(run.q[t, knee], rel=1e-8)
+        assert float(row["nose_z_m"]) == pytest.approx(run.landmarks[t, nose, 2], rel=1e-8)
+        assert float(row["energy"]) == pytest.approx(run.energy[t], rel=1e-8)
+        assert row["status"] == run.status[t]
+
+
+def test_trc(run: Run, tmp_path: Path) -> None:
+    lines = [line.split("\t") for line in export(run, tmp_path / "a.trc").read_text().splitlines()]
+    assert lines[0] == ["PathFileType", "4", "(X/Y/Z)", "a.trc"]
+    stated = dict(zip(lines[1], lines[2], strict=True))
+    assert stated["NumFrames"] == str(FRAMES) and stated["Units"] == "mm" and float(stated["DataRate"]) == 30.0
+    assert lines[3][:6] == ["Frame#", "Time", "nose", "", "", "left_eye"] and lines[4][2:6] == ["X1", "Y1", "Z1", "X2"]
+    assert lines[5] == [""]
+    first = np.array(lines[6][2:5], dtype=float)
+    x, y, z = 1000.0 * run.landmarks[0, 0]
+    np.testing.assert_allclose(first, [x, z, -y], atol=1e-3)  # z up -> y up
+    names, points, fps = load_reference(tmp_path / "a.trc")
+    assert names == run.body.landmark_names and fps == pytest.approx(30.0, rel=1e-3)
+    np.testing.assert_allclose(points, run.landmarks, atol=1e-6)
+
+
+def test_mot(run: Run, tmp_path: Path) -> None:
+    lines = export(run, tmp_path / "a.mot").read_text().splitlines()
+    end = lines.index("endheader")
+    stated = dict(line.split("=") for line in lines[:end] if "=" in line)
+    names = lines[end + 1].split("\t")
+    values = np.array([line.split("\t") for line in lines[end + 2 :]], dtype=float)
+    assert values.shape == (int(stated["nRows"]), int(stated["nColumns"])) == (FRAMES, len(names))
+    assert stated["inDegrees"] == "yes"
+    knee = run.body.q_names.index("left_knee_flexion")
+    np.testing.assert_allclose(values[:, names.index("left_knee_flexion")], np.rad2deg(run.q[:, knee]), atol=1e-6)
+    turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    for t in range(FRAMES):
+        tilt, sideways, rotation = np.deg2rad([values[t, names.index(f"root_{n}")] for n in ("tilt", "list", "rotation")])
+        about = [pin.AngleAxis(a, np.eye(3)[i]).matrix() for a, i in ((tilt, 2), (sideways, 0), (rotation, 1))]
+        R = pin.Quaternion(run.q[t, 3:7]).matrix()
+        np.testing.assert_allclose(about[0] @ about[1] @ about[2], turn @ R @ turn.T, atol=1e-6)
+        np.testing.assert_allclose([values[t, names.index(f"root_t{a}")] for a in "xyz"], turn @ run.q[t, :3], atol=1e-6)
+
+
+def test_nothing_half_written(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("before")
+
+    def broken(run: Run, path: Path, name: str) -> None:
+        path.write_text("half")
+        raise RuntimeError("power cut")
+
+    monkeypatch.setitem(FORMATS, "csv", broken)
+    with pytest.raises(RuntimeError):
+        export(run, file)
+    assert file.read_text() == "before" and [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+    with pytest.raises(InputError, match="npz, csv, trc, mot"):
+        export(run, tmp_path / "a.xyz")
+    with pytest.raises(InputError, match="cannot be written"):
+        export(run, tmp_path / "no folder" / "a.npz")
+
+
+def test_no_frames_export(tmp_path: Path) -> None:
+    RunWriter.create(tmp_path / "a.run", header(5)).close()
+    for format in FORMATS:
+        assert export(Run.open(tmp_path / "a.run"), tmp_path / f"a.{format}").stat().st_size > 0
+
+
+def test_references(tmp_path: Path, shared_data: Path) -> None:
+    names, points, fps = load_reference(shared_data / "beam4cam" / "reference3d.npz")
+    assert points.shape == (100, 33, 3) and fps == 60.0
+    assert names[-1] == "right_big_toe" and names[1] == "left_eye_inner" and "left_hip" in names
+    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 nothing")
+    np.savez(tmp_path / "b.npz", points=np.zeros((3, 2, 3)), names=np.array(["one"]))
+    np.savez(tmp_path / "c.npz", other=np.zeros(3))
+    (tmp_path / "d.trc").write_text("PathFileType\t4\nA\nB\nC\n")
+    for bad in ("a.npz", "b.npz", "c.npz", "d.trc", "absent.npz"):
+        with pytest.raises(InputError, match=bad):
+            load_reference(tmp_path / bad)

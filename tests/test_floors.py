@@ -1,0 +1,169 @@
+"""The house: imports go down, nothing goes round, and no file knows the machine it was written on."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+FLOORS = ("humanoid", "estimator", "viz", "kinemode")
+
+
+def modules(root: Path) -> dict[str, Path]:
+    """Every module of the four packages by its dotted name."""
+    found = {}
+    for floor in FLOORS:
+        for path in sorted((root / floor).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Iterator[str]:
+    """Modules of the house that a file imports; `lazy` includes imports inside functions, which cannot go round."""
+    known = set(known)
+    is_package = path.name == "__init__.py"
+    for node in _imports(ast.parse(path.read_text(encoding="utf-8")), lazy):
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+        else:
+            base = node.module or ""
+            if node.level:
+                package = name.split(".") if is_package else name.split(".")[:-1]
+                base = ".".join([*package[: len(package) - node.level + 1], *([base] if base else [])])
+            # `from package import module` depends on the module, `from module import name` on the module named
+            targets = [f"{base}.{a.name}" if f"{base}.{a.name}" in known else base for a in node.names]
+        yield from (t for t in targets if t.split(".")[0] in FLOORS)
+
+
+def _imports(node: ast.AST, lazy: bool) -> Iterator[ast.Import | ast.ImportFrom]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, (ast.Import, ast.ImportFrom)):
+            yield child
+        elif isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)) and not lazy:
+            continue
+        elif not lazy and isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            continue
+        else:
+            yield from _imports(child, lazy)
+
+
+def upward_imports(root: Path) -> list[str]:
+    """Violations: a floor that imports one above it, even inside a function or for types alone."""
+    known = modules(root)
+    return [
+        f"{name} imports {target}"
+        for name, path in known.items()
+        for target in imports(path, name, known, lazy=True)
+        if FLOORS.index(target.split(".")[0]) > FLOORS.index(name.split(".")[0])
+    ]
+
+
+def cycles(root: Path) -> list[str]:
+    """Import cycles between modules; a package's __init__, which gathers names, may be passed through."""
+    known = modules(root)
+    graph = {
+        name: sorted({t for t in imports(path, name, known, lazy=False) if t in known and t != name})
+        for name, path in known.items()
+        if path.name != "__init__.py"
+    }
+    return [" -> ".join(cycle) for cycle in _cycles(graph)]
+
+
+def _cycles(graph: Mapping[str, list[str]]) -> Iterator[list[str]]:
+    done: set[str] = set()
+
+    def visit(name: str, path: list[str]) -> Iterator[list[str]]:
+        if name in path:
+            yield [*path[path.index(name) :], name]
+        elif name not in done:
+            for target in graph.get(name, []):
+                yield from visit(target, [*path, name])
+            done.add(name)
+
+    for name in graph:
+        yield from visit(name, [])
+
+
+def test_imports_go_down() -> None:
+    assert upward_imports(ROOT) == []
+
+
+def test_imports_do_not_go_round() -> None:
+    assert cycles(ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "violation"),
+    [
+        ("humanoid/body.py", "import estimator.cost", "humanoid.body imports estimator.cost"),
+        ("humanoid/body.py", "def f():\n    from viz import sheet", "humanoid.body imports viz.sheet"),
+        ("estimator/cost/term.py", "from kinemode import api", "estimator.cost.term imports kinemode.api"),
+        ("viz/sheet.py", "if True:\n    import kinemode", "viz.sheet imports kinemode"),
+    ],
+)
+def test_a_planted_upward_import_is_found(tmp_path: Path, file: str, text: str, violation: str) -> None:
+    plant(tmp_path, {file: text})
+    assert upward_imports(tmp_path) == [violation]
+
+
+def test_a_planted_cycle_is_found(tmp_path: Path) -> None:
+    plant(tmp_path, {"humanoid/a.py": "from . import b", "humanoid/b.py": "from humanoid.c import x"})
+    assert cycles(tmp_path) == []
+    plant(tmp_path, {"humanoid/c.py": "import humanoid.a\nx = 1"})
+    assert cycles(tmp_path) == ["humanoid.a -> humanoid.b -> humanoid.c -> humanoid.a"]
+
+
+def plant(root: Path, files: Mapping[str, str]) -> None:
+    for name in ("humanoid/__init__.py", "viz/__init__.py", "viz/sheet.py", "kinemode/api.py", *files):
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(files.get(name, ""), encoding="utf-8")
+
+
+# Folders of one machine, and addresses of package indexes; written in pieces so that this file does not find itself.
+MACHINE = re.compile("/" + r"(home|Users|root|work|opt|tmp|mnt)/[\w.-]" + "|" + "[A-Z]:" + r"\\Users")
+INDEX = re.compile("(--(extra-)?index" + "-url|--find" + "-links|https?://[^ ]*/simple" + r"\b|pypi" + r"\.org)")
+# options that switch such addresses off
+ALLOWED = re.compile("--no-emit-" + "[a-z-]+")
+
+
+def foreign_text(text: str) -> list[str]:
+    """Machine paths and index addresses in a text."""
+    text = ALLOWED.sub("", text)
+    return [m.group(0) for pattern in (MACHINE, INDEX) for m in pattern.finditer(text)]
+
+
+def repository_files() -> list[Path]:
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    return [path for line in listed.stdout.splitlines() if (path := ROOT / line).is_file()]
+
+
+def test_no_file_names_this_machine() -> None:
+    found = []
+    for path in repository_files():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue
+        found += [f"{path.relative_to(ROOT)}: {hit}" for hit in foreign_text(text)]
+    assert found == []
+
+
+def test_a_planted_address_is_found() -> None:
+    planted = [
+        "see /" + "home/someone/x",
+        "--extra-index" + "-url x",
+        "https://host/" + "simple",
+        "files.pypi" + ".org",
+    ]
+    assert [bool(foreign_text(text)) for text in planted] == [True] * 4
+    assert foreign_text("package://example-robot-data/robots ../shared/data a/tmp_path/b") == []

@@ -1,0 +1,252 @@
+"""Run files: what is written is read, whatever happens to the writer."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from estimator.filtering.paths import backtrack
+from estimator.formats.packing import pack, unpack
+from estimator.formats.run_file import Run, RunHeader, RunWriter
+from estimator.frame_result import FrameResult
+from estimator.imaging.camera import guessed_camera
+from estimator.imaging.observation import Observation
+from humanoid.body import Body
+from humanoid.errors import InputError
+from humanoid.subject import load_subject
+
+
+def header(frames: int, **changes: object) -> RunHeader:
+    subject = load_subject("human34")
+    made = RunHeader(
+        subject_urdf=subject.urdf,
+        subject_source="human34",
+        subject_base=subject.base,
+        cameras=(guessed_camera("a", (640, 480)),),
+        clips={"a": None},
+        image_sizes={"a": (640, 480)},
+        times=np.arange(frames) / 30.0,
+        tracker="css",
+        settings={"modes": 7, "scale": 0.1},
+        seed=3,
+        version="0.1",
+    )
+    return dataclasses.replace(made, **changes)  # type: ignore[arg-type]
+
+
+def walk(body: Body, frames: int, *, most: int = 3, seed: int = 0) -> list[FrameResult]:
+    """A random walk with 1 to `most` hypotheses a frame."""
+    rng = np.random.default_rng(seed)
+    q, before = pin.neutral(body.model), 0
+    results = []
+    for i in range(frames):
+        count = int(rng.integers(1, most + 1))
+        modes = np.array([body.integrate(q, 0.05 * rng.standard_normal(body.nv)) for _ in range(count)])
+        root = rng.standard_normal((count, body.nv, body.nv))
+        weight = np.sort(rng.dirichlet(np.ones(count)))[::-1]
+        parent = rng.integers(-1, before, count) if before else np.full(count, -1)
+        results.append(
+            FrameResult(
+                i, i / 30.0, "tracked" if i % 7 else "hard", modes, weight, rng.random(count), root @ root.mT
+                if hasattr(root, "mT") else root @ root.transpose(0, 2, 1), parent, rng.random(count) * 1e-7,
+                np.zeros(count), ("as_detected",) * (count - 1) + ("exchanged",),
+            )
+        )  # fmt: skip
+        q, before = modes[0], count
+    return results
+
+
+def state_of(result: FrameResult) -> dict[str, np.ndarray]:
+    return {"q": result.q, "covariance": result.covariance, "rng": np.frombuffer(b"{}", np.uint8)}
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body(load_subject("human34"))
+
+
+def assert_same(a: FrameResult, b: FrameResult) -> None:
+    assert (a.index, a.time, a.status, a.association) == (b.index, b.time, b.status, b.association)
+    for name in ("q", "weight", "energy", "parent", "kkt_residual", "penetration"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6, atol=1e-6)
+
+
+def test_round_trip_leaves_one_file(tmp_path: Path, body: Body) -> None:
+    results = walk(body, 20)
+    file = tmp_path / "a.run"
+    with RunWriter.create(file, header(20)) as writer:
+        for i, result in enumerate(results):
+            writer.append(result, state_of(result))
+            if i == 9:  # readable while written
+                half = Run.open(file)
+                assert half.frame_count == 10 and not half.complete and half.planned_count == 20
+                assert_same(half.result(9), results[9])
+        writer.finish()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.run"]
+    run = Run.open(file)
+    assert run.complete and len(run) == 20 and run.subject.urdf == load_subject("human34").urdf
+    for a, b in zip(run, results, strict=True):
+        assert_same(a, b)
+    k = run.mode_weight.shape[1]
+    assert run.mode_q.shape == (20, k, body.nq) and run.mode_parent.min() == -1
+    for t, result in enumerate(results):
+        n = len(result.weight)
+        assert np.isnan(run.mode_q[t, n:]).all() and (run.mode_parent[t, n:] == -1).all()
+        chosen = run.path[t]
+        np.testing.assert_array_equal(run.q[t], result.q[chosen])
+        np.testing.assert_allclose(run.covariance[t], result.covariance[chosen], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(run.landmarks[t], body.landmarks(body.at(result.q[chosen])), atol=1e-12)
+        assert run.energy[t] == result.energy[chosen]
+
+
+def test_no_frames(tmp_path: Path, body: Body) -> None:
+    RunWriter.create(tmp_path / "a.run", header(5)).close()
+    run = Run.open(tmp_path / "a.run")
+    assert run.q.shape == (0, body.nq) and run.landmarks.shape == (0, len(body.landmark_names), 3)
+    assert run.covariance.shape == (0, body.nv, body.nv) and run.path.shape == (0,)
+    assert RunWriter.resume(tmp_path / "a.run", header(5))[1:] == (None, 0)
+
+
+def test_backtrack_known_answer() -> None:
+    parent = np.array([[-1, -1], [1, 0], [-1, -1], [1, 0], [-1, -1]])
+    weight = np.array([[0.9, 0.1], [0.6, 0.4], [0.7, 0.3], [0.2, 0.8], [np.nan, np.nan]])
+    # last frame empty; frame 3: best is 1, parent 0; frame 2: mode 0, restart; frame 1: best 0, parent 1
+    np.testing.assert_array_equal(backtrack(parent, weight), [1, 0, 0, 1, -1])
+
+
+def test_packing_is_exact() -> None:
+    arrays = {
+        "a": np.array([[1.5, np.nan], [np.inf, -0.0]]),
+        "text": np.array(["é", "bc"]),
+        "none": np.zeros((0, 3), np.float32),
+        "one": np.array(7),
+        "strided": np.arange(12.0).reshape(3, 4)[:, ::2],
+        "yes": np.array([True, False]),
+    }
+    back = unpack(pack(arrays))
+    for name, array in arrays.items():
+        assert back[name].dtype == array.dtype and back[name].shape == array.shape
+        assert back[name].tobytes() == array.tobytes()
+    with pytest.raises(TypeError, match="odd"):
+        pack({"odd": np.array([None])})
+
+
+def test_resume_refuses_another_run(tmp_path: Path, body: Body) -> None:
+    file = tmp_path / "a.run"
+    observation = Observation(0, 0.0, (), np.full((1, 3, 2), 5.0), np.ones((1, 3)))
+    with RunWriter.create(file, header(5)) as writer:
+        writer.put_observations([observation])
+        result = walk(body, 1)[0]
+        writer.append(result, state_of(result))
+    np.testing.assert_array_equal(sqlite3.connect(file).execute("SELECT next FROM state").fetchone(), [1])
+    for change, named in (
+        ({"seed": 4}, "seed"),
+        ({"settings": {"modes": 8, "scale": 0.1}}, "modes"),
+        ({"times": np.arange(6) / 30.0}, "frame times"),
+        ({"cameras": (guessed_camera("a", (64, 48)),)}, "cameras"),
+        ({"version": "0.2"}, "version"),
+    ):
+        with pytest.raises(InputError, match=named):
+            RunWriter.resume(file, header(5, **change))
+    with pytest.raises(InputError, match="exists already"):
+        RunWriter.create(file, header(5))
+    writer, state, position = RunWriter.resume(file, header(5, clips={"a": "elsewhere.mp4"}, notes=("new",)))
+    assert position == 1 and state is not None
+    np.testing.assert_array_equal(state["covariance"], result.covariance)
+    writer.put_observations([observation])
+    moved = dataclasses.replace(observation, pixels=observation.pixels + 1.0)
+    with pytest.raises(InputError, match="frame 0"):
+        writer.put_observations([moved])
+    second, _, _ = RunWriter.resume(file, header(5))
+    second.append(result, {})
+    with pytest.raises(InputError, match="another process"):
+        writer.append(result, {})
+    writer.close()
+    second.close()
+    with RunWriter.create(file, header(5), overwrite=True):
+        assert Run.open(file).frame_count == 0
+
+
+def test_foreign_and_damaged_files(tmp_path: Path, body: Body) -> None:
+    good = tmp_path / "good.run"
+    with RunWriter.create(good, header(30)) as writer:
+        for result in walk(body, 30):
+            writer.append(result, state_of(result))
+        writer.finish()
+    (tmp_path / "text.run").write_text("no database")
+    (tmp_path / "empty.run").touch()
+    data = good.read_bytes()
+    (tmp_path / "cut.run").write_bytes(data[: len(data) // 2])
+    (tmp_path / "stub.run").write_bytes(data[:60])
+    (tmp_path / "scrambled.run").write_bytes(data[:4096] + b"\xa5" * (len(data) - 4096))
+    sqlite3.connect(tmp_path / "other.run").execute("CREATE TABLE x (y)").connection.close()
+    (tmp_path / "newer.run").write_bytes(data)
+    newer = sqlite3.connect(tmp_path / "newer.run")
+    newer.execute("PRAGMA user_version = 99")
+    newer.close()
+    for name in ("text", "empty", "cut", "stub", "scrambled", "other", "newer", "absent", "."):
+        with pytest.raises(InputError):
+            _ = Run.open(tmp_path / f"{name}.run" if name != "." else tmp_path).q
+    with pytest.raises(InputError, match="update kinemode"):
+        Run.open(tmp_path / "newer.run")
+    with pytest.raises(InputError, match="another program"):
+        Run.open(tmp_path / "other.run")
+
+
+WRITER = """
+import sys
+sys.path[:0] = {path!r}
+from test_run_file import *
+body = Body(load_subject("human34"))
+results = walk(body, {frames})
+if {start}:
+    writer, state, position = RunWriter.resume(Path({file!r}), header({frames}))
+else:
+    writer, position = RunWriter.create(Path({file!r}), header({frames})), 0
+print("ready", flush=True)
+for i in range(position, {frames}):
+    writer.append(results[i], state_of(results[i]))
+    print(i, flush=True)
+writer.finish()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+def test_killed_writer_loses_nothing(tmp_path: Path, body: Body) -> None:
+    frames, file = 400, tmp_path / "a.run"
+    results = walk(body, frames)
+    acknowledged, rng = -1, np.random.default_rng(1)
+    for attempt in range(3):
+        root = Path(__file__).parent
+        code = WRITER.format(path=[str(root), str(root.parent)], frames=frames, start=attempt, file=str(file))
+        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        assert child.stdout is not None and child.stdout.readline() == "ready\n"
+        time.sleep(float(rng.uniform(0.01, 0.05)))
+        child.send_signal(signal.SIGKILL)
+        told = [int(line) for line in child.stdout.read().split()]
+        child.wait()
+        assert not told or told[0] == acknowledged + 1 or told[0] == acknowledged + 2  # killed before it could say so
+        acknowledged = max([acknowledged, *told])
+        run = Run.open(file)
+        assert run.frame_count in (acknowledged + 1, acknowledged + 2)
+        acknowledged = run.frame_count - 1
+        assert_same(run.result(-1), results[acknowledged])
+    writer, state, position = RunWriter.resume(file, header(frames))
+    assert position == acknowledged + 1 and state is not None
+    np.testing.assert_array_equal(state["covariance"], results[acknowledged].covariance)
+    for result in results[position:]:
+        writer.append(result, state_of(result))
+    writer.finish()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.run"]
+    for a, b in zip(Run.open(file), results, strict=True):
+        assert_same(a, b)
