@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from estimator.formats.reference import load_reference
 from humanoid.body import Body
 from humanoid.clearance import Clearance
 from humanoid.errors import InputError
-from humanoid.landmarks import landmark_name
 
 if TYPE_CHECKING:
     from estimator.formats.run_file import Run
@@ -39,6 +39,12 @@ class Reference:
     names: tuple[str, ...]
     points: np.ndarray
     time: np.ndarray | None = None
+
+    @staticmethod
+    def load(path: str | Path) -> Reference:
+        """The reference in a file; see `estimator.formats.reference.load_reference` for kinds and errors."""
+        names, points, fps = load_reference(path)
+        return Reference(names, points, np.arange(len(points)) / fps)
 
 
 @dataclass(frozen=True)
@@ -179,12 +185,15 @@ def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] = LIMB_JOI
     InputError: run and reference share fewer than three of the joints.
     """
     scores = evaluate_points(
-        tuple(run.body.landmark_names), run.landmarks, run.mode_landmarks, np.asarray(run.time), reference, joints=joints
+        tuple(run.body.landmark_names),
+        run.landmarks,
+        run.mode_landmarks,
+        np.asarray(run.time),
+        reference,
+        joints=joints,
     )
     q = np.asarray(run.q)
-    return Evaluation(
-        violations=limit_violations(run.body, q), penetration=largest_penetration(run.body, q), **scores
-    )
+    return Evaluation(violations=limit_violations(run.body, q), penetration=largest_penetration(run.body, q), **scores)
 
 
 def evaluate_points(
@@ -243,64 +252,3 @@ def _mean(values: np.ndarray, axis: int) -> np.ndarray:
 
 def _overall(values: np.ndarray) -> float:
     return float(_mean(values, axis=0))
-
-
-def load_reference(path: str | Path) -> Reference:
-    """Read a reference from an npz file.
-
-    Two layouts: the one that `kinemode export` writes (landmarks (T, L, 3), landmark_names, time), or points
-    (T, L, 3), names and fps. Names of other programs' keypoints are translated where they mean a landmark.
-
-    Raises
-    ------
-    InputError: the file cannot be read, an array is missing, or shapes do not agree.
-    """
-    arrays = _read_arrays(path)
-    layout = next((keys for keys in _LAYOUTS if keys[0] in arrays), None)
-    if layout is None or layout[1] not in arrays:
-        wanted = " or ".join(f"{a} and {b}" for a, b in _LAYOUTS)
-        raise InputError(path, f"arrays are missing: it has {', '.join(arrays) or 'none'}", remedy=f"give {wanted}")
-    points, names = arrays[layout[0]], [str(name) for name in arrays[layout[1]].ravel()]
-    if points.dtype.kind not in "fiu" or points.ndim != 3 or points.shape[1:] != (len(names), 3):
-        problem = f"has shape {points.shape}, (frames, {len(names)}, 3) is needed"
-        raise InputError(path, problem, place=layout[0], remedy=f"one point for each of {layout[1]}, in metres")
-    time = _reference_time(arrays, len(points), path)
-    return Reference(tuple(landmark_name(n) or n for n in names), points.astype(np.float64), time)
-
-
-_LAYOUTS = (("landmarks", "landmark_names"), ("points", "names"))
-
-
-def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    try:
-        loaded = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            raise InputError(path, "is a single array", remedy="an npz archive is needed")
-        with loaded:
-            # an entry of Python objects would need pickle; it is left out rather than run
-            return {name: loaded[name] for name in loaded.files if not _is_objects(loaded, name)}
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(path, "no such file") from None
-    except Exception as error:  # zipfile, numpy and the file system each raise their own
-        raise InputError(path, f"cannot be read as npz: {error}") from None
-
-
-def _is_objects(archive: Any, name: str) -> bool:
-    try:
-        archive[name]
-    except ValueError:
-        return True
-    return False
-
-
-def _reference_time(arrays: Mapping[str, np.ndarray], count: int, path: str | Path) -> np.ndarray | None:
-    if "time" in arrays:
-        time = arrays["time"]
-        if time.shape != (count,) or time.dtype.kind not in "fiu" or not np.isfinite(time).all():
-            raise InputError(path, f"{count} finite times are needed, found shape {time.shape}", place="time")
-        return time.astype(np.float64)
-    if "fps" in arrays and arrays["fps"].size == 1 and float(arrays["fps"].ravel()[0]) > 0.0:
-        return np.arange(count) / float(arrays["fps"].ravel()[0])
-    return None

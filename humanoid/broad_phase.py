@@ -12,13 +12,18 @@ _DIRECTIONS = 4  # tried for a pair with an ellipsoid; each costs a hundredth of
 
 @jit
 def place(
-    placements: np.ndarray, joint: np.ndarray, local: np.ndarray, core: np.ndarray, world: np.ndarray, segment: np.ndarray
+    placements: np.ndarray,
+    joint: np.ndarray,
+    local: np.ndarray,
+    core: np.ndarray,
+    world: np.ndarray,
+    segment: np.ndarray,
 ) -> None:
     """Solids into the world.
 
     placements (njoints, 12): see `PosedBody`. joint (S,), local (S, 12): joint of each solid, T_joint_solid in the same
-    layout. core (S, 6): centre and half-axis of each solid's capsule in its frame. Written: world (S, 12), T_world_solid;
-    segment (S, 6), the cores in the world.
+    layout. core (S, 6): centre and half-axis of each solid's capsule in its frame.
+    Written: world (S, 12), T_world_solid; segment (S, 6), the cores in the world.
     """
     for i in range(joint.size):
         P = placements[joint[i]]
@@ -64,7 +69,10 @@ def candidates(
             continue
         if _core_distance(segment, a, b, uu, vv, direction) > reach:
             continue
-        if radii[a, 0] + radii[b, 0] > 0.0 and _gap(world, segment, radius, radii, a, b, direction, limit) > limit + _SLACK:
+        if (
+            radii[a, 0] + radii[b, 0] > 0.0
+            and _gap(world, segment, radius, radii, a, b, direction, limit) > limit + _SLACK
+        ):
             continue
         found[count] = k
         count += 1
@@ -153,7 +161,9 @@ def extreme_point(
         return
     square = 0.0
     for i in range(3):
-        square += (radii[k, i] * (n[0] * world[k, 3 * i] + n[1] * world[k, 3 * i + 1] + n[2] * world[k, 3 * i + 2])) ** 2
+        square += (
+            radii[k, i] * (n[0] * world[k, 3 * i] + n[1] * world[k, 3 * i + 1] + n[2] * world[k, 3 * i + 2])
+        ) ** 2
     for i in range(3):
         point[i] = world[k, 9 + i]
     for j in range(3):
@@ -164,7 +174,7 @@ def extreme_point(
 
 
 @jit
-def join_centres(
+def guess_contact(
     world: np.ndarray,
     segment: np.ndarray,
     radius: np.ndarray,
@@ -175,16 +185,36 @@ def join_centres(
     q: np.ndarray,
     n: np.ndarray,
 ) -> float:
-    """Contact along the line of centres, for a query that failed: witness points p, q and normal n (3,); the gap."""
-    square = 0.0
+    """Contact for a query that failed: the direction of largest gap among the lines worth a try.
+
+    They are the query's own normal n, the line of centres, the common perpendicular of the two cores (right where they
+    cross) and the axes of both solids (right where one lies in the other).
+    Writes witness points p, q and normal n (3,); returns the gap [m].
+    """
+    lines = np.empty((9, 3))
+    lines[8] = n
     for i in range(3):
-        n[i] = segment[b, i] - segment[a, i]
-        square += n[i] ** 2
-    for i in range(3):
-        n[i] = n[i] / np.sqrt(square) if square > 1e-18 else i // 2
-    extreme_point(world, segment, radius, radii, a, n, 1.0, p)
-    extreme_point(world, segment, radius, radii, b, n, -1.0, q)
-    gap = 0.0
-    for i in range(3):
-        gap += n[i] * (q[i] - p[i])
-    return gap
+        j, k = (i + 1) % 3, (i + 2) % 3
+        lines[0, i] = segment[b, i] - segment[a, i]
+        lines[1, i] = segment[a, 3 + j] * segment[b, 3 + k] - segment[a, 3 + k] * segment[b, 3 + j]
+        for axis in range(3):
+            lines[2 + axis, i] = world[a, 3 * axis + i]
+            lines[5 + axis, i] = world[b, 3 * axis + i]
+    best = -np.inf
+    x, y, direction = np.empty(3), np.empty(3), np.empty(3)
+    for line in lines:
+        size = np.sqrt(line[0] ** 2 + line[1] ** 2 + line[2] ** 2)
+        if not size > 1e-9:  # NaN where the query failed
+            continue
+        for sign in (1.0, -1.0):
+            for i in range(3):
+                direction[i] = sign * line[i] / size
+            extreme_point(world, segment, radius, radii, a, direction, 1.0, x)
+            extreme_point(world, segment, radius, radii, b, direction, -1.0, y)
+            gap = 0.0
+            for i in range(3):
+                gap += direction[i] * (y[i] - x[i])
+            if gap > best:
+                best = gap
+                p[:], q[:], n[:] = x, y, direction
+    return best

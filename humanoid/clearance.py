@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -17,10 +17,11 @@ from humanoid.solids import Geometry, Solid, solids_of
 LinkPair = tuple[str, str]
 
 REST_OVERLAP = 0.003  # [m] pairs that overlap by more at the neutral configuration are drawn so, and left out
-# With a finer tolerance EPA fails on ellipsoids, or answers wrongly, in some of a thousand deep overlaps; what it leaves
-# open `witness.sharpen` closes.
-_GJK_TOLERANCE, _EPA_TOLERANCE, _ITERATIONS = 1e-8, 1e-6, 500
-_ABSURD = 1e6  # [m] coal's answer where EPA failed is an overlap of 1.8e308
+_ITERATIONS = 500
+_HULL_TOLERANCES = 1e-8, 1e-6  # of GJK and EPA
+# On ellipsoids EPA takes long, and at 1e-8 fails, or answers wrongly, in some of a thousand deep overlaps; from here
+# `witness.sharpen` reaches the last digits.
+_ELLIPSOID_TOLERANCES = 1e-6, 1e-4
 
 
 class Contacts(NamedTuple):
@@ -44,8 +45,8 @@ class Contacts(NamedTuple):
 class Clearance:
     """Signed distances between the parts of a body, by coal, behind a compiled lower bound.
 
-    A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are contracted
-    away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
+    A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
+    contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
 
     Parameters
     ----------
@@ -92,15 +93,13 @@ class Clearance:
         point_a, point_b = self._point_a[:count].copy(), self._point_b[:count].copy()
         normal = self._normal[:count].copy()
         tree = self._body.tree
-        gradient = witness.gradients(
-            posed.columns, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal
-        )
+        gradient = witness.gradients(posed.columns, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal)
         return Contacts(pair, self._distance[:count].copy(), point_a, point_b, normal, gradient)
 
     def penetration(self, posed: PosedBody) -> float:
         """Deepest overlap of two parts [m], 0 if none."""
         count = self._measure(posed, 0.0)
-        return float(-self._distance[:count].min()) if count else 0.0
+        return max(0.0, -float(self._distance[:count].min())) if count else 0.0
 
     def _measure(self, posed: PosedBody, margin: float) -> int:
         """Write the pairs below the margin into the buffers; returns how many."""
@@ -110,44 +109,32 @@ class Clearance:
         )
         count, result = 0, self._result
         for k in self._found[:found].tolist():
-            i, j, query = self._queries[k]
+            i, j, query, request = self._queries[k]
             for s in (i, j):
                 self._transforms[s].setRotation(self._rotations[s])
                 self._transforms[s].setTranslation(self._translations[s])
             result.clear()
-            distance = query(self._transforms[i], self._transforms[j], self._request, result)
-            if distance < margin:
+            distance = query(self._transforms[i], self._transforms[j], request, result)
+            if not distance >= margin:  # NaN is a failed query
                 self._near[count], self._distance[count] = k, distance
                 self._point_a[count], self._point_b[count] = result.getNearestPoint1(), result.getNearestPoint2()
                 self._normal[count] = result.normal
-                if distance < -_ABSURD:
-                    self._distance[count] = broad_phase.join_centres(
-                        self._world,
-                        self._segment,
-                        self._radius,
-                        self._radii,
-                        i,
-                        j,
-                        self._point_a[count],
-                        self._point_b[count],
-                        self._normal[count],
-                    )
                 count += 1
         if count:
-            witness.sharpen(
-                self._world,
-                self._segment,
-                self._radius,
-                self._radii,
-                self._solid_pairs,
-                self._near,
-                count,
-                self._distance,
-                self._point_a,
-                self._point_b,
-                self._normal,
-            )
+            self._sharpen(count)
         return count
+
+    def _sharpen(self, count: int) -> None:
+        """Contacts to the last digits, in place."""
+        solids = (self._world, self._segment, self._radius, self._radii)
+        points = (self._point_a, self._point_b, self._normal)
+        contacts: list[Any] = [*solids, self._solid_pairs, self._near, count, self._distance, *points]
+        failed = witness.sharpen(*[*contacts, 0, False])
+        while failed >= 0:
+            i, j = self._solid_pairs[self._near[failed]]
+            point_a, point_b, normal = (array[failed] for array in points)
+            self._distance[failed] = broad_phase.guess_contact(*solids, i, j, point_a, point_b, normal)
+            failed = witness.sharpen(*[*contacts, failed, True])
 
     def _set_solids(self, body: Body) -> None:
         """Solids as arrays for the kernels, and coal's transforms with views of where the kernels write."""
@@ -161,7 +148,7 @@ class Clearance:
         self._transforms = [coal.Transform3s() for _ in solids]
         self._rotations = [row[:9].reshape(3, 3).T for row in self._world]
         self._translations = [row[9:] for row in self._world]
-        self._request, self._result = _request(), coal.DistanceResult()
+        self._result = coal.DistanceResult()
 
     def _set_pairs(self, pairs: list[tuple[int, int]]) -> None:
         solids, count = self.solids, len(pairs)
@@ -169,7 +156,12 @@ class Clearance:
         self._solid_pairs = np.array(pairs, dtype=np.int64).reshape(count, 2)
         last_dof = np.array([self._body.last_dof(s.joint) for s in solids], dtype=np.int64)
         self._pair_dof = last_dof[self._solid_pairs]
-        self._queries = [(i, j, coal.ComputeDistance(solids[i].geometry, solids[j].geometry)) for i, j in pairs]
+        requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
+        round_ = [bool(s.radii.any()) for s in solids]
+        self._queries = [
+            (i, j, coal.ComputeDistance(solids[i].geometry, solids[j].geometry), requests[round_[i] or round_[j]])
+            for i, j in pairs
+        ]
         self._found, self._near = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self._distance = np.zeros(count)
         self._point_a, self._point_b, self._normal = np.zeros((3, count, 3))
@@ -224,12 +216,12 @@ class Clearance:
         return frozenset((self.solids[i].link, self.solids[j].link))
 
 
-def _request() -> coal.DistanceRequest:
+def _request(gjk_tolerance: float, epa_tolerance: float) -> coal.DistanceRequest:
     """Signed distances; every query starts from the same guess, so that it never depends on the one before."""
     request = coal.DistanceRequest()
     request.enable_signed_distance = True
     request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
-    request.gjk_tolerance, request.epa_tolerance = _GJK_TOLERANCE, _EPA_TOLERANCE
+    request.gjk_tolerance, request.epa_tolerance = gjk_tolerance, epa_tolerance
     request.gjk_max_iterations = request.epa_max_iterations = _ITERATIONS
     return request
 

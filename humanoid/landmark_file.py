@@ -84,6 +84,8 @@ def _set_elements(document: Document, path: Path, table: str, entries: dict[str,
         document.root.remove(old)
     for name, entry in entries.items():
         place = f"[{table}] {name}"
+        if not name.strip() or not name.isprintable():
+            raise InputError(path, f"the name {name!r} cannot be written in a URDF", place=place, remedy="rename it")
         if not isinstance(entry, dict):
             raise InputError(path, "is not a table", place=place, remedy="entries: " + ", ".join(kinds))
         for given in entry:
@@ -101,15 +103,19 @@ def _set_elements(document: Document, path: Path, table: str, entries: dict[str,
 
 def _as_text(path: Path, place: str, kind: str, value: Any) -> str:
     """A TOML value as the text of an attribute; ranges are judged where the elements are read."""
-    if kind == "text" and isinstance(value, str):
-        return value
+    if kind == "text" and _is_name(value):
+        return str(value)
     if kind == "a number" and _is_number(value):
         return repr(float(value))
     if kind == "three numbers" and isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)):
         return " ".join(repr(float(v)) for v in value)
-    if kind == "a list of names" and isinstance(value, list) and all(isinstance(v, str) for v in value):
+    if kind == "a list of names" and isinstance(value, list) and all(map(_is_name, value)):
         return " ".join(value)
     raise InputError(path, f"{value!r} is not {kind}", place=place, remedy=f"give {kind}")
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and value.isprintable()
 
 
 def _is_number(value: Any) -> bool:
@@ -121,9 +127,11 @@ def _set_subject(document: Document, path: Path, entries: dict[str, Any]) -> Non
         if name != "base":
             raise InputError(path, "unknown entry", place=f"[subject] {name}", remedy='base = "free" or "fixed"')
     if "base" in entries:
+        if entries["base"] not in ("free", "fixed"):
+            raise InputError(path, f"{entries['base']!r} is unknown", place="[subject] base", remedy="free or fixed")
         for old in list(elements(document.root, "subject")):
             document.root.remove(old)
-        element = ET.SubElement(document.root, "subject", {"base": str(entries["base"])})
+        element = ET.SubElement(document.root, "subject", {"base": entries["base"]})
         document.places[element] = (str(path), "[subject] base")
 
 

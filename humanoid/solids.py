@@ -9,9 +9,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from humanoid import urdf_elements
 from humanoid.body import Body
 from humanoid.errors import InputError
+from humanoid.subject import Flesh
 
 Geometry = Literal["auto", "flesh", "collision", "visual"]
 
@@ -59,7 +59,7 @@ def solids_of(body: Body, geometry: Geometry = "auto") -> tuple[Solid, ...]:
     return _urdf_solids(body, kind)
 
 
-def _flesh_solid(model: pin.Model, flesh: urdf_elements.Flesh) -> Solid:
+def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
     frame = model.frames[model.getFrameId(flesh.link, pin.FrameType.BODY)]
     placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(*flesh.rpy), np.array(flesh.xyz))
     if flesh.shape == "capsule":
@@ -71,13 +71,11 @@ def _flesh_solid(model: pin.Model, flesh: urdf_elements.Flesh) -> Solid:
 
 def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
     subject, model = body.subject, body.model
-    plain = urdf_elements.parse(subject.urdf, subject.source).plain_urdf
-    folders = [str(folder) for folder in getattr(subject, "package_dirs", ())]
     try:
-        found = pin.buildGeomFromUrdfString(model, plain, kind, package_dirs=folders)
+        found = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
     except ValueError as error:
         raise InputError(
-            subject.source, str(error).strip(), place="geometry", remedy="give the folder of the meshes' package"
+            subject.source, str(error).strip(), place="geometry", remedy="put the meshes where the URDF says they are"
         ) from error
     return tuple(
         _solid(
@@ -91,8 +89,10 @@ def _convex(shape: Any, source: str, name: str) -> coal.CollisionGeometry:
     """Meshes become their convex hulls, primitives stay."""
     if not hasattr(shape, "buildConvexHull"):
         return shape
-    if not shape.buildConvexHull(True, "Qt"):
-        raise InputError(source, "the mesh has no convex hull", place=name, remedy="give it some thickness")
+    try:
+        shape.buildConvexHull(True, "Qt")
+    except (RuntimeError, ValueError) as error:  # Qhull, on a flat mesh
+        raise InputError(source, "the mesh has no convex hull", place=name, remedy="give it some thickness") from error
     return shape.convex
 
 

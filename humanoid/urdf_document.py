@@ -12,7 +12,7 @@ from xml.parsers import expat
 
 from humanoid.errors import InputError
 
-MAX_BYTES = 20_000_000
+MAX_BYTES = 20_000_000  # as `read_bytes`
 MAX_DEPTH = 64  # of nested elements; a URDF needs 6
 PLAUSIBLE = 1e6  # lengths and angles beyond this are slips, and overflow in kinematics
 
@@ -133,7 +133,9 @@ class _Reader:
         element = self.builder.start(tag, attributes)
         self.started = True
         # the parts of a joint or link are found through the name of that joint or link
-        named = title(element) if element.get("name") or len(self.open) < 2 else f"{title(self.open[1])} {title(element)}"
+        named = title(element)
+        if len(self.open) >= 2 and not element.get("name"):
+            named = f"{title(self.open[1])} {named}"
         self.places[element] = (self.source, f"{named}, line {line}")
         self.open.append(element)
 

@@ -48,20 +48,20 @@ def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], m
                 )
     if not missing:
         return ()
-    return (f"{len(missing)} shapes left out, their meshes are missing: " + ", ".join(sorted(set(missing))[:5]),)
+    return (f"{len(missing)} shapes left out, their meshes are missing: " + _few(sorted(set(missing))),)
 
 
 def _mesh_remedy(name: str) -> str:
     if urlparse(name).scheme in ("http", "https"):
         return 'nothing is fetched from the net: store it next to the URDF, or load with meshes="ignore"'
     if name.startswith("package://"):
-        return 'name the folder that holds the package in package_dirs or ROS_PACKAGE_PATH, or load with meshes="ignore"'
+        return 'name the folder that holds the package in ROS_PACKAGE_PATH, or load with meshes="ignore"'
     return 'put it there, or load with meshes="ignore": kinematics needs no meshes'
 
 
 def _find(name: str, folder: Path, packages: Sequence[Path]) -> Path | None:
     if name.startswith("package://"):
-        rest = name[len("package://") :]
+        rest = name[len("package://") :].lstrip("/")
         ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
         places = [root / rest for root in (*packages, *folder.parents, folder, *ros)]
     elif name.startswith("file://"):
@@ -80,8 +80,20 @@ def drop_mimic(document: Document) -> tuple[str, ...]:
     for joint in elements(document.root, "joint"):
         for mimic in list(elements(joint, "mimic")):
             joint.remove(mimic)
-            names.append(joint.get("name", ""))
-    return (f"<mimic> is not followed, these joints move on their own: {', '.join(names)}",) if names else ()
+            if joint.get("type") != "fixed":
+                names.append(joint.get("name", ""))
+    return (f"<mimic> is not followed, these joints move on their own: {_few(names)}",) if names else ()
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+def set_base(document: Document, base: str) -> None:
+    """Write the base into the file, so that its text alone gives the same subject."""
+    for old in list(elements(document.root, "subject")):
+        document.root.remove(old)
+    document.root.insert(0, ET.Element("subject", {"base": base}))
 
 
 def lock_joints(document: Document, names: Sequence[str]) -> None:

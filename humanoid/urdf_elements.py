@@ -126,7 +126,9 @@ def read_elements(document: Document) -> Elements:
         plain_urdf=ET.tostring(_plain(root), encoding="unicode"),
         landmarks=_each(document, "landmark", "name", lambda e: _landmark(document, e, links)),
         flesh=tuple(
-            _flesh(document, link.get("name", ""), e) for link in elements(root, "link") for e in elements(link, "flesh")
+            _flesh(document, link.get("name", ""), e)
+            for link in elements(root, "link")
+            for e in elements(link, "flesh")
         ),
         stabilisers=_each(document, "stabiliser", "joint", lambda e: _stabiliser(document, e, joints)),
         proportions=proportions,
@@ -210,7 +212,7 @@ def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
     if not 0.0 < low <= high:
         raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is no range", "0 < scale_min <= scale_max")
     if std <= 0.0 or mean <= 0.0:
-        raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "give a mean near 1 and a std such as 0.05")
+        raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "mean near 1, std near 0.05")
     return found
 
 

@@ -1,8 +1,8 @@
 """Compiled kernels of `humanoid.clearance`: witness points to the last digits, and the gradients that follow.
 
 The signed distance of two convex solids is the largest gap s(n) = n . (c_b - c_a) - h_a(n) - h_b(-n) over unit vectors
-n (h: support functions about the centres c; globally largest when apart, the least overlap otherwise). GJK and EPA find
-n for ellipsoids to about the root of their tolerance, too little for gradients. Newton's method on the sphere takes their n to the last digits in two or three steps.
+n (h: support functions about the centres c). GJK and EPA find n for ellipsoids to about the root of their tolerance,
+too little for gradients. Newton's method on the sphere takes it to the last digits in two or three steps.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from humanoid.compiled import jit
 
 _STEPS = 8
+_ABSURD = 1e6  # [m]
 _BALL, _CYLINDER = 0, 1  # where a capsule is touched: at one of its ends, or between them
 
 
@@ -28,15 +29,27 @@ def sharpen(
     point_a: np.ndarray,
     point_b: np.ndarray,
     normal: np.ndarray,
-) -> None:
-    """Improve the first `count` contacts in place; arrays as in `broad_phase.candidates` and `Contacts`.
+    first: int,
+    guessed: bool,
+) -> int:
+    """Improve the contacts from `first` to `count` in place; arrays as in `broad_phase.candidates` and `Contacts`.
 
-    Capsules and hulls are exact already and left alone.
+    Capsules and hulls are exact already and left alone. Stops at a contact whose query failed and returns it, else -1:
+    coal reports an overlap of 1.8e308 m, NaN or no normal; or, where a core just touches an ellipsoid, a normal from
+    which Newton finds nothing. `guessed`: the first contact is the best there is.
     """
-    for m in range(count):
+    for m in range(first, count):
         a, b = pairs[near[m], 0], pairs[near[m], 1]
+        square = normal[m, 0] ** 2 + normal[m, 1] ** 2 + normal[m, 2] ** 2
+        if not (abs(square - 1.0) < 1e-6 and distance[m] > -_ABSURD):
+            return m
         if radii[a, 0] + radii[b, 0] > 0.0:
-            distance[m] = _sharpen_one(world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m])
+            found = _sharpen_one(world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m])
+            if np.isfinite(found):
+                distance[m] = found
+            elif not (guessed and m == first):
+                return m
+    return -1
 
 
 @jit
@@ -52,7 +65,7 @@ def _sharpen_one(
     q: np.ndarray,
     n: np.ndarray,
 ) -> float:
-    """One pair with an ellipsoid: writes p, q and n (3,) and returns the distance; unchanged where Newton fails."""
+    """One pair with an ellipsoid: writes p, q, n (3,), returns the distance; on failure NaN, with nothing written."""
     capsule = a if radii[a, 0] == 0.0 else (b if radii[b, 0] == 0.0 else -1)
     if capsule < 0:
         return _newton(world, segment, radius, radii, a, b, -1, _BALL, 0.0, distance, p, q, n)
@@ -68,7 +81,7 @@ def _sharpen_one(
         found = _newton(world, segment, radius, radii, a, b, capsule, piece, end, distance, p, q, n)
         if np.isfinite(found):
             return found
-    return distance
+    return np.nan
 
 
 @jit
@@ -135,7 +148,7 @@ def _newton(
         if h11 <= 0.0 or determinant <= 0.0:
             return np.nan
         d1, d2 = (h22 * g1 - h12 * g2) / determinant, (h11 * g2 - h12 * g1) / determinant
-        if d1 * d1 + d2 * d2 > 0.1:  # far from where the query ended: another extremum
+        if d1 * d1 + d2 * d2 > 1.0:  # far from where the query ended
             return np.nan
         for i in range(3):
             x[i] += d1 * first[i] + d2 * second[i]

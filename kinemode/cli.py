@@ -5,6 +5,8 @@ Only light modules are imported here: `kinemode --help` must not wait for Pinocc
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,6 +23,7 @@ app = App(
     name="kinemode",
     version=kinemode.__version__,
     help_format="plaintext",
+    suppress_keyboard_interrupt=False,  # `main` says how to go on
     help="""How a person, or any body with a URDF, moved in a clip: joint angles as several weighted hypotheses.
 
 Start with `kinemode demo`. Errors are one line; `--debug` anywhere on the line shows where they come from.""",
@@ -28,8 +31,15 @@ Start with `kinemode demo`. Errors are one line; `--debug` anywhere on the line 
 
 
 def run_command(arguments: Sequence[str]) -> None:
-    """Parse and run one command line; every exception reaches the caller."""
-    app(list(arguments), exit_on_error=False, print_error=False, result_action="return_value")
+    """Parse and run one command line; every exception reaches the caller, warnings become one line each."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = _note
+        app(list(arguments), exit_on_error=False, print_error=False, result_action="return_value")
+
+
+def _note(message: Warning | str, *_: object, **__: object) -> None:
+    print("note:", " ".join(str(message).split()), file=sys.stderr)
 
 
 @app.command
@@ -65,6 +75,7 @@ def track(
     person: str = "auto",
     out: Path,
     resume: Flag = False,
+    overwrite: Flag = False,
 ) -> None:
     """Track a subject through one clip, or several synchronised ones.
 
@@ -87,7 +98,7 @@ def track(
     keypoints
         2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26.
     tracker
-        css (several hypotheses) or single_mode.
+        css (several hypotheses), css-paper (as printed) or single-mode.
     modes
         How many hypotheses are kept.
     seed
@@ -100,6 +111,8 @@ def track(
         The run file.
     resume
         Go on with an interrupted run.
+    overwrite
+        Replace the run file if there is one.
     """
     from kinemode import api, report
     from kinemode.progress import reported
@@ -116,11 +129,11 @@ def track(
             fit=fit,
             out=out,
             resume=resume,
+            overwrite=overwrite,
             person=person,
             progress=progress,
         )
-    with run:
-        report.print_run(run, out)
+    report.print_run(run)
 
 
 @app.command
@@ -141,18 +154,15 @@ def view(run: Path, /, *, html: Path | None = None) -> None:
         Write a self-contained page here and start nothing.
     """
     from kinemode.api import open_run
-    from kinemode.scene import scene_of
 
-    with open_run(run) as opened:
-        scene = scene_of(opened)
-        if html is not None:
-            from viz.preview import write_html
+    if html is None:
+        from viz.live import serve
 
-            print(write_html(scene, html))
-        else:
-            from viz.live import serve
+        serve(open_run(run))
+    else:
+        from viz.preview import write_html
 
-            serve(scene)
+        print(write_html(open_run(run), html))
 
 
 @app.command
@@ -172,11 +182,10 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     """
     from kinemode.api import open_run
     from kinemode.progress import reported
-    from kinemode.scene import scene_of
     from viz.overlay import write_overlay
 
-    with open_run(run) as opened, reported("overlay") as progress:
-        written = write_overlay(scene_of(opened), out, camera=camera, progress=progress)
+    with reported("overlay") as progress:
+        written = write_overlay(open_run(run), out, camera=camera, progress=progress)
     print(written)
 
 
@@ -197,10 +206,10 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     format
         npz, csv, trc or mot; the file's ending unless given.
     """
-    from kinemode.api import export_run, open_run
+    from estimator.formats import export as formats
+    from kinemode.api import open_run
 
-    with open_run(run) as opened:
-        export_run(opened, file, format)
+    formats.export(open_run(run), file, format)
     print(file)
 
 
@@ -215,13 +224,14 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
     run
         A run file.
     reference
-        npz with points (T, L, 3) in metres and their names.
+        npz of `kinemode export`, npz with points (T, L, 3) in metres, names and fps, or trc.
     """
+    from estimator.evaluation import Reference
+    from estimator.evaluation import evaluate as evaluate_run
     from kinemode import report
-    from kinemode.api import evaluate_run, open_run
+    from kinemode.api import open_run
 
-    with open_run(run) as opened:
-        report.print_evaluation(evaluate_run(opened, reference))
+    report.print_evaluation(evaluate_run(open_run(run), Reference.load(reference)))
 
 
 @app.command

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from estimator.imaging.sequence import assemble, assembly_notes
 from humanoid.body import Body
 from humanoid.errors import InputError
 
-PathLike = str | os.PathLike[str]
+PathLike = str | Path
 KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
 Named = PathLike | Iterable[PathLike] | Mapping[str, PathLike] | None
 
@@ -33,7 +32,7 @@ def named_paths(given: Named, what: str) -> dict[str, Path]:
     if isinstance(given, Mapping):
         pairs = [(str(name), Path(path)) for name, path in given.items()]
     else:
-        pairs = [_name_and_path(p, what) for p in ([given] if isinstance(given, (str, os.PathLike)) else given)]
+        pairs = [_name_and_path(p, what) for p in ([given] if isinstance(given, (str, Path)) else given)]
     found: dict[str, Path] = {}
     for name, path in pairs:
         if not path.exists():
@@ -46,7 +45,7 @@ def named_paths(given: Named, what: str) -> dict[str, Path]:
 
 
 def _name_and_path(given: PathLike, what: str) -> tuple[str, Path]:
-    text = os.fspath(given)
+    text = str(given)
     if Path(text).exists() or "=" not in text:  # a file may have = in its name
         return _stem(Path(text)), Path(text)
     name, _, path = text.partition("=")
@@ -76,10 +75,15 @@ def matched(names: Iterable[str], files: Mapping[str, Path], what: str, owner: s
 
 @dataclass(frozen=True)
 class Inputs:
-    """What there is to track: observations (T), clip of each camera that has one, and what the user should hear of."""
+    """What there is to track.
+
+    observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
+    notes: what the user should hear of.
+    """
 
     observations: list[Observation]
-    clips: dict[str, Path]
+    times: np.ndarray
+    clips: tuple[Path | None, ...]
     notes: tuple[str, ...]
 
 
@@ -108,7 +112,7 @@ def load_inputs(
     for clip in videos.values():
         clip.close()
     observations = assemble(body, tracks, used, times, clip_sizes=sizes)
-    return Inputs(observations, clip_files, tuple(notes))
+    return Inputs(observations, times, tuple(clip_files.get(name) for name in tracks), tuple(notes))
 
 
 def _cameras(

@@ -43,9 +43,11 @@ def test_npz(run: Run, tmp_path: Path) -> None:
     np.testing.assert_array_equal(a["q"], run.q)
     for t in range(FRAMES):
         np.testing.assert_allclose(a["landmarks"][t], run.body.landmarks(run.body.at(a["q"][t])), atol=1e-12)
-    assert list(a["q_names"]) == list(run.body.q_names) and a["status"][1] == "tracked"
+    assert list(a["q_names"]) == list(run.body.q_names)
+    assert a["status"][1] == "tracked"
     names, points, fps = load_reference(tmp_path / "a.npz")
-    assert names == run.body.landmark_names and fps == pytest.approx(30.0)
+    assert names == run.body.landmark_names
+    assert fps == pytest.approx(30.0)
     np.testing.assert_array_equal(points, run.landmarks)
 
 
@@ -69,14 +71,18 @@ def test_trc(run: Run, tmp_path: Path) -> None:
     lines = [line.split("\t") for line in export(run, tmp_path / "a.trc").read_text().splitlines()]
     assert lines[0] == ["PathFileType", "4", "(X/Y/Z)", "a.trc"]
     stated = dict(zip(lines[1], lines[2], strict=True))
-    assert stated["NumFrames"] == str(FRAMES) and stated["Units"] == "mm" and float(stated["DataRate"]) == 30.0
-    assert lines[3][:6] == ["Frame#", "Time", "nose", "", "", "left_eye"] and lines[4][2:6] == ["X1", "Y1", "Z1", "X2"]
+    assert stated["NumFrames"] == str(FRAMES)
+    assert stated["Units"] == "mm"
+    assert float(stated["DataRate"]) == 30.0
+    assert lines[3][:6] == ["Frame#", "Time", "nose", "", "", "left_eye"]
+    assert lines[4][2:6] == ["X1", "Y1", "Z1", "X2"]
     assert lines[5] == [""]
     first = np.array(lines[6][2:5], dtype=float)
     x, y, z = 1000.0 * run.landmarks[0, 0]
     np.testing.assert_allclose(first, [x, z, -y], atol=1e-3)  # z up -> y up
     names, points, fps = load_reference(tmp_path / "a.trc")
-    assert names == run.body.landmark_names and fps == pytest.approx(30.0, rel=1e-3)
+    assert names == run.body.landmark_names
+    assert fps == pytest.approx(30.0, rel=1e-3)
     np.testing.assert_allclose(points, run.landmarks, atol=1e-6)
 
 
@@ -92,11 +98,15 @@ def test_mot(run: Run, tmp_path: Path) -> None:
     np.testing.assert_allclose(values[:, names.index("left_knee_flexion")], np.rad2deg(run.q[:, knee]), atol=1e-6)
     turn = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     for t in range(FRAMES):
-        tilt, sideways, rotation = np.deg2rad([values[t, names.index(f"root_{n}")] for n in ("tilt", "list", "rotation")])
+        tilt, sideways, rotation = np.deg2rad(
+            [values[t, names.index(f"root_{n}")] for n in ("tilt", "list", "rotation")]
+        )
         about = [pin.AngleAxis(a, np.eye(3)[i]).matrix() for a, i in ((tilt, 2), (sideways, 0), (rotation, 1))]
         R = pin.Quaternion(run.q[t, 3:7]).matrix()
         np.testing.assert_allclose(about[0] @ about[1] @ about[2], turn @ R @ turn.T, atol=1e-6)
-        np.testing.assert_allclose([values[t, names.index(f"root_t{a}")] for a in "xyz"], turn @ run.q[t, :3], atol=1e-6)
+        np.testing.assert_allclose(
+            [values[t, names.index(f"root_t{a}")] for a in "xyz"], turn @ run.q[t, :3], atol=1e-6
+        )
 
 
 def test_nothing_half_written(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,7 +120,8 @@ def test_nothing_half_written(run: Run, tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(FORMATS, "csv", broken)
     with pytest.raises(RuntimeError):
         export(run, file)
-    assert file.read_text() == "before" and [p.name for p in tmp_path.iterdir()] == ["a.csv"]
+    assert file.read_text() == "before"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
     with pytest.raises(InputError, match="npz, csv, trc, mot"):
         export(run, tmp_path / "a.xyz")
     with pytest.raises(InputError, match="cannot be written"):
@@ -125,8 +136,11 @@ def test_no_frames_export(tmp_path: Path) -> None:
 
 def test_references(tmp_path: Path, shared_data: Path) -> None:
     names, points, fps = load_reference(shared_data / "beam4cam" / "reference3d.npz")
-    assert points.shape == (100, 33, 3) and fps == 60.0
-    assert names[-1] == "right_big_toe" and names[1] == "left_eye_inner" and "left_hip" in names
+    assert points.shape == (100, 33, 3)
+    assert fps == 60.0
+    assert names[-1] == "right_big_toe"
+    assert names[1] == "left_eye_inner"
+    assert "left_hip" in names
     (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 nothing")
     np.savez(tmp_path / "b.npz", points=np.zeros((3, 2, 3)), names=np.array(["one"]))
     np.savez(tmp_path / "c.npz", other=np.zeros(3))

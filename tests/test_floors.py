@@ -45,12 +45,15 @@ def _imports(node: ast.AST, lazy: bool) -> Iterator[ast.Import | ast.ImportFrom]
     for child in ast.iter_child_nodes(node):
         if isinstance(child, (ast.Import, ast.ImportFrom)):
             yield child
-        elif isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)) and not lazy:
-            continue
-        elif not lazy and isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
-            continue
-        else:
+        elif lazy or not _runs_later(child):
             yield from _imports(child, lazy)
+
+
+def _runs_later(node: ast.AST) -> bool:
+    """Functions, and what only type checkers read."""
+    if isinstance(node, ast.If):
+        return "TYPE_CHECKING" in ast.unparse(node.test)
+    return isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
 
 
 def upward_imports(root: Path) -> list[str]:

@@ -89,19 +89,25 @@ def test_round_trip_leaves_one_file(tmp_path: Path, body: Body) -> None:
             writer.append(result, state_of(result))
             if i == 9:  # readable while written
                 half = Run.open(file)
-                assert half.frame_count == 10 and not half.complete and half.planned_count == 20
+                assert half.frame_count == 10
+                assert not half.complete
+                assert half.planned_count == 20
                 assert_same(half.result(9), results[9])
         writer.finish()
     assert [p.name for p in tmp_path.iterdir()] == ["a.run"]
     run = Run.open(file)
-    assert run.complete and len(run) == 20 and run.subject.urdf == load_subject("human34").urdf
+    assert run.complete
+    assert len(run) == 20
+    assert run.subject.urdf == load_subject("human34").urdf
     for a, b in zip(run, results, strict=True):
         assert_same(a, b)
     k = run.mode_weight.shape[1]
-    assert run.mode_q.shape == (20, k, body.nq) and run.mode_parent.min() == -1
+    assert run.mode_q.shape == (20, k, body.nq)
+    assert run.mode_parent.min() == -1
     for t, result in enumerate(results):
         n = len(result.weight)
-        assert np.isnan(run.mode_q[t, n:]).all() and (run.mode_parent[t, n:] == -1).all()
+        assert np.isnan(run.mode_q[t, n:]).all()
+        assert (run.mode_parent[t, n:] == -1).all()
         chosen = run.path[t]
         np.testing.assert_array_equal(run.q[t], result.q[chosen])
         np.testing.assert_allclose(run.covariance[t], result.covariance[chosen], rtol=1e-6, atol=1e-6)
@@ -112,8 +118,10 @@ def test_round_trip_leaves_one_file(tmp_path: Path, body: Body) -> None:
 def test_no_frames(tmp_path: Path, body: Body) -> None:
     RunWriter.create(tmp_path / "a.run", header(5)).close()
     run = Run.open(tmp_path / "a.run")
-    assert run.q.shape == (0, body.nq) and run.landmarks.shape == (0, len(body.landmark_names), 3)
-    assert run.covariance.shape == (0, body.nv, body.nv) and run.path.shape == (0,)
+    assert run.q.shape == (0, body.nq)
+    assert run.landmarks.shape == (0, len(body.landmark_names), 3)
+    assert run.covariance.shape == (0, body.nv, body.nv)
+    assert run.path.shape == (0,)
     assert RunWriter.resume(tmp_path / "a.run", header(5))[1:] == (None, 0)
 
 
@@ -135,8 +143,13 @@ def test_packing_is_exact() -> None:
     }
     back = unpack(pack(arrays))
     for name, array in arrays.items():
-        assert back[name].dtype == array.dtype and back[name].shape == array.shape
+        assert back[name].dtype == array.dtype
+        assert back[name].shape == array.shape
         assert back[name].tobytes() == array.tobytes()
+    damaged = bytearray(pack(arrays))
+    damaged[-3] ^= 1
+    with pytest.raises(ValueError, match="checksum"):
+        unpack(bytes(damaged))
     with pytest.raises(TypeError, match="odd"):
         pack({"odd": np.array([None])})
 
@@ -161,7 +174,8 @@ def test_resume_refuses_another_run(tmp_path: Path, body: Body) -> None:
     with pytest.raises(InputError, match="exists already"):
         RunWriter.create(file, header(5))
     writer, state, position = RunWriter.resume(file, header(5, clips={"a": "elsewhere.mp4"}, notes=("new",)))
-    assert position == 1 and state is not None
+    assert position == 1
+    assert state is not None
     np.testing.assert_array_equal(state["covariance"], result.covariance)
     writer.put_observations([observation])
     moved = dataclasses.replace(observation, pixels=observation.pixels + 1.0)
@@ -230,7 +244,8 @@ def test_killed_writer_loses_nothing(tmp_path: Path, body: Body) -> None:
         root = Path(__file__).parent
         code = WRITER.format(path=[str(root), str(root.parent)], frames=frames, start=attempt, file=str(file))
         child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-        assert child.stdout is not None and child.stdout.readline() == "ready\n"
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
         time.sleep(float(rng.uniform(0.01, 0.05)))
         child.send_signal(signal.SIGKILL)
         told = [int(line) for line in child.stdout.read().split()]
@@ -242,7 +257,8 @@ def test_killed_writer_loses_nothing(tmp_path: Path, body: Body) -> None:
         acknowledged = run.frame_count - 1
         assert_same(run.result(-1), results[acknowledged])
     writer, state, position = RunWriter.resume(file, header(frames))
-    assert position == acknowledged + 1 and state is not None
+    assert position == acknowledged + 1
+    assert state is not None
     np.testing.assert_array_equal(state["covariance"], results[acknowledged].covariance)
     for result in results[position:]:
         writer.append(result, state_of(result))

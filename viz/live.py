@@ -32,13 +32,13 @@ def serve(
     with ThreadingHTTPServer((HOST, port), _handler(_pages(run))) as server:
         server.daemon_threads = True
         address = f"http://{HOST}:{server.server_address[1]}/"
-        if ready is not None:
-            ready(server, address)
-        else:
-            print(f"{address} shows the run; Ctrl-C ends it", flush=True)
-        if open_browser:
-            webbrowser.open(address, new=2)
         with suppress(KeyboardInterrupt):
+            if ready is not None:
+                ready(server, address)
+            else:
+                print(f"{address} shows the run; Ctrl-C ends it", flush=True)
+            if open_browser:
+                webbrowser.open(address, new=2)
             server.serve_forever(poll_interval=0.1)
 
 

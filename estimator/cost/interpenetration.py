@@ -9,7 +9,7 @@ from humanoid.clearance import Clearance
 from humanoid.compiled import jit
 from humanoid.errors import InputError
 
-_DEEPEST = 3.0  # exponent beyond which the potential goes on as its own parabola: e^3 at three scales inside for power 1
+_DEEPEST = 3.0  # exponent beyond which the potential goes on as a parabola: for power 1, from three scales inside
 
 
 class Interpenetration:

@@ -69,22 +69,41 @@ class Transition:
             slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j]) for j in range(1, model.njoints) if model.nvs[j] > 1
         ]
         self._pull, self._bend = np.zeros(body.nv), np.zeros(body.nv)
-        self._index = np.setdiff1d(np.arange(body.nv), np.concatenate([np.r_[b] for b in self._blocks] or [[]]))
+        self._ranges = np.array([(b.start, b.stop) for b in self._blocks], dtype=np.int64).reshape(-1, 2)
+        self._identity = np.zeros((0, 0))
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.cost.term.Term`."""
         e = pin.difference(self._model, self._q_previous, posed.q)
-        pull, bend, i = self._pull, self._bend, self._index
-        value: float = _robust_square(e, self._precision, self._kind, self._nu, exact, pull, bend)
-        gradient[i] += pull[i]
-        hessian[i, i] += bend[i]
+        jacobian = self._identity
         if self._blocks:
             jacobian = pin.dDifference(self._model, self._q_previous, posed.q, pin.ARG1)
-            for block in self._blocks:
-                J = jacobian[block, block]
-                gradient[block] += J.T @ pull[block]
-                hessian[block, block] += (J.T * bend[block]) @ J
+        value: float = _diffuse(
+            e, self._precision, self._kind, self._nu, exact, self._ranges, jacobian, self._pull, self._bend, gradient,
+            hessian,
+        )  # fmt: skip
         return value
+
+
+@jit
+def _diffuse(e, precision, kind, nu, exact, ranges, jacobian, pull, bend, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Value of the transition; `jacobian` (nv, nv) is the derivative of e, the identity outside the diagonal blocks
+    in `ranges` (B, 2)."""
+    value = _robust_square(e, precision, kind, nu, exact, pull, bend)
+    first = 0
+    for b in range(ranges.shape[0] + 1):
+        start = ranges[b, 0] if b < ranges.shape[0] else e.shape[0]
+        for i in range(first, start):
+            gradient[i] += pull[i]
+            hessian[i, i] += bend[i]
+        if b < ranges.shape[0]:
+            first = ranges[b, 1]
+            for i in range(start, first):
+                for m in range(start, first):
+                    gradient[i] += jacobian[m, i] * pull[m]
+                    for k in range(start, first):
+                        hessian[i, k] += jacobian[m, i] * bend[m] * jacobian[m, k]
+    return value
 
 
 @jit

@@ -10,6 +10,10 @@ from typing import Any
 import numpy as np
 
 from humanoid.errors import InputError
+from humanoid.files import read_bytes
+
+LARGEST = 1e12  # no length, pixel or coefficient comes near it
+_MOST_BYTES = 2_000_000_000  # hours of keypoints
 
 
 def read_json(path: str | Path) -> Any:
@@ -26,17 +30,10 @@ def read_json(path: str | Path) -> Any:
 
 def read_text(path: str | Path) -> str:
     """The text of a file that has some."""
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(path, "is a folder, a file is needed")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(path, "no such file") from None
+        text = read_bytes(Path(path), most=_MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(path, "is not text") from None
-    except OSError as error:
-        raise InputError(path, f"cannot be read: {error.strerror}") from None
     if not text.strip():
         raise InputError(path, "is empty")
     return text
@@ -72,8 +69,8 @@ def numbers(value: Any, source: str | Path, place: str, *, finite: bool = True) 
     if array.size and array.dtype.kind not in "iuf":
         raise InputError(source, f"numbers are needed, found {_culprit(value)}", place=place)
     array = array.astype(np.float64)
-    if finite and not np.isfinite(array).all():
-        raise InputError(source, "has a number that is not finite", place=place)
+    if finite and not (np.abs(array) < LARGEST).all():
+        raise InputError(source, "has a number that is not finite, or beyond all measure", place=place)
     return array
 
 

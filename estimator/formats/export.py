@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,14 +59,15 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
 
 
 def _npz(run: Run, path: Path, name: str) -> None:
+    arrays: dict[str, Any] = dict(export_arrays(run))
     with path.open("wb") as file:  # given a path, numpy would append .npz to it
-        np.savez_compressed(file, allow_pickle=False, **export_arrays(run))
+        np.savez_compressed(file, **arrays)
 
 
 def _csv(run: Run, path: Path, name: str) -> None:
     """time_s, the entries of q with their units, landmarks `nose_x_m` ..., weight, energy, status."""
     points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
-    landmarks = run.landmarks.reshape(run.frame_count, -1)
+    landmarks = run.landmarks.reshape(run.frame_count, len(points))
     values = np.column_stack([run.time, run.q, landmarks, run.weight, run.energy])
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")

@@ -76,7 +76,7 @@ def write_keypoints(path: str | Path, track: KeypointTrack, *, names: tuple[str,
     """Write a track as kinemode's JSON; `names` are needed where the track has keypoints without a landmark."""
     labels = names or tuple(name or f"keypoint_{j}" for j, name in enumerate(track.names))
     values = np.concatenate([np.nan_to_num(track.pixels), track.confidence[..., None]], axis=2)
-    seen = (track.confidence > 0.0).any(axis=1)
+    seen = np.any(track.confidence > 0.0, axis=1).tolist()
     frames = [{"keypoints": v.tolist() if s else None} for v, s in zip(values, seen, strict=True)]
     size = list(track.image_size) if track.image_size else None
     content = {"format": track.layout, "image_size": size, "fps": track.fps, "names": list(labels), "frames": frames}

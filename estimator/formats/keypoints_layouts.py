@@ -1,12 +1,12 @@
 """The file layouts 2D keypoints come in. Each reader gives the people of every frame.
 
 own: {"format", "image_size", "fps", "names", "frames": [{"keypoints": [[x, y, confidence], ...] or null}, ...]}
-OpenPose folders, also written by Pose2Sim and Sports2D: one `<video>_<frame number>_keypoints.json` (or `..._000012.json`) a
-    frame, {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, c, ...]}, ...]}
+OpenPose folders, also written by Pose2Sim and Sports2D: a file `<video>_<frame number>_keypoints.json` (or
+    `..._000012.json`) a frame, {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, c, ...]}, ...]}
 AlphaPose: a list of {"image_id": "12.jpg", "keypoints": [x, y, c, ...], "score", "idx", "box"}; with its options `cmu`
     and `open` an object of frames with "bodies" or "people" instead.
-MMPose (RTMPose): a list of {"frame_id", "instances": [{"keypoints": [[x, y], ...], "keypoint_scores": [...]}]}, also inside
-    {"meta_info", "instance_info": [...]}.
+MMPose (RTMPose): a list of {"frame_id", "instances": [{"keypoints": [[x, y], ...], "keypoint_scores": [...]}]}, also
+    inside {"meta_info", "instance_info": [...]}.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 
 from estimator.formats.cameras import image_size
-from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence
+from estimator.formats.checked_json import LARGEST, mapping, member, numbers, read_json, sequence
 from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
+from estimator.imaging.clip import listed
 from humanoid.errors import InputError
 from humanoid.landmarks import FORMATS, landmark_name
 
@@ -74,7 +75,7 @@ def _person_id(value: Any) -> str | None:
         value = value[0]
     if isinstance(value, str):
         return value or None
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value) and value >= 0:
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < LARGEST:
         return str(int(value)) if value == int(value) else str(value)
     return None  # OpenPose writes [-1] where it knows none
 
@@ -100,7 +101,9 @@ def read_layout(path: Path, layout: str) -> Reading:
     elif isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
         _frames_by_name(value, reading)
     else:
-        raise InputError(path, "is no keypoint file of a known layout", remedy="see docs/formats")
+        raise InputError(
+            path, "is no keypoint file of a known layout", remedy="OpenPose, Pose2Sim, AlphaPose, MMPose or kinemode"
+        )
     return reading
 
 
@@ -126,13 +129,15 @@ def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
             raise InputError(path, "a positive number is needed", place="fps")
         reading.fps = float(fps)
     declared = value.get("format")
+    if declared is not None and not isinstance(declared, str):
+        raise InputError(path, "a name is needed", place="format")
     if reading.layout == "auto" and declared in FORMATS:
-        reading.layout = str(declared)
+        reading.layout = declared
     elif reading.layout == "auto" and value.get("names") is not None:
         names = sequence(value["names"], path, "names")
         if not all(isinstance(name, str) for name in names):
             raise InputError(path, "a list of names is needed", place="names")
-        reading.layout = str(declared or "named")
+        reading.layout = declared or "named"
         reading.names = tuple(landmark_name(name) for name in names)
 
 
@@ -196,9 +201,11 @@ def _people(frame: Any, reading: Reading, source: Path, place: str) -> list[Pers
 
 
 def _folder(path: Path, layout: str) -> Reading:
-    files = sorted(p for p in path.iterdir() if p.suffix.lower() == ".json" and not p.name.startswith("."))
+    files = sorted(p for p in listed(path) if p.suffix.lower() == ".json")
     if not files:
-        raise InputError(path, "has no .json file", remedy="a folder has one JSON file a frame, as OpenPose writes them")
+        raise InputError(
+            path, "has no .json file", remedy="a folder has one JSON file a frame, as OpenPose writes them"
+        )
     reading = Reading(path, layout)
     numbering = _numbering([f.stem for f in files], path)
     seen: dict[int, Path] = {}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.formats.checked_json import LARGEST
 from humanoid.errors import InputError
 from humanoid.landmarks import FORMATS
 
@@ -44,7 +45,7 @@ class Notes:
     def add(self, what: str, count: int) -> None:
         """Count `count` further cases of `what`."""
         if count:
-            self.counts[what] = self.counts.get(what, 0) + int(count)
+            self.counts[what] = self.counts.get(what, 0) + count
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -61,11 +62,13 @@ def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) ->
     xy, confidence = points[:, :2], points[:, 2]
     missing = np.isnan(xy).all(axis=1)
     points[missing, 2] = 0.0
-    if not np.isfinite(points[~missing]).all():
-        bad = int(np.flatnonzero(~missing & ~np.isfinite(points).all(axis=1))[0])
-        raise InputError(source, "has a number that is not finite", place=f"{place}, keypoint {bad}")
-    notes.add("confidence above 1 taken as 1", np.count_nonzero(confidence > 1.0))
-    notes.add("negative confidence taken as 0: a missing point", np.count_nonzero(confidence < 0.0))
+    wrong = ~missing & ~(np.abs(points) < LARGEST).all(axis=1)
+    if wrong.any():
+        bad = int(np.flatnonzero(wrong)[0])
+        problem = "has a number that is not finite, or beyond all measure"
+        raise InputError(source, problem, place=f"{place}, keypoint {bad}")
+    notes.add("confidence above 1 taken as 1", int((confidence > 1.0).sum()))
+    notes.add("negative confidence taken as 0: a missing point", int((confidence < 0.0).sum()))
     confidence[:] = np.clip(confidence, 0.0, 1.0)
     xy[confidence == 0.0] = np.nan
     return points
@@ -157,6 +160,6 @@ def _distance(a: Person, b: Person) -> float:
     return gap / max(a.size, b.size)
 
 
-def _listed(ids: set[str | None]) -> str:
-    texts = sorted((str(i) for i in ids), key=lambda s: (len(s), s))
+def _listed(ids: set[str]) -> str:
+    texts = sorted(ids, key=lambda s: (len(s), s))
     return ", ".join(texts[:20]) + (", ..." if len(texts) > 20 else "")

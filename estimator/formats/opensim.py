@@ -24,13 +24,16 @@ def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.nda
     rate, count = f"{frame_rate(time):.6g}", str(len(points))
     head = [
         ["PathFileType", "4", "(X/Y/Z)", title or path.name],
-        ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"],
+        [
+            "DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+            "OrigNumFrames",
+        ],
         [rate, rate, count, str(len(names)), "mm", rate, "1", count],
         ["Frame#", "Time", *(cell for name in names for cell in (name, "", ""))],
         ["", "", *(f"{axis}{i + 1}" for i in range(len(names)) for axis in "XYZ")],
         [],
     ]  # fmt: skip
-    values = (1e3 * points @ R_OPENSIM_WORLD.T).reshape(len(points), -1)
+    values = (1e3 * points @ R_OPENSIM_WORLD.T).reshape(len(points), 3 * len(names))
     rows = [
         [str(i + 1), f"{t:.6f}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)]
         for i, (t, row) in enumerate(zip(time, values, strict=True))
@@ -43,7 +46,7 @@ def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     lines = read_text(path).splitlines()
     if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise InputError(path, "is no TRC file", place="line 1")
-    header = dict(zip(lines[1].split(), lines[2].split()))
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     unit = header.get("Units", "")
     if unit not in _METRES:
         raise InputError(path, f"unknown unit {unit!r}", place="line 3", remedy=f"one of {', '.join(_METRES)}")

@@ -52,9 +52,7 @@ class RunWriter:
         return cls(path, run_store.open_writing(path), 0)
 
     @classmethod
-    def resume(
-        cls, path: str | Path, header: RunHeader
-    ) -> tuple[RunWriter, dict[str, np.ndarray] | None, int]:
+    def resume(cls, path: str | Path, header: RunHeader) -> tuple[RunWriter, dict[str, np.ndarray] | None, int]:
         """Go on with a run: the writer, the state after its last frame (None before the first), the next position.
 
         Raises
@@ -70,7 +68,11 @@ class RunWriter:
         connection = run_store.open_writing(path)
         with run_store.translated(path):
             row = connection.execute("SELECT next, data FROM state").fetchone()
-        state, position = (unpack(row[1]), int(row[0])) if row else (None, 0)
+        try:
+            state, position = (unpack(row[1]), int(row[0])) if row else (None, 0)
+        except (TypeError, ValueError) as error:
+            connection.close()
+            raise InputError(path, f"is damaged: {error}", place="state", remedy="--overwrite starts anew") from None
         return cls(path, connection, position), state, position
 
     def put_observations(self, observations: Sequence[Observation]) -> None:
@@ -89,7 +91,9 @@ class RunWriter:
                 self._connection.execute("COMMIT")
                 return
         if stored != rows:
-            first = next((i for i, (a, b) in enumerate(zip(stored, rows)) if a != b), min(len(stored), len(rows)))
+            first = next(
+                (i for i, (a, b) in enumerate(zip(stored, rows, strict=False)) if a != b), min(len(stored), len(rows))
+            )
             remedy = "--overwrite starts anew"
             raise InputError(self.path, "was made from other keypoints", place=f"frame {first}", remedy=remedy)
 
@@ -113,9 +117,7 @@ class RunWriter:
         """Mark the run complete and close it; one file is left."""
         now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
         with run_store.translated(self.path):
-            self._connection.execute(
-                "INSERT INTO finished SELECT ? WHERE NOT EXISTS (SELECT * FROM finished)", (now,)
-            )
+            self._connection.execute("INSERT INTO finished SELECT ? WHERE NOT EXISTS (SELECT * FROM finished)", (now,))
         self.close()
 
     def close(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -68,14 +67,13 @@ class Run:
         with run_store.reading(self.file) as connection:
             query = "SELECT data FROM frame WHERE position < ? ORDER BY position"
             rows = connection.execute(query, (self.frame_count,)).fetchall()
-        return [self._unpacked(i, data) for i, (data,) in enumerate(rows)]
+        return [self._unpacked(data, f"frame {i}") for i, (data,) in enumerate(rows)]
 
-    def _unpacked(self, i: int, data: bytes) -> dict[str, np.ndarray]:
+    def _unpacked(self, data: bytes, place: str) -> dict[str, np.ndarray]:
         try:
-            arrays = unpack(data)
-        except (KeyError, ValueError, TypeError, struct.error) as error:
-            raise InputError(self.file, f"is damaged ({error})", place=f"frame {i}") from None
-        return arrays
+            return unpack(data)
+        except (TypeError, ValueError) as error:  # TypeError: a damaged row can come out as a number or text
+            raise InputError(self.file, f"is damaged: {error}", place=place) from None
 
     def result(self, i: int) -> FrameResult:
         """Frame `i` of the file; negative counts from the end."""
@@ -207,7 +205,7 @@ class Run:
     def _keypoints(self) -> tuple[np.ndarray, np.ndarray]:
         with run_store.reading(self.file) as connection:
             rows = connection.execute("SELECT data FROM observation ORDER BY position").fetchall()
-        frames = [unpack(data) for (data,) in rows]
+        frames = [self._unpacked(data, f"keypoints of frame {i}") for i, (data,) in enumerate(rows)]
         shape = (len(frames), len(self.header.cameras), len(self.body.landmark_names))
         pixels = np.array([f["pixels"] for f in frames], dtype=np.float64).reshape(*shape, 2)
         return pixels, np.array([f["confidence"] for f in frames], dtype=np.float64).reshape(shape)

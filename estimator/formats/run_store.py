@@ -78,7 +78,9 @@ def reading(path: Path) -> Iterator[sqlite3.Connection]:
 def _connect_reading(path: Path) -> sqlite3.Connection:
     # opening for writing lets SQLite recover a killed writer's log; a file in a read-only folder has to do without
     for mode in ("mode=rw", "mode=ro", "mode=ro&immutable=1"):
-        connection = sqlite3.connect(f"{path.resolve().as_uri()}?{mode}", uri=True, timeout=_WAIT_S, isolation_level=None)
+        connection = sqlite3.connect(
+            f"{path.resolve().as_uri()}?{mode}", uri=True, timeout=_WAIT_S, isolation_level=None
+        )
         try:
             connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
             connection.execute("PRAGMA query_only = 1")
@@ -96,8 +98,11 @@ def check(path: Path) -> None:
         raise InputError(path, "is a folder, a run file is needed")
     if not path.is_file():
         raise InputError(path, "no such run file")
-    with path.open("rb") as file:
-        start = file.read(100)
+    try:
+        with path.open("rb") as file:
+            start = file.read(100)
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror}") from None
     if not start.startswith(b"SQLite format 3\0"):
         raise InputError(path, "is no run file", remedy="run files are written by `kinemode track`")
     with reading(path) as connection:
@@ -119,5 +124,5 @@ def translated(path: Path) -> Iterator[None]:
         raise InputError(path, "another process is writing this run") from None
     except sqlite3.OperationalError as error:
         raise InputError(path, f"cannot be used: {error}") from None
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter from a message quoting damaged text
         raise InputError(path, f"is damaged: {error}", remedy="a truncated copy? copy it again") from None

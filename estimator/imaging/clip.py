@@ -104,7 +104,7 @@ class FolderClip(Clip):
     """Images of a folder in natural order of their names (2 before 10)."""
 
     def __init__(self, path: Path, fps: float | None) -> None:
-        files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+        files = [p for p in listed(path) if p.suffix.lower() in IMAGE_SUFFIXES]
         if not files:
             raise InputError(path, "has no images", remedy=f"known are {', '.join(IMAGE_SUFFIXES)}")
         self.path, self.files = path, sorted(files, key=natural_order)
@@ -244,6 +244,14 @@ class VideoClip(Clip):
             return False
         self._next = index
         return True
+
+
+def listed(folder: Path) -> list[Path]:
+    """What a folder holds, hidden files aside."""
+    try:
+        return [p for p in folder.iterdir() if not p.name.startswith(".")]
+    except OSError as error:
+        raise InputError(folder, f"cannot be read: {error.strerror}") from None
 
 
 def natural_order(path: Path) -> tuple[list[tuple[int, int, str]], str]:

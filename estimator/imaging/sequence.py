@@ -44,7 +44,8 @@ def assemble(
         pixels[:count, c, here] = track.pixels[:count, there]
         confidence[:count, c, here] = track.confidence[:count, there]
     return [
-        Observation(i, float(t), tuple(used), pixels[i], confidence[i]) for i, t in enumerate(np.asarray(times).tolist())
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i])
+        for i, t in enumerate(np.asarray(times).tolist())
     ]
 
 

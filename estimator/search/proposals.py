@@ -16,8 +16,8 @@ class CovarianceScaledProposal:
 
     def __init__(self, body: Body, q: np.ndarray, covariance: np.ndarray, scale: float) -> None:
         self._body, self._q = body, q
-        values, vectors = np.linalg.eigh(covariance)
-        self._factor = scale * vectors * np.sqrt(np.maximum(values, 0.0))
+        # directions held by active limits have no variance; a hair of it makes the matrix one that factors
+        self._factor = scale * np.linalg.cholesky(covariance + 1e-12 * np.eye(body.nv))
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
         """One configuration (nq,)."""

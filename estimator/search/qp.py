@@ -10,7 +10,7 @@ from proxsuite import proxqp
 from estimator.search.box_step import damped_step
 from humanoid.body import Body
 
-ACCURACY = 1e-9
+ACCURACY = 1e-8
 UNBOUNDED = 1e20  # what ProxQP takes for infinity
 
 
@@ -32,7 +32,7 @@ class StepSolver:
     """
 
     body: Body
-    active_set_rounds: int = 3
+    active_set_rounds: int = 6
     counts: StepCounts = field(default_factory=StepCounts)
 
     def __post_init__(self) -> None:
@@ -79,7 +79,8 @@ class StepSolver:
             solver = proxqp.dense.QP(n, 0, m, True)
             solver.settings.eps_abs = ACCURACY
             solver.settings.eps_rel = 0.0
-            solver.settings.max_iter = 200
+            solver.settings.max_iter = 25
+            solver.settings.max_iter_in = 50
             solver.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
             solver.init(self._M, gradient, None, None, C, low, high, self._lower, self._upper)
             self._solvers[m] = solver

@@ -12,6 +12,9 @@ from estimator.search.box_step import model_decrease, projected_gradient
 from estimator.search.qp import StepSolver
 from humanoid.body import Body
 
+MAX_DAMPING = 1e12
+TOO_CAUTIOUS = 1.5  # actual over promised decrease from which Gauss-Newton's curvature is plainly too large
+
 
 @dataclass(frozen=True)
 class SeekSettings:
@@ -79,12 +82,11 @@ class Seeker:
             if residual < settings.kkt_tolerance:
                 return Found(here, "converged", residual, iteration)
             step = self.solver.solve(here.hessian, here.gradient, damping, self.radius, here.posed.q, active)
-            if step is None and here.exact:  # the true curvature is indefinite here: back to Gauss-Newton
-                here = cost.of(here.posed)
-                continue
+            while step is None and damping < MAX_DAMPING:  # the true curvature is indefinite here
+                damping = max(4.0 * damping, 1e-3)
+                step = self.solver.solve(here.hessian, here.gradient, damping, self.radius, here.posed.q, active)
             if step is None:
-                damping, growth = max(damping, 1e-3) * growth, growth * 2.0
-                continue
+                return Found(here, "stalled", residual, iteration)
             predicted = model_decrease(here.hessian, here.gradient, step)
             if predicted < settings.decrease_tolerance:
                 return Found(here, "stalled", residual, iteration)
@@ -93,10 +95,12 @@ class Seeker:
             trial_residual = self.kkt_residual(trial)
             if ratio > 1e-4 or _equal_but_flatter(here.value, trial.value, residual, trial_residual):
                 here, residual = trial, trial_residual
+                if ratio > TOO_CAUTIOUS and not trial.exact:
+                    here = cost.of(trial.posed, exact=True)
                 damping, growth = max(1e-12, damping * max(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)), 2.0
             else:
                 damping, growth = max(damping, 1e-6) * growth, growth * 2.0
-                if damping > 1e12:
+                if damping > MAX_DAMPING:
                     return Found(here, "stalled", residual, iteration)
         return Found(here, "converged" if residual < settings.kkt_tolerance else "iterations", residual, iteration + 1)
 

@@ -43,10 +43,7 @@ def keypoints(
         raise InputError(body.subject.source, f"has no landmark {', '.join(missing)}", remedy="COCO has 17")
     order = [body.landmark_names.index(name) for name in COCO17]
     points = np.array([body.landmarks(body.at(one))[order] for one in q])
-    return [
-        _track(points, camera, rng, noise_px, outlier_fraction, missing_fraction, fps)
-        for camera in cameras
-    ]
+    return [_track(points, camera, rng, noise_px, outlier_fraction, missing_fraction, fps) for camera in cameras]
 
 
 def _track(

@@ -116,8 +116,8 @@ def _room_picture(
     image = np.full((height, width, 3), 90.0, dtype=np.float32)
     nearness = np.zeros((height, width))
     pixels, depth = _fine_pixels(camera, corners.reshape(-1, 3))
-    first = 4 * np.arange(len(corners))[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    quad = 4 * np.arange(len(corners))[:, None]
+    faces = np.concatenate([quad + np.array([0, 1, 2]), quad + np.array([0, 2, 3])])
     paint(image, nearness, pixels, depth, np.repeat(colour, 4, axis=0), faces)
     grain = cv2.GaussianBlur(rng.standard_normal((height, width, 1)).astype(np.float32), (0, 0), 3.0)
     image *= np.float32(1.0) + np.float32(0.6) * grain[..., None]
@@ -136,7 +136,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> P
         for frame in frames:
             if writer is None:
                 size = (frame.shape[1], frame.shape[0])
-                writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), fps, size)
+                writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
                 if not writer.isOpened():
                     raise InputError(path, "cannot be written", remedy="a path ending in .mp4 in an existing folder")
             writer.write(frame)

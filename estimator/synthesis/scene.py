@@ -56,8 +56,8 @@ def cluttered_room(rng: np.random.Generator) -> Quads:
         _panel(rng, origin, depth * x, height * z, (34, 15), wall * 0.9, 5.0),
         _panel(rng, origin + width * y, depth * x, height * z, (34, 15), wall * 0.94, 5.0),
     ]
-    parts += [_picture(rng, back, half) for _ in range(7)]
-    parts += [_box(rng) for _ in range(16)]
+    parts += [_picture(rng, back, half) for _ in range(14)]
+    parts += [_box(rng) for _ in range(24)]
     return Quads(np.concatenate([p.corners for p in parts]), np.concatenate([p.colour for p in parts]))
 
 

@@ -1,0 +1,87 @@
+"""Time of a clearance query of human34, against its kinematics; which parts of the query take it.
+
+Run with `python benchmarks/clearance.py`. The unit is one `body.at(q)`, so that figures of different machines compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from timeit import repeat
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.cost.interpenetration import Interpenetration
+from humanoid import broad_phase, load_subject
+from humanoid.body import Body, PosedBody
+from humanoid.clearance import Clearance
+
+CALLS, ROUNDS = 400, 7
+
+
+def seconds(call: Callable[[], object]) -> float:
+    call()
+    return min(repeat(call, number=CALLS, repeat=ROUNDS)) / CALLS
+
+
+def poses_by_contacts(body: Body, clearance: Clearance, rng: np.random.Generator) -> dict[int, PosedBody]:
+    """A pose for every number of near pairs that random poses come to."""
+    found: dict[int, PosedBody] = {}
+    i = body.bounded_q
+    for _ in range(3000):
+        q = pin.neutral(body.model)
+        q[i] = rng.uniform(body.lower[i], body.upper[i])
+        posed = body.at(q)
+        found.setdefault(len(clearance.near(posed).pair), posed)
+    return found
+
+
+def coal_alone(clearance: Clearance, posed: PosedBody) -> Callable[[], None]:
+    """The queries of one pose, transforms already set."""
+    clearance.near(posed)
+    solids = (clearance._world, clearance._segment, clearance._radius, clearance._radii)
+    count = broad_phase.candidates(*solids, clearance._solid_pairs, clearance.margin, clearance._found)
+    transforms, result = clearance._transforms, clearance._result
+    queries = [clearance._queries[k] for k in clearance._found[:count]]
+
+    def run() -> None:
+        for i, j, query, request in queries:
+            result.clear()
+            query(transforms[i], transforms[j], request, result)
+
+    return run
+
+
+def broad_alone(clearance: Clearance, posed: PosedBody) -> Callable[[], None]:
+    solids = (clearance._world, clearance._segment, clearance._radius, clearance._radii)
+
+    def run() -> None:
+        broad_phase.place(
+            posed.placements, clearance._joint, clearance._local, clearance._core, clearance._world, clearance._segment
+        )
+        broad_phase.candidates(*solids, clearance._solid_pairs, clearance.margin, clearance._found)
+
+    return run
+
+
+def main() -> None:
+    body = Body(load_subject("human34"))
+    clearance = Clearance(body)
+    term = Interpenetration(clearance)
+    unit = seconds(lambda: body.at(body.neutral))
+    print(f"human34: {len(clearance.solids)} solids, {len(clearance.pairs)} pairs; body.at(q) {unit * 1e6:.1f} us = 1")
+    print(f"{'near pairs':>10} {'near':>8} {'[us]':>8} {'broad':>8} {'coal':>8} {'rest':>8} {'term':>8}")
+    gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
+    poses = poses_by_contacts(body, clearance, np.random.default_rng(0))
+    for count in sorted({0, 1, 3, 6, 10} & poses.keys()):
+        posed = poses[count]
+        whole = seconds(lambda p=posed: clearance.near(p))  # type: ignore[misc]
+        broad, coal = seconds(broad_alone(clearance, posed)), seconds(coal_alone(clearance, posed))
+        energy = seconds(lambda p=posed: term.accumulate(p, gradient, hessian))  # type: ignore[misc]
+        shares = [whole, broad, coal, whole - broad - coal, energy]
+        near, *rest = (f"{share / unit:8.2f}" for share in shares)
+        print(f"{count:>10} {near} {whole * 1e6:8.1f} {' '.join(rest)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""The built-in demonstration: a clip with known motion, tracked from one camera, measured and shown."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator import synthesis
+from estimator.evaluation import Evaluation, Reference, evaluate
+from estimator.formats.cameras import write_cameras
+from estimator.formats.keypoints import write_keypoints
+from estimator.formats.run_file import Run
+from humanoid.body import Body
+from humanoid.errors import InputError
+from humanoid.subject import Subject, load_subject
+from kinemode import api, report
+from kinemode.progress import Progress, reported
+from viz.overlay import write_overlay
+from viz.preview import write_html
+from viz.sheet import write_sheet
+
+FPS = 30.0
+CAMERA = "front_right"  # the one that is tracked from
+_CLIP_SEED = 34  # the clip stays the same; the seed a user gives is the tracker's
+
+# the person is taller than the built-in subject, and longer in the leg
+PROPORTIONS = {
+    "left_hip_flexion": 1.03,
+    "left_clavicle_elevation": 1.04,
+    "left_shoulder_elevation": 1.05,
+    "left_elbow_flexion": 1.06,
+    "left_wrist": 1.04,
+    "left_knee_flexion": 1.08,
+    "left_ankle_dorsiflexion": 1.06,
+    "skull": 1.02,
+}
+
+Reporter = Callable[[str], AbstractContextManager[Progress]]
+
+
+@dataclass(frozen=True)
+class DemoClip:
+    """Files of the built-in clip: a video and keypoints by camera name, the cameras, and the truth as a reference."""
+
+    videos: dict[str, Path]
+    keypoints: dict[str, Path]
+    cameras: Path
+    truth: Path
+
+
+def demo_subject() -> Subject:
+    """The person in the clip: human34 with other proportions."""
+    return load_subject("human34").scaled(PROPORTIONS)
+
+
+def make_clip(
+    folder: str | Path,
+    *,
+    seed: int = _CLIP_SEED,
+    frames: int | None = None,
+    videos: bool = True,
+    progress: Reporter = reported,
+) -> DemoClip:
+    """Write the built-in clip into a folder: 3 s at 30 frames per second, two cameras.
+
+    seed: of the room, the clothes and the errors of the keypoints. frames: only so many of the first.
+    videos: False leaves the pictures out, where the keypoints are enough.
+    Raises InputError where the folder cannot be written.
+    """
+    folder = _made(Path(folder))
+    body = Body(demo_subject())
+    count = round(FPS * synthesis.MOTION_SECONDS) if frames is None else frames
+    times = np.arange(count) / FPS
+    q = synthesis.authored_motion(body, times)
+    cameras = synthesis.scene_cameras()
+    names = [camera.name for camera in cameras]
+    clip = DemoClip(
+        {name: folder / f"{name}.mp4" for name in names} if videos else {},
+        {name: folder / f"{name}.json" for name in names},
+        folder / "cameras.json",
+        folder / "truth.npz",
+    )
+    write_cameras(clip.cameras, cameras)
+    synthesis.write_truth(clip.truth, body, q, times)
+    tracks = synthesis.keypoints(body, q, cameras, np.random.default_rng((seed, 0)), fps=FPS)
+    for name, track in zip(names, tracks, strict=True):
+        write_keypoints(clip.keypoints[name], track)
+    if videos:
+        with progress("rendering") as report_progress:
+            _render(clip, body, q, np.random.default_rng((seed, 1)), report_progress)
+    return clip
+
+
+def _render(clip: DemoClip, body: Body, q: np.ndarray, rng: np.random.Generator, progress: Progress) -> None:
+    cameras = synthesis.scene_cameras()
+    renderer = synthesis.Renderer(body, cameras, rng)
+    total = len(q) * len(cameras)
+    posed = [body.at(one) for one in q]
+
+    def picture(camera: int, t: int) -> np.ndarray:
+        progress(camera * len(q) + t + 1, total)
+        return renderer.frame(posed[t], camera, rng)
+
+    for c, camera in enumerate(cameras):
+        synthesis.write_video(clip.videos[camera.name], (picture(c, t) for t in range(len(q))), FPS)
+
+
+def track_clip(
+    clip: DemoClip, out: str | Path, *, seed: int = 0, camera: str = CAMERA, progress: Reporter = reported
+) -> tuple[Run, float]:
+    """Track the clip from one camera with the public interface; the run, and frames per second with the fit."""
+    with progress("tracking") as report_progress:
+        start = time.perf_counter()
+        run = api.track(
+            "human34",
+            {camera: clip.videos[camera]} if clip.videos else None,
+            cameras=clip.cameras,
+            keypoints={camera: clip.keypoints[camera]},
+            seed=seed,
+            out=out,
+            overwrite=True,
+            progress=report_progress,
+        )
+        seconds = time.perf_counter() - start
+    return run, len(run) / max(seconds, 1e-9)
+
+
+def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progress: Reporter = reported) -> Evaluation:
+    """Render the built-in clip, track it from one camera, print the errors, write the pictures, say where they are.
+
+    out: folder for everything, made if it is not there; files of an earlier demonstration are replaced.
+    seed: of the tracker. frames: only so many of the first. progress: opens a progress report under a label.
+    Raises InputError where the folder cannot be written.
+    """
+    folder = _made(Path(out))
+    clip = make_clip(folder, frames=frames, progress=progress)
+    run, rate = track_clip(clip, folder / "demo.run", seed=seed, progress=progress)
+    result = evaluate(run, Reference.load(clip.truth))
+    report.print_evaluation(result)
+    console = report.console()
+    console.print(f"{rate:.1f} frames per second, start and fit of the proportions included")
+    pictures = _draw(run, folder, progress)
+    console.print("\nlook at:")
+    for path in pictures:
+        console.print(f"  {path}", soft_wrap=True)
+    return result
+
+
+def _draw(run: Run, folder: Path, progress: Reporter) -> list[Path]:
+    with progress("overlay") as report_progress:
+        overlay = write_overlay(run, folder / "overlay.mp4", progress=report_progress)
+    return [overlay, write_html(run, folder / "preview.html"), write_sheet(run, folder / "contact_sheet.png")]
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be made: {error.strerror}", remedy="name a folder of your own") from None
+    return folder

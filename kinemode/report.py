@@ -1,0 +1,98 @@
+"""What the commands print: summaries and tables."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from estimator.evaluation import Evaluation
+from estimator.fitting import Fit
+from estimator.formats.run_file import Run
+from humanoid.subject import subject_names
+
+
+def console() -> Console:
+    """Where tables go; plain and unwrapped when it is not a terminal."""
+    found = Console(highlight=False, markup=False)
+    return found if found.is_terminal else Console(highlight=False, markup=False, width=160)
+
+
+def table(title: str, *columns: str) -> Table:
+    """An empty table; every column but the first holds numbers."""
+    made = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for i, column in enumerate(columns):
+        made.add_column(column, justify="left" if i == 0 else "right")
+    return made
+
+
+def print_run(run: Run) -> None:
+    """Summary of a run, and what to do with it next."""
+    counts = Counter(run.status.tolist())
+    statuses = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    seconds = float(run.time[-1] - run.time[0]) if len(run) else 0.0
+    limits = int(run.body.bounded_q.size)
+    deepest = _largest(run.mode_penetration)
+    lines = [
+        f"{len(run)} of {run.planned_count} frames ({seconds:.2f} s): {statuses}",
+        f"subject {run.subject.name}: {run.body.nv} degrees of freedom, {limits} with limits;"
+        f" up to {run.hypothesis_count} hypotheses a frame",
+        f"deepest interpenetration {1000.0 * deepest:.1f} mm",
+        f"run file: {run.file}",
+        "",
+        "next:",
+    ]
+    file, video, values = (shlex.quote(str(p)) for p in (run.file, *map(run.file.with_suffix, (".mp4", ".csv"))))
+    lines += [
+        f"  kinemode view {file}",
+        f"  kinemode overlay {file} --out {video}",
+        f"  kinemode export {file} --format csv {values}",
+    ]
+    for line in lines:
+        console().print(line, soft_wrap=True)
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else 0.0
+
+
+def print_evaluation(result: Evaluation) -> None:
+    """Errors in millimetres."""
+    made = table("errors against the reference [mm]", "measure", "best hypothesis", "best of K")
+    made.add_row("MPJPE (hips aligned)", _mm(result.mpjpe), _mm(result.best_of_k_mpjpe))
+    made.add_row("PA-MPJPE", _mm(result.pa_mpjpe), _mm(result.best_of_k_pa_mpjpe))
+    joints = table("mean error of each joint, hips aligned [mm]", "joint", "error")
+    for name, error in result.per_joint.items():
+        joints.add_row(name.replace("_", " "), _mm(error))
+    out = console()
+    out.print(made)
+    out.print(joints)
+    out.print(f"frames compared: {result.frames_compared}, without a counterpart: {result.frames_missing}")
+    out.print(f"frames beyond a joint limit: {result.violations}")
+    out.print(f"largest interpenetration: {_mm(result.penetration)} mm")
+
+
+def print_subjects() -> None:
+    """The subjects that have a name."""
+    made = table("subjects by name; any other URDF by its path", "name", "degrees of freedom")
+    made.add_column("about")
+    for subject in subject_names():
+        made.add_row(subject.name, str(subject.dof), subject.about)
+    console().print(made)
+
+
+def print_fit(fitted: Fit, out: object) -> None:
+    """Fitted proportions relative to the given subject."""
+    made = table("proportions relative to the given subject", "joint", "scale", "std")
+    for name, scale, std in zip(fitted.names, fitted.scales, fitted.std, strict=True):
+        made.add_row(name, f"{scale:.3f}", f"{std:.3f}")
+    console().print(made)
+    console().print(f"fitted on {len(fitted.frames)} frames; subject written to {out}", soft_wrap=True)
+
+
+def _mm(metres: float) -> str:
+    return "-" if not np.isfinite(metres) else f"{1000.0 * metres:.1f}"
