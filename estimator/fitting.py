@@ -25,12 +25,14 @@ from humanoid.subject import Subject
 @dataclass(frozen=True)
 class FitSettings:
     """seconds, frames: the fit looks at this many frames, evenly spread over the first seconds with keypoints.
-    rounds: times the poses are found anew with the lengths of the round before. iterations: Newton steps a round."""
+    rounds: times the poses are found anew with the lengths of the round before. iterations: Newton steps a round. effective_frames: detectors repeat their errors
+    from frame to frame, so that all frames together count as this many."""
 
     seconds: float = 4.0
     frames: int = 30
     rounds: int = 2
     iterations: int = 15
+    effective_frames: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ def fit_proportions(
         return Fit(subject, body.names, np.ones(len(body.names)), std, ())
     for _ in range(settings.rounds):
         poses, seen = _poses(subject.scaled(body.scales(scales)), used, seed, track_settings)
-        scales, std = _refine(body, poses, seen, scales, settings.iterations, track_settings)
+        scales, std = _refine(body, poses, seen, scales, settings, track_settings)
     return Fit(subject.scaled(body.scales(scales)), body.names, scales, std, tuple(o.index for o in seen))
 
 
@@ -100,14 +102,14 @@ def _refine(
     poses: list[np.ndarray],
     observations: list[Observation],
     scales: np.ndarray,
-    iterations: int,
+    settings: FitSettings,
     track_settings: Settings | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Damped Newton on the energy minimised over the poses (variable projection), bounded by the hard range."""
-    problem = _Profile(body, observations, track_settings.cost if track_settings else CostSettings())
+    problem = _Profile(body, observations, track_settings.cost if track_settings else CostSettings(), settings)
     here = problem.at(scales, poses)
     damping = 1e-3
-    for _ in range(iterations):
+    for _ in range(settings.iterations):
         value, gradient, hessian, at_poses = here
         step = np.zeros(len(scales))
         damped = hessian + damping * np.diag(np.diag(hessian))
@@ -130,8 +132,9 @@ def _refine(
 class _Profile:
     """Energy of the scales with every pose at its own minimum."""
 
-    def __init__(self, body: ProportionedBody, observations: list[Observation], settings: CostSettings) -> None:
+    def __init__(self, body: ProportionedBody, observations: list[Observation], settings: CostSettings, fit: FitSettings) -> None:
         self._body, self._observations, self._settings = body, observations, settings
+        self._share = min(1.0, fit.effective_frames / max(1, len(observations)))
 
     def at(
         self, scales: np.ndarray, poses: list[np.ndarray]
@@ -156,8 +159,9 @@ class _Profile:
             cross = np.einsum("lav,lap->vp", J, WD)
             free = free_directions(body, posed.q, found.quadratic.gradient)
             H = cost.of(posed).hessian[np.ix_(free, free)] + 1e-9 * np.eye(len(free))
-            value += found.quadratic.value
-            gradient = gradient + np.einsum("la,lap->p", force, D)
-            hessian = hessian + np.einsum("lap,laq->pq", D, WD) - cross[free].T @ np.linalg.solve(H, cross[free])
+            value += self._share * found.quadratic.value
+            gradient = gradient + self._share * np.einsum("la,lap->p", force, D)
+            schur = np.einsum("lap,laq->pq", D, WD) - cross[free].T @ np.linalg.solve(H, cross[free])
+            hessian = hessian + self._share * schur
             found_poses.append(posed.q)
         return value, gradient, 0.5 * (hessian + hessian.T), found_poses

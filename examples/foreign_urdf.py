@@ -42,26 +42,12 @@ ARM = "\n".join(
     ]
 )
 LANDMARKS = """
-[[landmark]]
-name = "foot"
-link = "base"
-xyz = [0.1, 0.0, 0.0]
-[[landmark]]
-name = "neck"
-link = "upper"
-xyz = [0.0, 0.0, 0.0]
-[[landmark]]
-name = "joint"
-link = "lower"
-xyz = [0.0, 0.0, 0.0]
-[[landmark]]
-name = "tip"
-link = "lower"
-xyz = [0.0, 0.0, 0.3]
-[[landmark]]
-name = "flag"
-link = "lower"
-xyz = [0.1, 0.1, 0.2]
+[landmarks]
+foot = {link = "base", xyz = [0.1, 0.0, 0.0]}
+neck = {link = "upper", xyz = [0.0, 0.0, 0.0]}
+joint = {link = "lower", xyz = [0.0, 0.0, 0.0]}
+tip = {link = "lower", xyz = [0.0, 0.0, 0.3]}
+flag = {link = "lower", xyz = [0.1, 0.1, 0.2]}
 """
 
 

@@ -1,7 +1,7 @@
 """Inverse kinematics of one picture: several bodies project onto the same points.
 
-A known pose is projected into one camera and found again from its projections alone. The hypotheses explain the
-picture equally well; they differ in which limbs point towards the camera.
+A known pose is projected into one camera and found again from its projections alone. Hypotheses with much the same
+projection can differ in space: a limb that points towards the camera looks like one that points away.
 """
 
 from __future__ import annotations

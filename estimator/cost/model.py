@@ -23,6 +23,8 @@ class CostSettings:
     potential, nu: robust potential of a keypoint (`estimator.cost.potentials`).
     keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
         (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
+    landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
+        it keeps sharply detected points of the face from deciding the body's size.
     stabiliser_weight: strength of the rest-position priors.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
@@ -35,6 +37,7 @@ class CostSettings:
     potential: str = "lorentzian"
     nu: float = 8.0
     keypoint_noise: float = 0.03
+    landmark_mismatch: float = 0.7
     stabiliser_weight: float = 1.0
     interpenetration_weight: float = 1.0
     clearance_scale: float = 0.005
@@ -53,7 +56,8 @@ class CostModel:
         self.body = body
         self.settings = settings or CostSettings()
         self.clearance = clearance if clearance is not None and clearance.pairs else None
-        self._spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
+        spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
+        self._spread = np.hypot(spread, self.settings.landmark_mismatch)
         priors: list[Term] = []
         if self.settings.stabiliser_weight > 0.0:
             priors.append(Stabilisers(body, self.settings.stabiliser_weight))
