@@ -10,7 +10,7 @@ DEMO_OUT ?= demo-out
 PYTEST_ARGS ?=
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-CODE := humanoid estimator viz kinemode tests examples benchmarks
+CODE := .
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: help demo test check format lock clean

@@ -132,13 +132,13 @@ def _refine(
 class _Profile:
     """Energy of the scales with every pose at its own minimum."""
 
-    def __init__(self, body: ProportionedBody, observations: list[Observation], settings: CostSettings, fit: FitSettings) -> None:
+    def __init__(
+        self, body: ProportionedBody, observations: list[Observation], settings: CostSettings, fit: FitSettings
+    ) -> None:
         self._body, self._observations, self._settings = body, observations, settings
         self._share = min(1.0, fit.effective_frames / max(1, len(observations)))
 
-    def at(
-        self, scales: np.ndarray, poses: list[np.ndarray]
-    ) -> tuple[float, np.ndarray, np.ndarray, list[np.ndarray]]:
+    def at(self, scales: np.ndarray, poses: list[np.ndarray]) -> tuple[float, np.ndarray, np.ndarray, list[np.ndarray]]:
         """Value, gradient (P,) and Schur-complement Hessian (P, P) at scales (P,), and the poses at their minima."""
         proportions = self._body
         body = proportions.at(scales)

@@ -182,7 +182,9 @@ def _suffixes(count: int) -> tuple[str, ...]:
     return known.get(count, tuple(str(i) for i in range(count)))
 
 
-def points_on_links(model: pin.Model, points: list[tuple[str, tuple[float, float, float]]]) -> tuple[np.ndarray, np.ndarray]:
+def points_on_links(
+    model: pin.Model, points: list[tuple[str, tuple[float, float, float]]]
+) -> tuple[np.ndarray, np.ndarray]:
     """Points given on links -> their joints (N,) and places in those joints' frames (N, 3)."""
     joints = np.zeros(len(points), dtype=np.int64)
     local = np.zeros((len(points), 3))

@@ -8,21 +8,7 @@ sigma_css^2 = nu sigma^2.
 
 from __future__ import annotations
 
-import math
+from estimator.cost.kernels import GAUSSIAN, LECLERC, LORENTZIAN
 
-from humanoid.compiled import jit
-
-GAUSSIAN, LORENTZIAN, LECLERC = 0, 1, 2
 POTENTIALS = {"gaussian": GAUSSIAN, "lorentzian": LORENTZIAN, "leclerc": LECLERC}
-
-
-@jit
-def rho(kind: int, s: float, nu: float) -> tuple[float, float, float]:
-    """Value, first and second derivative of the potential at the squared whitened residual s."""
-    if kind == LORENTZIAN:
-        slope = 1.0 / (1.0 + s / nu)
-        return nu * math.log1p(s / nu), slope, -slope * slope / nu
-    if kind == LECLERC:
-        e = math.exp(-s / nu)
-        return nu * (1.0 - e), e, -e / nu
-    return s, 1.0, 0.0
+"""Potentials by name; `estimator.cost.kernels.rho` computes them."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from estimator.cost.potentials import POTENTIALS, rho
+from estimator.cost.kernels import diffuse, stabilise
+from estimator.cost.potentials import POTENTIALS
 from humanoid.body import Body, PosedBody
-from humanoid.compiled import jit
 from humanoid.errors import InputError
 
 
@@ -29,24 +29,11 @@ class Stabilisers:
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.cost.term.Term`."""
-        value: float = _stabilise(
+        value: float = stabilise(
             posed.q, self._q_index, self._v_index, self._rest, self._precision, self._weight, self._kind, self._nu,
             gradient, hessian, exact,
         )  # fmt: skip
         return value
-
-
-@jit
-def _stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, hessian, exact):  # type: ignore[no-untyped-def]
-    value = 0.0
-    for i in range(q_index.shape[0]):
-        e = q[q_index[i]] - rest[i]
-        cost, slope, bend = rho(kind, e * e * precision[i], nu)
-        value += 0.5 * weight * cost
-        gradient[v_index[i]] += weight * slope * precision[i] * e
-        curvature = slope + 2.0 * bend * e * e * precision[i] if exact else slope
-        hessian[v_index[i], v_index[i]] += weight * curvature * precision[i]
-    return value
 
 
 class Transition:
@@ -78,41 +65,8 @@ class Transition:
         jacobian = self._identity
         if self._blocks:
             jacobian = pin.dDifference(self._model, self._q_previous, posed.q, pin.ARG1)
-        value: float = _diffuse(
+        value: float = diffuse(
             e, self._precision, self._kind, self._nu, exact, self._ranges, jacobian, self._pull, self._bend, gradient,
             hessian,
         )  # fmt: skip
         return value
-
-
-@jit
-def _diffuse(e, precision, kind, nu, exact, ranges, jacobian, pull, bend, gradient, hessian):  # type: ignore[no-untyped-def]
-    """Value of the transition; `jacobian` (nv, nv) is the derivative of e, the identity outside the diagonal blocks
-    in `ranges` (B, 2)."""
-    value = _robust_square(e, precision, kind, nu, exact, pull, bend)
-    first = 0
-    for b in range(ranges.shape[0] + 1):
-        start = ranges[b, 0] if b < ranges.shape[0] else e.shape[0]
-        for i in range(first, start):
-            gradient[i] += pull[i]
-            hessian[i, i] += bend[i]
-        if b < ranges.shape[0]:
-            first = ranges[b, 1]
-            for i in range(start, first):
-                for m in range(start, first):
-                    gradient[i] += jacobian[m, i] * pull[m]
-                    for k in range(start, first):
-                        hessian[i, k] += jacobian[m, i] * bend[m] * jacobian[m, k]
-    return value
-
-
-@jit
-def _robust_square(e, precision, kind, nu, exact, pull, bend):  # type: ignore[no-untyped-def]
-    """1/2 sum rho(precision e^2), its derivative `pull` and (Gauss-Newton or exact) curvature `bend`, all (nv,)."""
-    value = 0.0
-    for i in range(e.shape[0]):
-        cost, slope, curve = rho(kind, e[i] * e[i] * precision[i], nu)
-        value += 0.5 * cost
-        pull[i] = slope * precision[i] * e[i]
-        bend[i] = precision[i] * (slope + (2.0 * curve * e[i] * e[i] * precision[i] if exact else 0.0))
-    return value

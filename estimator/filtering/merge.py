@@ -38,7 +38,9 @@ def best_distinct(
     return kept
 
 
-def bhattacharyya(body: Body, q0: np.ndarray, covariance0: np.ndarray, q1: np.ndarray, covariance1: np.ndarray) -> float:
+def bhattacharyya(
+    body: Body, q0: np.ndarray, covariance0: np.ndarray, q1: np.ndarray, covariance1: np.ndarray
+) -> float:
     """Bhattacharyya distance of two Gaussians on the manifold, in the tangent space at q0 (CSS Figure 6, step 5).
 
     Standard form, with the 1/8 and the mean covariance that the printed step lost. A small isotropic variance keeps

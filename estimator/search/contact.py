@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
-from estimator.cost.term import Cost
+from estimator.cost.term import Cost, Quadratic
 from estimator.search.box_step import model_decrease
 from estimator.search.seek import Found, Seeker
 from humanoid.body import PosedBody
 from humanoid.clearance import Clearance
+
+TOUCH = 1e-5  # m; closer pairs can carry a contact force
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,26 @@ def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, set
             damping = max(damping, 1e-6) * 8.0
             if damping > 1e9:
                 break
-    residual = seeker.kkt_residual(here)
-    return Found(here, "separated", residual, found.iterations + iteration + 1)
+    residual = contact_kkt_residual(seeker, clearance, here)
+    status = "converged" if residual < seeker.settings.kkt_tolerance else "separated"
+    return Found(here, status, residual, found.iterations + iteration + 1)
+
+
+def contact_kkt_residual(seeker: Seeker, clearance: Clearance, quadratic: Quadratic) -> float:
+    """Largest entry of the gradient that neither joint limits nor touching parts can balance.
+
+    The multipliers, none negative, are the least-squares ones of the active limits and of the pairs in touch.
+    """
+    body, q = seeker.body, quadratic.posed.q
+    touching = clearance.near(quadratic.posed, TOUCH).gradient
+    identity = np.eye(body.nv)
+    low = identity[body.bounded_v[q[body.bounded_q] <= body.lower[body.bounded_q]]]
+    high = -identity[body.bounded_v[q[body.bounded_q] >= body.upper[body.bounded_q]]]
+    pressing = np.concatenate([touching, low, high]).T
+    if pressing.shape[1] == 0:
+        return seeker.kkt_residual(quadratic)
+    multipliers, _ = nnls(pressing, quadratic.gradient)
+    return float(np.max(np.abs(quadratic.gradient - pressing @ multipliers)))
 
 
 def clearance_rows(clearance: Clearance, posed: PosedBody, margin: float) -> tuple[np.ndarray, np.ndarray] | None:

@@ -100,9 +100,7 @@ class ModeSearch:
         modes = tuple(self._mode(c, readings) for c in best)
         return mixture_of(modes, np.array([c.score for c in best]))
 
-    def _explore(
-        self, hypotheses: Iterable[Hypothesis], readings: Sequence[Reading], dt: float
-    ) -> list[_Candidate]:
+    def _explore(self, hypotheses: Iterable[Hypothesis], readings: Sequence[Reading], dt: float) -> list[_Candidate]:
         costs: dict[tuple[int, int], Cost] = {}
         candidates = []
         for h in hypotheses:
