@@ -1,6 +1,6 @@
 """Time of a clearance query of human34, against its kinematics; which parts of the query take it.
 
-Run with `python benchmarks/clearance.py`. The unit is one `body.at(q)`, so that figures of different machines compare.
+The unit is one `body.at(q)`, so that figures of different machines compare.
 """
 
 from __future__ import annotations

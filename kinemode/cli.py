@@ -46,7 +46,7 @@ def _note(message: Warning | str, *_: object, **__: object) -> None:
 def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
     """Render a short clip with known motion, track it from one camera, and show the errors.
 
-    Writes overlay.mp4, preview.html and sheet.png.
+    Writes overlay.mp4, preview.html and contact_sheet.png.
 
     Example: kinemode demo --out demo-out
 

@@ -91,10 +91,15 @@ class CostModel:
     def transition_std(self, dt: float) -> np.ndarray:
         """Standard deviation (nv,) of the change in `dt` seconds."""
         s = self.settings
-        std = np.full(self.body.nv, s.turn_speed)
-        if self.body.subject.base == "free":
-            std[:3], std[3:6] = s.root_slide_speed, s.root_turn_speed
-        return std * max(dt, 1e-3)
+        return per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed) * max(dt, 1e-3)
+
+
+def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:
+    """One number for each degree of freedom (nv,): of joints, of a free root's orientation and of its position."""
+    values = np.full(body.nv, turn)
+    if body.subject.base == "free":
+        values[:3], values[3:6] = root_slide, root_turn
+    return values
 
 
 def image_extent(pixels: np.ndarray, confidence: np.ndarray) -> float:

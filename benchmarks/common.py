@@ -1,0 +1,104 @@
+"""What the measures share: data, clips, tables, JSON, and errors as one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import cyclopts
+import numpy as np
+from cyclopts import Parameter
+
+from humanoid.errors import InputError
+from kinemode.api import InputWarning
+from kinemode.progress import Progress
+
+ROOT = Path(__file__).resolve().parent.parent
+Several = Parameter(consume_multiple=True, negative="")
+Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True, negative="")]
+
+
+def start(main: Callable[..., None]) -> None:
+    """Run a measure with the command line as its arguments; bad input is one line and exit code 2."""
+    warnings.simplefilter("ignore", InputWarning)
+    try:
+        cyclopts.run(main)
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+def data_folder(given: Path | None) -> Path | None:
+    """The evaluation data: the given folder, KINEMODE_DATA, or ../shared/data next to the checkout; None without."""
+    folder = given or Path(os.environ.get("KINEMODE_DATA") or ROOT.parent / "shared" / "data")
+    if folder.is_dir():
+        return folder
+    if given is not None:
+        raise InputError(given, "no such folder")
+    return None
+
+
+def beam_folder(given: Path | None) -> Path:
+    """The clip `beam4cam` of the evaluation data; raises InputError where it is absent."""
+    folder = data_folder(given)
+    if folder is None or not (folder / "beam4cam" / "reference3d.npz").is_file():
+        remedy = "--data DIR or KINEMODE_DATA names the folder that has it"
+        raise InputError("beam4cam", "the evaluation clip is not here", remedy=remedy)
+    return folder / "beam4cam"
+
+
+def nested(changes: Sequence[str]) -> dict[str, Any]:
+    """`group.name=value` texts as nested settings; values are JSON, anything else is text."""
+    found: dict[str, Any] = {}
+    for change in changes:
+        path, separator, text = change.partition("=")
+        if not separator:
+            raise InputError("--set", f"{change!r} has no value", remedy="write group.name=value, as cost.nu=8")
+        *groups, name = path.split(".")
+        place = found
+        for group in groups:
+            place = place.setdefault(group, {})
+        try:
+            place[name] = json.loads(text)
+        except json.JSONDecodeError:
+            place[name] = text
+    return found
+
+
+def save(path: Path | None, figures: dict[str, Any]) -> None:
+    """Write the figures as JSON, if a file was asked for; what is not finite becomes null."""
+    if path is not None:
+        path.write_text(json.dumps(_plain(figures), indent=1, allow_nan=False) + "\n")
+        print(f"figures: {path}")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+@contextmanager
+def silent(label: str) -> Iterator[Progress]:
+    """A progress report that says nothing."""
+    yield lambda done, total: None
+
+
+def spread(values: Sequence[float]) -> str:
+    """Median, and the range where there are several."""
+    middle = f"{np.median(values):.1f}"
+    return middle if len(values) < 2 else f"{middle} ({min(values):.1f} to {max(values):.1f})"

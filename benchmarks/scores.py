@@ -1,0 +1,93 @@
+"""Errors and certificates of a run, as the measures report them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+
+from estimator.evaluation import Reference, evaluate, evaluate_points, largest_penetration, limit_violations
+from estimator.formats.run_file import Run
+from estimator.search.seek import SeekSettings
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One run against a reference; errors and overlaps in millimetres.
+
+    mpjpe, pa: the best hypothesis, along the path. filtered_mpjpe, filtered_pa: the best of each frame as it was
+    tracked, without looking back. best_mpjpe, best_pa: of the hypothesis nearest to the reference (best of K).
+    violations: frames where any hypothesis leaves a joint limit. overlap, overlap_all: largest interpenetration of the
+    best hypothesis and of all. overlap_frames: frames where the best overlaps by over 10 mm. converged: share of the
+    hypotheses whose KKT residual is below the tolerance. kkt: largest residual among those. kkt_all: among all.
+    """
+
+    mpjpe: float
+    pa: float
+    filtered_mpjpe: float
+    filtered_pa: float
+    best_mpjpe: float
+    best_pa: float
+    violations: int
+    overlap: float
+    overlap_all: float
+    overlap_frames: int
+    converged: float
+    kkt: float
+    kkt_all: float
+
+
+def score(run: Run, reference: Reference) -> Scores:
+    """Measure a run with the functions of `estimator.evaluation`."""
+    best = evaluate(run, reference)
+    modes = run.mode_landmarks
+    filtered = evaluate_points(run.body.landmark_names, modes[:, 0], modes[:, :1], run.time, reference)
+    residual = run.mode_kkt_residual[np.isfinite(run.mode_kkt_residual)]
+    done = residual[residual < SeekSettings().kkt_tolerance]
+    overlaps = [largest_penetration(run.body, one[None]) for one in run.q]
+    return Scores(
+        mpjpe=1e3 * best.mpjpe,
+        pa=1e3 * best.pa_mpjpe,
+        filtered_mpjpe=1e3 * filtered["mpjpe"],
+        filtered_pa=1e3 * filtered["pa_mpjpe"],
+        best_mpjpe=1e3 * best.best_of_k_mpjpe,
+        best_pa=1e3 * best.best_of_k_pa_mpjpe,
+        violations=max(limit_violations(run.body, run.mode_q[:, k]) for k in range(run.hypothesis_count)),
+        overlap=1e3 * best.penetration,
+        overlap_all=1e3 * max(largest_penetration(run.body, run.mode_q[:, k]) for k in range(run.hypothesis_count)),
+        overlap_frames=int(np.sum(np.array(overlaps) > 0.01)),
+        converged=len(done) / max(1, len(residual)),
+        kkt=float(np.max(done, initial=0.0)),
+        kkt_all=float(np.max(residual, initial=0.0)),
+    )
+
+
+def mean_scores(scores: Iterable[Scores]) -> Scores:
+    """Mean errors and convergence, worst of the rest."""
+    rows = [asdict(s) for s in scores]
+    worst = ("violations", "overlap", "overlap_all", "overlap_frames", "kkt", "kkt_all")
+    return Scores(**{f.name: (max if f.name in worst else np.mean)([r[f.name] for r in rows]) for f in fields(Scores)})
+
+
+COLUMNS = (
+    "MPJPE", "PA", "filtered", "PA ", "best of K", "PA  ", "limits", "overlap", "all modes", ">1 cm", "converged",
+    "KKT", "fps",
+)  # fmt: skip
+
+
+def cells(s: Scores, rate: float) -> list[str]:
+    """A row under `COLUMNS`."""
+    errors = (s.mpjpe, s.pa, s.filtered_mpjpe, s.filtered_pa, s.best_mpjpe, s.best_pa)
+    return [
+        *(f"{e:.1f}" for e in errors), f"{s.violations:.0f}", f"{s.overlap:.1f}", f"{s.overlap_all:.1f}",
+        f"{s.overlap_frames:.0f}", f"{s.converged:.1%}", f"{s.kkt:.1e}", f"{rate:.1f}",
+    ]  # fmt: skip
+
+
+LEGEND = (
+    "[mm] over the 12 limb joints, hips aligned; PA: after the best similarity. best hypothesis: along the path back;"
+    " filtered: best of each frame as tracked.\nlimits: frames with a limit violated by any hypothesis. overlap:"
+    " deepest interpenetration [mm], of the best hypothesis and of all; >1 cm: frames where the best overlaps more.\n"
+    "converged: hypotheses with a KKT residual below 1e-6; KKT: the largest residual of those."
+)

@@ -1,0 +1,97 @@
+"""What the tests of the estimator share: bodies, cameras, poses, and observations of known poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.imaging.camera import Camera
+from estimator.imaging.observation import Observation
+from humanoid.body import Body
+from humanoid.subject import load_subject
+
+SUBJECTS = ("human34", "arm8", "upper13")
+BROWN = (-0.11, 0.05, 0.002, -0.003, 0.01)
+
+
+@cache
+def body_of(name: str) -> Body:
+    """A built-in subject's body; one object for all tests."""
+    return Body(load_subject(name))
+
+
+def camera_at(
+    azimuth: float,
+    *,
+    distance: float = 4.0,
+    focal: float = 700.0,
+    height: float = 0.3,
+    aim: Sequence[float] = (0.0, 0.0, 0.0),
+    distortion: Sequence[float] = (0.0,) * 5,
+) -> Camera:
+    """A 640 x 480 camera `distance` [m] from the z axis, `azimuth` [deg] from x, level with `height`, looking at `aim`."""
+    angle = np.radians(azimuth)
+    centre = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
+    forward = np.asarray(aim) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    R_camera_world = np.stack([right, np.cross(forward, right), forward])
+    K = np.array([[focal, 0.7, 318.0], [0.0, 1.02 * focal, 243.0], [0.0, 0.0, 1.0]])
+    return Camera(f"at{azimuth:g}", (640, 480), K, np.array(distortion), R_camera_world, -R_camera_world @ centre)
+
+
+def random_pose(body: Body, rng: np.random.Generator, *, share: float = 1.0, turn: float = np.pi) -> np.ndarray:
+    """Joints drawn evenly from the middle `share` of their limits; a free root near the origin, turned by up to `turn`."""
+    q, i = body.neutral.copy(), body.bounded_q
+    middle, half = 0.5 * (body.lower[i] + body.upper[i]), 0.5 * share * (body.upper[i] - body.lower[i])
+    q[i] = rng.uniform(middle - half, middle + half)
+    if body.subject.base == "free":
+        axis = rng.normal(size=3)
+        placed = np.concatenate([rng.normal(scale=0.2, size=3), rng.uniform(-turn, turn) * axis / np.linalg.norm(axis)])
+        q = pin.integrate(body.model, q, np.concatenate([placed, np.zeros(body.nv - 6)]))
+    return q
+
+
+def bent(body: Body, **angles: float) -> np.ndarray:
+    """The neutral pose with some joints at given angles [rad]."""
+    q = body.neutral.copy()
+    for joint, angle in angles.items():
+        q[body.q_names.index(joint)] = angle
+    return body.clamp(q)
+
+
+def observe(
+    body: Body,
+    q: np.ndarray,
+    cameras: Sequence[Camera],
+    *,
+    noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+    index: int = 0,
+    time: float = 0.0,
+) -> Observation:
+    """The projections of a known pose, with `noise` [px] of normal error."""
+    points = body.landmarks(body.at(q))
+    pixels = np.array([camera.project(points) for camera in cameras])
+    if rng is not None:
+        pixels = pixels + noise * rng.normal(size=pixels.shape)
+    return Observation(index, time, tuple(cameras), pixels, np.ones(pixels.shape[:2]))
+
+
+def slope(f: Callable[[np.ndarray], np.ndarray], body: Body, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
+    """Derivative of f at q along v: the central difference through the manifold, one order of step error removed."""
+
+    def central(h: float) -> np.ndarray:
+        ahead, behind = (np.asarray(f(pin.integrate(body.model, q, s * h * v))) for s in (1.0, -1.0))
+        return (ahead - behind) / (2.0 * h)
+
+    return (4.0 * central(step) - central(2.0 * step)) / 3.0
+
+
+def inside(body: Body, q: np.ndarray) -> bool:
+    """Whether every configuration (..., nq) is within the limits, to the last bit."""
+    return bool(np.all(q >= body.lower) and np.all(q <= body.upper))

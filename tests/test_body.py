@@ -1,0 +1,127 @@
+"""Laws of the kinematics: derivatives, ownership, limits, and segment lengths as parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from builders import SUBJECTS, body_of, inside, random_pose, slope
+
+from humanoid.body import Body
+from humanoid.proportions import ProportionedBody
+
+
+@pytest.fixture(params=SUBJECTS)
+def body(request: pytest.FixtureRequest) -> Body:
+    return body_of(request.param)
+
+
+def test_landmark_jacobians_are_derivatives(body: Body) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        q = random_pose(body, rng)
+        jacobians = body.landmark_jacobians(body.at(q))
+        directions = [*np.eye(body.nv), rng.normal(size=body.nv)]
+        for v in directions:
+            expected = slope(lambda x: body.landmarks(body.at(x)), body, q, v, 1e-4)
+            assert np.abs(jacobians @ v - expected).max() < 1e-6 * max(np.abs(expected).max(), 1e-3)
+
+
+def test_support_is_where_landmarks_move(body: Body) -> None:
+    q = random_pose(body, np.random.default_rng(2))
+    moved = np.abs(body.landmark_jacobians(body.at(q))).max(axis=1) > 0.0
+    assert not np.any(moved & ~body.landmark_support)
+    for landmark, joint in enumerate(body.landmark_joint):
+        ancestors = list(body.model.supports[int(joint)])
+        expected = np.isin(body.tree.dof_joint, ancestors)
+        assert np.array_equal(body.landmark_support[landmark], expected)
+
+
+def test_placements_and_columns_are_pinocchios(body: Body) -> None:
+    q = random_pose(body, np.random.default_rng(3))
+    posed, data = body.at(q), body.model.createData()
+    pin.computeJointJacobians(body.model, data, q)
+    for j in range(1, body.njoints):
+        assert np.array_equal(posed.rotations[j], data.oMi[j].rotation)
+        assert np.array_equal(posed.translations[j], data.oMi[j].translation)
+        spatial = pin.getJointJacobian(body.model, data, j, pin.ReferenceFrame.WORLD)
+        assert np.allclose(np.where(body.support(j)[:, None], posed.columns, 0.0), spatial.T, atol=1e-14)
+
+
+def test_a_posed_body_owns_its_arrays(body: Body) -> None:
+    rng = np.random.default_rng(4)
+    first = body.at(random_pose(body, rng))
+    before = [array.copy() for array in (*first, body.landmarks(first))]
+    body.at(random_pose(body, rng))
+    assert all(np.array_equal(a, b) for a, b in zip(before, (*first, body.landmarks(first)), strict=True))
+
+
+def test_steps_within_tangent_bounds_stay_inside_and_reach_the_limits(body: Body) -> None:
+    rng = np.random.default_rng(5)
+    q = random_pose(body, rng)
+    low, high = body.tangent_bounds(q)
+    assert np.all(low <= 0.0)
+    assert np.all(high >= 0.0)
+    assert set(np.flatnonzero(np.isfinite(low) & np.isfinite(high))) == set(body.bounded_v)
+    for bound, limit in ((low, body.lower), (high, body.upper)):
+        reached = body.integrate(q, np.where(np.isfinite(bound), bound, 0.0))[body.bounded_q]
+        assert np.abs(reached - limit[body.bounded_q]).max() < 1e-14
+    for _ in range(20):
+        v = rng.normal(scale=3.0, size=body.nv)
+        assert inside(body, body.integrate(q, v))
+
+
+def test_difference_undoes_integrate(body: Body) -> None:
+    rng = np.random.default_rng(6)
+    q = random_pose(body, rng, share=0.5)
+    v = rng.uniform(-0.05, 0.05, size=body.nv)
+    assert np.abs(body.difference(q, body.integrate(q, v)) - v).max() < 1e-12
+
+
+def test_clamping_leaves_the_root_alone_and_is_idempotent(body: Body) -> None:
+    q = random_pose(body, np.random.default_rng(7))
+    wild = q.copy()
+    wild[body.bounded_q] += 10.0
+    once = body.clamp(wild)
+    free = np.setdiff1d(np.arange(body.nq), body.bounded_q)
+    assert np.array_equal(once[body.bounded_q], body.upper[body.bounded_q])
+    assert np.array_equal(once[free], wild[free])
+    assert np.array_equal(body.clamp(once), once)
+    assert np.array_equal(body.clamp(q), q)
+
+
+def test_scaled_bodies_equal_scaled_subjects(body: Body) -> None:
+    proportioned, rng = ProportionedBody(body.subject), np.random.default_rng(8)
+    for _ in range(3):
+        scales = rng.uniform(proportioned.low, proportioned.high)
+        q = random_pose(body, rng)
+        ours, theirs = proportioned.at(scales), Body(body.subject.scaled(proportioned.scales(scales)))
+        assert np.abs(ours.landmarks(ours.at(q)) - theirs.landmarks(theirs.at(q))).max() < 1e-12
+        assert np.abs(ours.at(q).columns - theirs.at(q).columns).max() < 1e-12
+    plain = proportioned.at(np.ones(len(proportioned.names)))
+    assert np.array_equal(plain.landmarks(plain.at(q)), body.landmarks(body.at(q)))
+
+
+def test_landmark_derivatives_in_the_scales(body: Body) -> None:
+    proportioned, rng = ProportionedBody(body.subject), np.random.default_rng(9)
+    q, scales = random_pose(body, rng), rng.uniform(0.9, 1.1, size=len(proportioned.names))
+    scaled = proportioned.at(scales)
+    derivatives = proportioned.landmark_derivatives(scaled.at(q))
+    for k in range(len(scales)):
+        sides = []
+        for h in (1e-3, -1e-3):
+            other = proportioned.at(scales + h * np.eye(len(scales))[k])
+            sides.append(other.landmarks(other.at(q)))
+        # landmarks are linear in the scales, so that the difference is exact
+        assert np.abs((sides[0] - sides[1]) / 2e-3 - derivatives[:, :, k]).max() < 1e-10
+    assert np.abs(derivatives).max(axis=(0, 1)).min() > 1e-2  # every proportion moves something
+
+
+def test_a_left_proportion_moves_the_right_side_as_far() -> None:
+    body = body_of("human34")
+    proportioned = ProportionedBody(body.subject)
+    derivatives = np.linalg.norm(proportioned.landmark_derivatives(body.at(body.neutral)), axis=1)
+    for left, name in enumerate(body.landmark_names):
+        if name.startswith("left_"):
+            right = body.landmark_names.index("right_" + name[5:])
+            assert np.allclose(derivatives[left], derivatives[right], atol=1e-12)

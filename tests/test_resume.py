@@ -1,0 +1,46 @@
+"""A run killed without warning and resumed is the undisturbed run, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.resume import command, differences, finish, frames_in, kill_at
+from kinemode import api, demo
+from kinemode.progress import Progress
+
+FRAMES = 32
+KILLS = ((3, 0.0), (12, 0.01))  # frames after which it is due, seconds beyond; far from the end: machines stall
+
+
+@contextmanager
+def silent(label: str) -> Iterator[Progress]:
+    yield lambda done, total: None
+
+
+@pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
+def test_killed_twice(tmp_path: Path) -> None:
+    clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=silent)
+    keypoints, out = clip.keypoints[demo.CAMERA], tmp_path / "killed.run"
+    arguments = command(["--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"], out)
+    kept = 0
+    for wanted, delay in KILLS:
+        killed = kill_at(arguments, out, wanted, delay)
+        assert killed.resumed_from == kept
+        assert killed.lost == 0
+        assert wanted <= killed.after < FRAMES
+        assert not api.open_run(out).complete
+        kept = killed.after
+    finish(arguments)
+    assert frames_in(out) == FRAMES
+    undisturbed = api.track(
+        "human34", None, cameras=clip.cameras, keypoints=keypoints, fit="off", out=tmp_path / "undisturbed.run"
+    )
+    resumed = api.open_run(out)
+    assert differences(undisturbed, resumed) == []
+    resumed.mode_q[-1, 0, 7] = np.nextafter(resumed.mode_q[-1, 0, 7], np.inf)
+    assert differences(undisturbed, resumed) == ["mode_q"]  # the comparison can tell
