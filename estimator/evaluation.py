@@ -214,6 +214,7 @@ def evaluate_points(
     frame = match_frames(time, reference.time, len(reference.points))
     row = frame >= 0
     points, modes = landmarks[frame[row]][:, ours], mode_landmarks[frame[row]][:, :, ours]
+    modes = np.concatenate([modes, points[:, None]], axis=1)  # the smoothed best is a hypothesis too
     truth = reference.points[row][:, theirs]
     root = [shared.index(hip) for hip in HIPS] if set(HIPS) <= set(shared) else list(range(len(shared)))
     errors = joint_errors(points, truth, root)

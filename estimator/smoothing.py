@@ -16,9 +16,18 @@ import pinocchio as pin
 from scipy.linalg import solveh_banded
 
 from estimator.cost.model import per_dof
+from estimator.cost.priors import Transition
 from estimator.cost.term import Cost
+from estimator.filtering.paths import backtrack_results
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.search.contact import separate
+from estimator.search.mode_search import ModeSearch
+from estimator.search.seek import Found
+from estimator.trackers.tracker import observable
 from humanoid.body import Body
 
+NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 TAIL = 8.0  # nu of the Lorentzian (`estimator.cost.potentials`): a sudden movement is dear but possible
 
 
@@ -29,15 +38,58 @@ class SmoothSettings:
     turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
     accelerations of joints, of the root's orientation and of its position. The velocities' are those of the transition
     (`CostSettings`). iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at
-    once, which bounds the memory on long clips.
+    once, which bounds the memory on long clips. enabled: off leaves the path as the tracker chose it.
     """
 
-    turn_acceleration: float = 30.0
-    root_turn_acceleration: float = 15.0
-    root_slide_acceleration: float = 5.0
+    enabled: bool = True
+    turn_acceleration: float = 10.0
+    root_turn_acceleration: float = 5.0
+    root_slide_acceleration: float = 2.5
     iterations: int = 30
     tolerance: float = 1e-3
     window: int = 240
+
+
+def smooth_track(
+    search: ModeSearch,
+    observations: Sequence[Observation],
+    results: Sequence[FrameResult],
+    settings: SmoothSettings | None = None,
+) -> np.ndarray:
+    """Smoothed configurations (T, nq) of the best path through the results, NaN where a frame has no hypothesis.
+
+    Each frame's keypoints are read as the path's mode reads them. Parts that the smoothing pushed into each other are
+    parted again (`estimator.search.contact`).
+    """
+    body, path = search.body, backtrack_results(results)
+    q = np.full((len(results), body.nq), np.nan)
+    some = np.flatnonzero(path >= 0)
+    if len(some) == 0:
+        return q
+    costs = [_frame_cost(search, observations[t], results[t].association[path[t]]) for t in some]
+    times = np.array([observations[t].time for t in some])
+    start = np.array([results[t].q[path[t]] for t in some])
+    found = smooth(body, costs, times, start, search.model.transition_std(1.0), settings)
+    q[some] = [_parted(search, cost, x) for cost, x in zip(costs, found, strict=True)]
+    return q
+
+
+def _frame_cost(search: ModeSearch, observation: Observation, association: str) -> Cost:
+    if not observable(observation):
+        return search.model.cost(None)
+    reading = next(r for r in search.readings(observation) if r.name == association)
+    return search.model.cost(reading.term)
+
+
+def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
+    """q (nq,) itself unless parts overlap, else a pose near it where they do not."""
+    body = search.body
+    contact = search.settings.contact
+    if search.clearance is None or search.clearance.penetration(body.at(q)) <= contact.tolerance:
+        return q
+    held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
+    found = Found(held.at(q), "stalled", np.inf, 0)
+    return separate(search.seeker, search.clearance, held, found, contact).q
 
 
 def smooth(

@@ -10,10 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from threadpoolctl import threadpool_limits
+
 from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.imaging.camera import Camera
 from estimator.runner import run_into
+from estimator.smoothing import smooth_track
 from estimator.trackers.registry import Settings, make_tracker, settings_for
 from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, observable
 from humanoid.body import Body
@@ -78,16 +81,32 @@ def track(
     InputError: whatever is wrong with what was given.
     """
     job = _Job(tracker, settings_for(tracker, modes=modes, changes=settings), _seed(seed), _fit_choice(fit), person)
+    with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
+        return _track(job, subject, clips, cameras, keypoints, person, out, resume, overwrite, progress)
+
+
+def _track(
+    job: _Job,
+    subject: SubjectLike,
+    clips: Named,
+    cameras: Cameras,
+    keypoints: Named,
+    person: str | int,
+    out: PathLike | None,
+    resume: bool,
+    overwrite: bool,
+    progress: Progress | None,
+) -> Run:
     path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
     _check_out(path, resume, overwrite)
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
     inputs = _inputs(loaded, clips, keypoints, cameras, person)
-    if fit == "auto" and is_built_in(loaded):
+    if job.fit == "auto" and is_built_in(loaded):
         stored = open_run(path) if resume and path.exists() else None
         if stored is not None and stored.header.subject_source == loaded.source:
             loaded = stored.subject  # fitted when the run began
         else:
-            loaded = fit_proportions(loaded, inputs.observations, seed).subject
+            loaded = fit_proportions(loaded, inputs.observations, job.seed).subject
     _track_into(path, resume, overwrite, _header(job, loaded, inputs), job, loaded, inputs, progress)
     return open_run(path)
 
@@ -112,7 +131,8 @@ def fit(
     if not loaded.proportions:
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     inputs = _inputs(loaded, clips, keypoints, cameras, person)
-    fitted = fit_proportions(loaded, inputs.observations, _seed(seed))
+    with threadpool_limits(limits=1):
+        fitted = fit_proportions(loaded, inputs.observations, _seed(seed))
     if out is not None:
         fitted.subject.write(out)
     return fitted
@@ -155,6 +175,9 @@ def _track_into(
         writer.put_observations(inputs.observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         run_into(writer, tracker, inputs.observations, job.seed, state=state, first=first, progress=progress)
+        if job.settings.smooth.enabled:  # from the stored results, so that a resumed run has the same
+            results = list(open_run(path))
+            writer.put_smoothed(smooth_track(tracker.search, inputs.observations, results, job.settings.smooth))
         writer.finish()
 
 

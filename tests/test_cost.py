@@ -59,7 +59,11 @@ def transition(name: str, potential: str) -> Callable[[np.random.Generator], Mad
     def make(rng: np.random.Generator) -> Made:
         body = body_of(name)
         std = rng.uniform(0.1, 1.0, size=body.nv)
-        return body, Transition(body, random_pose(body, rng, turn=1.0), std, potential), random_pose(body, rng, turn=1.0)
+        return (
+            body,
+            Transition(body, random_pose(body, rng, turn=1.0), std, potential),
+            random_pose(body, rng, turn=1.0),
+        )
 
     return make
 
@@ -95,7 +99,9 @@ def test_gradient_is_the_derivative_of_the_value(made: Made) -> None:
     # one entry at a time, and all at once: a wrong entry cannot hide behind large others
     for v in [*np.eye(body.nv), rng.normal(size=body.nv)]:
         expected = slope(lambda x: np.array(evaluated(term, body, x)[0]), body, q, v, 1e-5)
-        assert abs(gradient @ v - expected) < 1e-5 * max(abs(expected), 1e-2 * np.linalg.norm(gradient) * np.linalg.norm(v))
+        assert abs(gradient @ v - expected) < 1e-5 * max(
+            abs(expected), 1e-2 * np.linalg.norm(gradient) * np.linalg.norm(v)
+        )
 
 
 def test_hessian_is_symmetric_and_semi_definite_unless_exact(made: Made) -> None:
@@ -221,7 +227,9 @@ def test_cameras_add() -> None:
     sigma = np.full(seen.confidence.shape, 9.0)
     both = evaluated(Reprojection(body, seen, sigma), body, q)
     single = [
-        replace(seen, cameras=seen.cameras[c : c + 1], pixels=seen.pixels[c : c + 1], confidence=seen.confidence[c : c + 1])
+        replace(
+            seen, cameras=seen.cameras[c : c + 1], pixels=seen.pixels[c : c + 1], confidence=seen.confidence[c : c + 1]
+        )
         for c in range(2)
     ]
     parts = [evaluated(Reprojection(body, one, sigma[:1]), body, q) for one in single]
@@ -280,7 +288,9 @@ def test_keypoint_noise_grows_with_the_person_in_the_image() -> None:
     ratio = model.keypoint_sigma(near) / model.keypoint_sigma(far)
     assert np.ptp(ratio) < 1e-12
     assert 1.9 < ratio[0, 0] < 2.2
-    sides = np.array([image_extent(near.pixels[0], near.confidence[0]), image_extent(near.pixels[0], 0 * near.confidence[0])])
+    sides = np.array(
+        [image_extent(near.pixels[0], near.confidence[0]), image_extent(near.pixels[0], 0 * near.confidence[0])]
+    )
     assert sides[1] == 100.0
     assert model.keypoint_sigma(near).min() > 0.03 * sides[0]
 

@@ -143,7 +143,10 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 def test_the_known_set(name: str, count: int) -> None:
     arm = ARMS[name]()
     assert len(arm.flips) == count
-    nearest = [np.linalg.norm(limb_points(arm.body, q) - limb_points(arm.body, arm.truth), axis=1).max() for q in arm.flips.values()]
+    nearest = [
+        np.linalg.norm(limb_points(arm.body, q) - limb_points(arm.body, arm.truth), axis=1).max()
+        for q in arm.flips.values()
+    ]
     assert min(nearest) < 2e-3  # the pose photographed is one of them
 
 

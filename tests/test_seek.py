@@ -262,7 +262,9 @@ def test_samples_stay_in_the_limits_and_repeat() -> None:
     model = cost.at(q)
     covariance = mode_covariance(body, q, model.gradient, model.hessian)  # with zero rows
     proposal = CovarianceScaledProposal(body, q, covariance, 8.0)
-    draws = [[proposal.sample(rng) for _ in range(30)] for rng in (np.random.default_rng(49), np.random.default_rng(49))]
+    draws = [
+        [proposal.sample(rng) for _ in range(30)] for rng in (np.random.default_rng(49), np.random.default_rng(49))
+    ]
     assert np.array_equal(*draws)
     assert inside(body, np.array(draws[0]))
     held = np.setdiff1d(np.arange(body.nv), free_directions(body, q, model.gradient))

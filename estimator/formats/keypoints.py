@@ -66,7 +66,7 @@ def load_keypoints(
         raise InputError(path, "has no person in any frame")
     _refuse_normalised(chosen, path)
     pixels, confidence = _as_arrays(reading, chosen, first)
-    notes = (note, *reading.notes.texts, *_numbering_notes(reading, first))
+    notes = tuple(n for n in (note, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
     return KeypointTrack(
         reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, notes, str(path)
     )

@@ -138,7 +138,7 @@ def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
         if not all(isinstance(name, str) for name in names):
             raise InputError(path, "a list of names is needed", place="names")
         reading.layout = declared or "named"
-        reading.names = tuple(landmark_name(name) for name in names)
+        reading.names = tuple(landmark_name(name) or name for name in names)
 
 
 def _listed_frames(value: list[Any], reading: Reading) -> None:

@@ -77,7 +77,7 @@ def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) ->
 def select(
     frames: Mapping[int, Sequence[Person]], person: str | int, source: str | Path
 ) -> tuple[dict[int, Person], str]:
-    """The subject's detection in each frame, and a note.
+    """The subject's detection in each frame, and a note on the choice, empty where there was none to make.
 
     "auto": the track with the largest sum of size x confidence. An id the file has: the detections with that id. In a
     file without ids a number counts the tracks, the largest being 0.
@@ -89,7 +89,7 @@ def select(
         return _with_id(frames, str(person)), f"person {person}"
     if person == "auto" and all(len(people) <= 1 for people in frames.values()):
         alone = {index: people[0] for index, people in frames.items() if people and people[0].size > 0.0}
-        return alone, f"person found in {len(alone)} frames"
+        return alone, ""
     tracks = sorted(link(frames), key=lambda t: -sum(p.weight for p in t.values()))
     if not tracks:
         return {}, "no person in any frame"

@@ -113,6 +113,15 @@ class RunWriter:
                 raise
         self._position += 1
 
+    def put_smoothed(self, q: np.ndarray) -> None:
+        """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, in place of any other."""
+        execute = self._connection.execute
+        with run_store.translated(self.path):
+            execute("BEGIN IMMEDIATE")
+            execute("DELETE FROM smoothed")
+            execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
+            execute("COMMIT")
+
     def finish(self) -> None:
         """Mark the run complete and close it; one file is left."""
         now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")

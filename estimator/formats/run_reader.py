@@ -172,9 +172,19 @@ class Run:
         return backtrack(self.mode_parent, self.mode_weight)
 
     @cached_property
-    def q(self) -> np.ndarray:
-        """(T, nq) along the path."""
+    def filtered_q(self) -> np.ndarray:
+        """(T, nq) along the path, as the tracker left it."""
         return self._along(self.mode_q)
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """(T, nq) of the best hypothesis: along the path and, once the run is complete, smoothed over all frames."""
+        with run_store.reading(self.file) as connection:
+            row = connection.execute("SELECT data FROM smoothed").fetchone()
+        if row is None:
+            return self.filtered_q
+        q: np.ndarray = self._unpacked(row[0], "smoothed trajectory")["q"]
+        return q if q.shape == self.filtered_q.shape else self.filtered_q
 
     @cached_property
     def weight(self) -> np.ndarray:
@@ -183,12 +193,12 @@ class Run:
 
     @cached_property
     def energy(self) -> np.ndarray:
-        """(T,) along the path."""
+        """(T,) of the mode on the path, before smoothing."""
         return self._along(self.mode_energy)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(T, nv, nv) along the path."""
+        """(T, nv, nv) of the mode on the path: what its own frame and the priors leave open."""
         nv = self.body.nv
         out = np.full((len(self._frames), nv, nv), np.nan)
         for t, (frame, k) in enumerate(zip(self._frames, self.path, strict=True)):
@@ -198,8 +208,12 @@ class Run:
 
     @cached_property
     def landmarks(self) -> np.ndarray:
-        """(T, L, 3) along the path, in the world [m]."""
-        return self._along(self.mode_landmarks)
+        """(T, L, 3) of `q`, in the world [m]."""
+        body, q = self.body, self.q
+        points = np.full((len(q), len(body.landmark_names), 3), np.nan)
+        for t in np.flatnonzero(np.isfinite(q).all(axis=1)):
+            points[t] = body.landmarks(body.at(q[t]))
+        return points
 
     @cached_property
     def _keypoints(self) -> tuple[np.ndarray, np.ndarray]:

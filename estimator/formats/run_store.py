@@ -4,6 +4,7 @@
     frame(position, data)                     one row a frame, in order: the packed arrays of a FrameResult
     state(next, data)                         one row: the tracker's exact state after the last frame
     observation(position, data)               keypoints of each frame, for pictures and for a resume's check
+    smoothed(data)                            one row: the best trajectory, estimated over all frames together
     finished(at)                              one row when the run is complete
 
 While a run is written it keeps a write-ahead log (`RUN-wal`) beside the file, so that readers and the writer never wait
@@ -26,6 +27,7 @@ CREATE TABLE header (json TEXT NOT NULL);
 CREATE TABLE frame (position INTEGER PRIMARY KEY, data BLOB NOT NULL);
 CREATE TABLE state (id INTEGER PRIMARY KEY CHECK (id = 0), next INTEGER NOT NULL, data BLOB NOT NULL);
 CREATE TABLE observation (position INTEGER PRIMARY KEY, data BLOB NOT NULL);
+CREATE TABLE smoothed (data BLOB NOT NULL);
 CREATE TABLE finished (at TEXT NOT NULL);
 """
 _WAIT_S = 10.0

@@ -88,6 +88,108 @@ def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-unty
 
 
 @jit
+def solve_sets(M, g, lower, upper, A, b, active, held, step):  # type: ignore[no-untyped-def]
+    """Minimise 1/2 x'Mx + g'x with given sets: x on its `active` (n,) bounds, rows A x = b where `held` (m,) is true.
+
+    Fills `step` (n,) and returns whether it solves the problem with all bounds and all rows A x >= b: a solver's sets
+    become a solution exact to rounding, the same on every machine state, or are found wanting.
+    """
+    n, m = g.shape[0], b.shape[0]
+    f, r = 0, 0
+    free, rows = np.zeros(n, dtype=np.int64), np.zeros(m, dtype=np.int64)
+    for i in range(n):
+        step[i] = 0.0
+        if active[i] == 0:
+            free[f] = i
+            f += 1
+        else:
+            step[i] = lower[i] if active[i] < 0 else upper[i]
+    for k in range(m):
+        if held[k]:
+            rows[r] = k
+            r += 1
+    size = f + r
+    K, x = np.zeros((size, size)), np.zeros(size)
+    for a in range(f):
+        x[a] = -g[free[a]]
+        for k in range(n):
+            x[a] -= M[free[a], k] * step[k]
+        for c in range(f):
+            K[a, c] = M[free[a], free[c]]
+        for c in range(r):
+            K[a, f + c] = -A[rows[c], free[a]]
+            K[f + c, a] = A[rows[c], free[a]]
+    for c in range(r):
+        x[f + c] = b[rows[c]]
+        for k in range(n):
+            x[f + c] -= A[rows[c], k] * step[k]
+    if not eliminate(K, x):
+        return False
+    for a in range(f):
+        step[free[a]] = x[a]
+    multipliers = np.zeros(m)
+    for c in range(r):
+        multipliers[rows[c]] = x[f + c]
+    return _certified(M, g, lower, upper, A, b, active, multipliers, step)
+
+
+@jit
+def eliminate(K, x):  # type: ignore[no-untyped-def]
+    """Solve K x = x in place by Gaussian elimination with partial pivoting; False if K is singular."""
+    n = x.shape[0]
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(K[i, k]) > abs(K[p, k]):
+                p = i
+        if abs(K[p, k]) < 1e-300:
+            return False
+        if p != k:
+            for j in range(n):
+                K[k, j], K[p, j] = K[p, j], K[k, j]
+            x[k], x[p] = x[p], x[k]
+        for i in range(k + 1, n):
+            w = K[i, k] / K[k, k]
+            if w != 0.0:
+                for j in range(k, n):
+                    K[i, j] -= w * K[k, j]
+                x[i] -= w * x[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= K[k, j] * x[j]
+        x[k] /= K[k, k]
+    return True
+
+
+@jit
+def _certified(M, g, lower, upper, A, b, active, multipliers, step):  # type: ignore[no-untyped-def]
+    """KKT conditions of min 1/2 x'Mx + g'x, lower <= x <= upper, A x >= b, at x = step, to rounding."""
+    n, m = g.shape[0], b.shape[0]
+    scale = 1e-30
+    for i in range(n):
+        scale = max(scale, abs(g[i]))
+    for k in range(m):
+        value = 0.0
+        for i in range(n):
+            value += A[k, i] * step[i]
+        if value < b[k] - 1e-10 or multipliers[k] < -1e-9 * scale:
+            return False
+    for i in range(n):
+        if active[i] == 0:
+            if step[i] < lower[i] or step[i] > upper[i]:
+                return False
+            continue
+        slope = g[i]
+        for k in range(n):
+            slope += M[i, k] * step[k]
+        for k in range(m):
+            slope -= A[k, i] * multipliers[k]
+        if slope * active[i] > 1e-9 * scale:
+            return False
+    return True
+
+
+@jit
 def damped_step(  # type: ignore[no-untyped-def]
     H, g, damping, radius, q, bounded_q, bounded_v, lower_q, upper_q, active, rounds, M, lower, upper, step
 ):

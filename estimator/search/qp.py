@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from proxsuite import proxqp
 
-from estimator.search.box_step import damped_step
+from estimator.search.box_step import damped_step, solve_sets
 from humanoid.body import Body
 
 ACCURACY = 1e-8
@@ -27,8 +27,8 @@ class StepCounts:
 class StepSolver:
     """min 1/2 x'(H + damping diag H)x + g'x  s.t. joint limits, trust box, rows A x >= b  (CSS eq. 13 as a QP).
 
-    One persistent solver object for each number of rows; it starts cold each time so that equal problems have equal
-    solutions whatever was solved before.
+    One persistent solver object for each number of rows; equal problems have equal solutions, whatever was solved
+    before (`_exact`).
     """
 
     body: Body
@@ -92,7 +92,31 @@ class StepSolver:
             self.counts.failed += 1
             return None
         self.counts.proxqp += 1
-        step = np.minimum(np.maximum(x, self._lower), self._upper)  # the box holds exactly, the rows to ACCURACY
+        return self._exact(x, np.array(solver.results.z), gradient, active, rows)
+
+    def _exact(
+        self,
+        x: np.ndarray,
+        multipliers: np.ndarray,
+        gradient: np.ndarray,
+        active: np.ndarray,
+        rows: tuple[np.ndarray, np.ndarray] | None,
+    ) -> np.ndarray:
+        """The vertex that ProxQP's answer stands for.
+
+        Its last digits depend on what the solver did before and on where its memory lies; the sets of active bounds
+        and rows do not, so the step is solved anew from them. Where they do not certify, it is cut to the digits that
+        ProxQP guarantees.
+        """
+        A, b = (np.zeros((0, self.body.nv)), np.zeros(0)) if rows is None else rows
+        m = len(b)
         near = 1e-7
-        active[:] = np.where(step <= self._lower + near, -1, np.where(step >= self._upper - near, 1, 0))
-        return step
+        at_low, at_high = x <= self._lower + near, x >= self._upper - near
+        active[:] = np.where(at_low, -1, np.where(at_high, 1, 0))
+        step = np.empty(self.body.nv)
+        held = np.abs(multipliers[:m]) > 1e-7
+        if solve_sets(self._M, gradient, self._lower, self._upper, A, b, active, held, step):
+            return step
+        step = np.round(x, 6)
+        step = np.where(at_low, self._lower, np.where(at_high, self._upper, step))
+        return np.minimum(np.maximum(step, self._lower), self._upper)

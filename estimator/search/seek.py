@@ -22,9 +22,9 @@ class SeekSettings:
 
     max_iterations: steps tried. kkt_tolerance: largest entry of the projected gradient at convergence [energy per rad
     or m]. decrease_tolerance: the search also ends, "stalled", when the model promises less than this much energy;
-    0 leaves that to the KKT residual. damping: first damping factor. exact_below: the true Hessian is used once the model
-    promises less than this, near a minimum, where it makes convergence quadratic. max_turn [rad], max_slide [m]: half-width of the
-    trust box.
+    0 leaves that to the KKT residual. damping: first damping factor. exact_below: the true Hessian is used once the
+    model promises less than this, near a minimum, where it makes convergence quadratic. max_turn [rad], max_slide [m]:
+    half-width of the trust box.
     """
 
     max_iterations: int = 60
@@ -102,7 +102,8 @@ class Seeker:
                 damping, growth = max(damping, 1e-6) * growth, growth * 2.0
                 if damping > MAX_DAMPING:
                     return Found(here, "stalled", residual, iteration)
-        return Found(here, "converged" if residual < settings.kkt_tolerance else "iterations", residual, iteration + 1)
+        status = "converged" if residual < settings.kkt_tolerance else "iterations"
+        return Found(here, status, residual, settings.max_iterations)
 
 
 def _equal_but_flatter(value: float, trial: float, residual: float, trial_residual: float) -> bool:

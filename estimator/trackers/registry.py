@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from estimator.cost.model import CostModel, CostSettings
 from estimator.search.mode_search import ModeSearch, ModeSearchSettings
+from estimator.smoothing import SmoothSettings
 from estimator.trackers.css import PAPER, CovarianceScaledSampling, CssSettings
 from estimator.trackers.single_mode import SingleMode, SingleModeSettings
 from estimator.trackers.tracker import Tracker
@@ -30,6 +31,7 @@ class Settings:
     search: ModeSearchSettings = field(default_factory=ModeSearchSettings)
     css: CssSettings = field(default_factory=CssSettings)
     single_mode: SingleModeSettings = field(default_factory=SingleModeSettings)
+    smooth: SmoothSettings = field(default_factory=SmoothSettings)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary, as stored in run files."""
@@ -45,9 +47,11 @@ def settings_for(name: str, *, modes: int | None = None, changes: Mapping[str, A
     """
     if name not in TRACKERS:
         raise InputError("tracker", f"no tracker {name!r}", remedy="one of " + ", ".join(TRACKERS))
-    settings = Settings(css=PAPER) if name == "css-paper" else Settings()
+    settings = Settings()
     if name == "css-paper":
-        settings = replace(settings, search=replace(settings.search, exchange=False))
+        settings = replace(settings, css=PAPER, search=replace(settings.search, exchange=False))
+    if name != "css":  # the trackers of the paper only filter
+        settings = replace(settings, smooth=replace(settings.smooth, enabled=False))
     if modes is not None:
         if modes < 1:
             raise InputError("modes", f"{modes} hypotheses cannot be kept", remedy="at least 1")

@@ -1,4 +1,4 @@
-"""Robust single-mode tracker with limits (Sminchisescu and Triggs 2003, section 6): local descent from the last pose."""
+"""Robust single-mode tracker with limits (Sminchisescu and Triggs 2003, section 6): descent from the last pose."""
 
 from __future__ import annotations
 

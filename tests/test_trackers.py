@@ -1,0 +1,271 @@
+"""The contract of every tracker, what each is known for, and settings by name."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from builders import body_of, camera_at, inside, observe
+
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.runner import run, run_into
+from estimator.synthesis.motion import authored_motion
+from estimator.trackers.registry import TRACKERS, Settings, make_tracker, settings_for
+from estimator.trackers.tracker import Tracker, TrackState
+from humanoid.errors import InputError
+from humanoid.landmarks import mirror_index
+
+CAMERA = camera_at(30.0, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95))
+FRAMES, FPS, MISSING, SEED = 10, 30.0, 6, 5
+NOISE = (0.5, 4.0)
+LIMBS = [f"{s}_{p}" for s in ("left", "right") for p in ("elbow", "wrist", "hip", "knee", "ankle")]
+
+
+@cache
+def truth() -> np.ndarray:
+    return authored_motion(body_of("human34"), 0.4 + np.arange(FRAMES) / FPS)
+
+
+@cache
+def clip(noise: float) -> tuple[Observation, ...]:
+    """A person reaching and turning, one camera; one frame without keypoints."""
+    body, rng = body_of("human34"), np.random.default_rng(81)
+    frames = [
+        observe(body, q, [CAMERA], noise=noise, rng=rng, index=i, time=i / FPS) for i, q in enumerate(truth())
+    ]
+    lost = frames[MISSING]
+    frames[MISSING] = replace(lost, pixels=lost.pixels * np.nan, confidence=lost.confidence * 0.0)
+    return tuple(frames)
+
+
+def small(name: str) -> Settings:
+    """The tracker's own settings, with few samples."""
+    return settings_for(name, modes=4, changes={"css": {"samples": 8}})
+
+
+def tracker(name: str) -> Tracker:
+    return make_tracker(name, body_of("human34"), small(name))
+
+
+Track = list[tuple[FrameResult, TrackState]]
+
+
+@cache
+def track(name: str, noise: float) -> Track:
+    return [(r, s) for r, s in run(tracker(name), clip(noise), SEED) if s is not None]
+
+
+def same_result(a: FrameResult, b: FrameResult) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(vars(a).values(), vars(b).values(), strict=True))
+
+
+@pytest.fixture(params=TRACKERS)
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(params=NOISE)
+def noise(request: pytest.FixtureRequest) -> float:
+    return float(request.param)
+
+
+def test_results_are_well_formed(name: str, noise: float) -> None:
+    body = body_of("human34")
+    results = [r for r, _ in track(name, noise)]
+    assert [r.index for r in results] == list(range(FRAMES))
+    assert [r.time for r in results] == [o.time for o in clip(noise)]
+    for r, before in zip(results, [None, *results[:-1]], strict=True):
+        count = len(r.weight)
+        assert 1 <= count <= small(name).css.modes
+        shapes = (r.q.shape, r.covariance.shape, r.energy.shape, r.parent.shape, r.kkt_residual.shape, r.penetration.shape)
+        assert shapes == ((count, body.nq), (count, body.nv, body.nv), (count,), (count,), (count,), (count,))
+        assert len(r.association) == count
+        assert r.weight.sum() == pytest.approx(1.0, abs=1e-12)
+        assert np.all(np.diff(r.weight) <= 0.0)
+        assert inside(body, r.q)
+        assert np.allclose(np.linalg.norm(r.q[:, 3:7], axis=1), 1.0, atol=1e-9)
+        assert all(np.isfinite(x).all() for x in (r.q, r.weight, r.energy, r.covariance))
+        assert min(np.linalg.eigvalsh(c)[0] for c in r.covariance) > -1e-9
+        assert r.penetration.max() <= 0.01
+        assert np.all(r.parent == -1) if before is None else np.all(r.parent < len(before.weight))
+    statuses = [r.status for r in results]
+    assert statuses.count("unobserved") == 1
+    assert set(statuses) <= {"tracked", "hard", "unobserved"}
+
+
+def test_the_person_is_followed(name: str) -> None:
+    """Little noise: within the depth that one camera leaves open, the best hypothesis stays with the person."""
+    body = body_of("human34")
+    errors, fits = [], []
+    for (r, _), q, seen in zip(track(name, NOISE[0]), truth(), clip(NOISE[0]), strict=True):
+        points, true = body.landmarks(body.at(r.q[0])), body.landmarks(body.at(q))
+        errors.append(np.linalg.norm(points - true, axis=1).mean())
+        fits.append(np.linalg.norm(CAMERA.project(points) - seen.pixels[0], axis=1).mean())
+    assert np.mean(errors) < 0.15
+    assert np.nanmax(fits) < 6.0
+
+
+def test_equal_seeds_give_equal_tracks(name: str) -> None:
+    again = [r for r, _ in run(tracker(name), clip(NOISE[1]), SEED)]
+    assert all(same_result(a, b) for (a, _), b in zip(track(name, NOISE[1]), again, strict=True))
+
+
+def test_states_survive_as_arrays(name: str) -> None:
+    """Whatever frame a run is broken off at, its stored state continues to the same result, to the last bit."""
+    whole = track(name, NOISE[1])
+    for broken in (0, MISSING - 1, MISSING):
+        arrays = whole[broken][1].arrays()
+        file = io.BytesIO()
+        np.savez(file, **arrays)
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as stored:
+            back = TrackState.from_arrays(stored).arrays()
+        assert set(back) == set(arrays)
+        assert all(np.array_equal(arrays[k], back[k]) and arrays[k].dtype == back[k].dtype for k in arrays)
+        state = TrackState.from_arrays(back)
+        resumed = run(tracker(name), clip(NOISE[1]), SEED, state=state, first=broken + 1)
+        assert all(same_result(a, b) for (a, _), (b, _) in zip(whole[broken + 1 :], resumed, strict=True))
+
+
+def test_an_unseen_frame_carries_the_hypotheses(name: str, noise: float) -> None:
+    (before, state), (unseen, after) = track(name, noise)[MISSING - 1 : MISSING + 1]
+    assert unseen.status == "unobserved"
+    assert np.array_equal(unseen.q, before.q)
+    assert np.array_equal(unseen.weight, before.weight)
+    assert unseen.parent.tolist() == list(range(len(before.weight)))
+    assert after.time == clip(noise)[MISSING].time > state.time
+    for old, new in zip(before.covariance, unseen.covariance, strict=True):
+        assert np.linalg.eigvalsh(new - old)[0] > 0.0
+
+
+def test_frames_before_the_first_usable_one_are_empty(name: str) -> None:
+    blank = [replace(clip(NOISE[0])[MISSING], index=i) for i in range(2)]
+    results = list(run(tracker(name), [*blank, replace(clip(NOISE[0])[0], index=2)], SEED))
+    for result, state in results[:2]:
+        assert state is None
+        assert result.status == "unobserved"
+        assert (result.q.shape, len(result.weight)) == ((0, 35), 0)
+    assert results[2][1] is not None
+    assert len(results[2][0].weight) >= 1
+
+
+def test_a_frame_of_nonsense_is_flagged_not_raised(name: str) -> None:
+    seen, rng = clip(NOISE[0]), np.random.default_rng(82)
+    nonsense = replace(seen[1], pixels=rng.uniform(0.0, 600.0, size=seen[1].pixels.shape))
+    results = [r for r, _ in run(tracker(name), [seen[0], nonsense, seen[2]], SEED)]
+    assert results[1].status == "hard"
+    assert inside(body_of("human34"), results[1].q)
+
+
+class Pages:
+    """Keeps what a run writes."""
+
+    def __init__(self) -> None:
+        self.pages: list[tuple[FrameResult, dict[str, np.ndarray]]] = []
+
+    def append(self, result: FrameResult, state: dict[str, np.ndarray]) -> None:
+        self.pages.append((result, dict(state)))
+
+
+def test_a_run_is_written_as_it_goes() -> None:
+    pages, told = Pages(), []
+    run_into(pages, tracker("single-mode"), clip(NOISE[1]), SEED, progress=lambda done, of: told.append((done, of)))
+    assert told == [(k + 1, FRAMES) for k in range(FRAMES)]
+    for (result, arrays), (expected, state) in zip(pages.pages, track("single-mode", NOISE[1]), strict=True):
+        assert same_result(result, expected)
+        assert all(np.array_equal(arrays[k], v) for k, v in state.arrays().items())
+
+
+SWAPPED = range(3, 6)
+
+
+def swapped_clip() -> list[Observation]:
+    mirror = mirror_index(body_of("human34").landmark_names)
+    return [o.exchanged(mirror) if o.index in SWAPPED else o for o in clip(NOISE[0]) if o.index != MISSING]
+
+
+def limb_errors(results: list[FrameResult]) -> np.ndarray:
+    body = body_of("human34")
+    index = [body.landmark_names.index(n) for n in LIMBS]
+    best = np.array([body.landmarks(body.at(r.q[0]))[index] for r in results])
+    true = np.array([body.landmarks(body.at(truth()[r.index]))[index] for r in results])
+    hips = [LIMBS.index("left_hip"), LIMBS.index("right_hip")]
+    aligned = (best - best[:, hips].mean(axis=1, keepdims=True)) - (true - true[:, hips].mean(axis=1, keepdims=True))
+    return np.linalg.norm(aligned, axis=2).mean(axis=1)
+
+
+def test_swapped_sides_are_repaired() -> None:
+    """A detector that swaps left and right for some frames: covariance scaled sampling reads them exchanged."""
+    results = [r for r, _ in run(tracker("css"), swapped_clip(), SEED)]
+    assert [r.association[0] == "exchanged" for r in results] == [r.index in SWAPPED for r in results]
+    assert limb_errors(results).max() < 0.12
+
+
+def test_a_single_mode_takes_keypoints_as_detected() -> None:
+    results = [r for r, _ in run(tracker("single-mode"), swapped_clip(), SEED)]
+    assert {r.association for r in results[1:]} == {("as_detected",)}
+    swapped = np.isin([r.index for r in results], SWAPPED)
+    assert limb_errors(results)[swapped].mean() > 2.0 * limb_errors(results)[:3].mean()
+
+
+def test_settings_by_name() -> None:
+    for name in TRACKERS:
+        assert settings_for(name, changes=settings_for(name).to_dict()) == settings_for(name)
+        assert settings_for(name, modes=3).css.modes == 3
+    changed = settings_for(
+        "css", modes=3, changes={"cost": {"nu": 2, "potential": "leclerc"}, "search": {"refine": {"max_iterations": 9}}}
+    )
+    assert (changed.css.modes, changed.cost.nu, changed.cost.potential) == (3, 2.0, "leclerc")
+    assert isinstance(changed.cost.nu, float)
+    assert changed.search.refine.max_iterations == 9
+    assert changed.search.explore == settings_for("css").search.explore
+    assert settings_for("css-paper") != settings_for("css")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"cots": {}}, ("cots", "cost, search, css")),
+        ({"cost": {"mu": 1.0}}, ("mu", "potential", "keypoint_noise", "exchange_penalty")),
+        ({"search": {"refine": {"iterations": 3}}}, ("settings.search.refine", "iterations", "max_iterations")),
+        ({"css": {"modes": 2.5}}, ("settings.css.modes", "2.5", "int")),
+        ({"css": {"keep": 1}}, ("settings.css.keep", "bool")),
+        ({"cost": {"nu": "wide"}}, ("settings.cost.nu", "wide", "float")),
+        ({"cost": {"nu": True}}, ("settings.cost.nu", "True")),
+        ({"cost": 3}, ("cost", "table")),
+    ],
+)
+def test_wrong_settings_are_named_with_the_valid_ones(changes: dict[str, object], told: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as error:
+        settings_for("css", changes=changes)
+    assert all(part in str(error.value) for part in told)
+
+
+def test_wrong_trackers_are_named_with_the_valid_ones() -> None:
+    for wrong in (lambda: settings_for("ccs"), lambda: make_tracker("ccs", body_of("human34"), Settings())):
+        with pytest.raises(InputError, match=", ".join(TRACKERS)):
+            wrong()
+    with pytest.raises(InputError, match="at least 1"):
+        settings_for("css", modes=0)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"cost": {"potential": "huber"}},
+        {"cost": {"transition_potential": "huber"}},
+        {"css": {"samples": -1}},
+        {"css": {"modes": 0}},
+        {"cost": {"turn_speed": 0.0}},
+        {"cost": {"nu": float("nan")}},
+        {"cost": {"nu": -1.0}},
+    ],
+)
+def test_values_that_cannot_work_are_input_errors(changes: dict[str, object]) -> None:
+    """Whoever finds it out, settings or tracker, the user hears one readable line."""
+    with pytest.raises(InputError):
+        list(run(make_tracker("css", body_of("human34"), settings_for("css", changes=changes)), clip(NOISE[0])[:2], SEED))
