@@ -61,11 +61,11 @@ def main(
             names = CAMERAS if view == TOGETHER else (view,)
             files = {name: folder / keypoints / f"{name}.json" for name in names}
             for seed in seeds:
-                run, rate = timed_track(
+                run, times = timed_track(
                     files, folder / "calibration.json", Path(temporary) / "one.run", tracker=tracker, seed=seed,
                     modes=modes, settings=settings,
                 )  # fmt: skip
-                found.setdefault(view, []).append((score(run, reference), rate))
+                found.setdefault(view, []).append((score(run, reference), times.rate))
     print_table(found, seeds)
     save(json, figures(found, seeds, tracker, settings))
 
@@ -83,7 +83,7 @@ def print_table(found: dict[str, list[tuple[Scores, float]]], seeds: tuple[int, 
         made.add_section()
         made.add_row("mean alone", *cells(mean_scores(s for s, _ in alone), rate), *(f"{x:.1f}" for x in LEARNED_MEAN))
     out = report.console()
-    out.width = max(out.width, 160)
+    out.width = max(out.width, 180)
     out.print(made)
     out.print(LEGEND)
     if TOGETHER in found:

@@ -50,6 +50,7 @@ def main(
     made.add_section()
     made.add_row("mean", *cells(mean, rate))
     out = report.console()
+    out.width = max(out.width, 180)
     out.print(made)
     out.print(LEGEND + " fps: with the fit.")
     shown = [s.mpjpe for (_, camera), (s, _) in found.items() if camera == demo.CAMERA]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from cyclopts import Parameter
@@ -30,7 +30,7 @@ class Kill:
 
     wanted: frames after which it was due, -1 for the start-up before the first. delay [s]: waited beyond that.
     before, after: frames that could be read just before, and after it. resumed_from: frames the killed process began
-    with. lost: frames that were readable before and are not after it.
+    with. too_late: it had ended by itself. lost: frames that were readable before and are not after it.
     """
 
     wanted: int
@@ -38,6 +38,7 @@ class Kill:
     resumed_from: int
     before: int
     after: int
+    too_late: bool = False
 
     @property
     def lost(self) -> int:
@@ -57,7 +58,7 @@ def frames_in(path: Path) -> int:
 def kill_at(arguments: Sequence[str], out: Path, wanted: int, delay: float) -> Kill:
     """Start or resume, wait for a number of frames and a moment longer, kill -9.
 
-    Raises InputError where the process ends by itself, or does not get there in time.
+    Raises InputError where the process fails by itself, or does not get there in time.
     """
     first = frames_in(out)
     process = subprocess.Popen(
@@ -69,15 +70,15 @@ def kill_at(arguments: Sequence[str], out: Path, wanted: int, delay: float) -> K
             time.sleep(0.004)
         time.sleep(delay)
         before = frames_in(out)
-        if process.poll() is not None or time.monotonic() >= deadline:
-            said = (
-                process.stderr.read().decode().strip() if process.stderr and process.poll() is not None else "no frame"
-            )
-            raise InputError("track", f"was not there to be killed after {wanted} frames: {said or 'it had finished'}")
+        ended = process.poll()
+        if frames_in(out) < wanted and ended is None:
+            raise InputError("track", f"did not come to {wanted} frames in {PATIENCE:.0f} s")
     finally:
         process.kill()
-        process.communicate()
-    return Kill(wanted, delay, first, before, frames_in(out))
+        _, said = process.communicate()
+    if ended:
+        raise InputError("track", f"ended with code {ended}: {said.decode().strip()}")
+    return Kill(wanted, delay, first, before, frames_in(out), ended == 0)
 
 
 def _environment() -> dict[str, str]:
@@ -91,15 +92,23 @@ def finish(arguments: Sequence[str]) -> None:
         raise InputError("track", f"ended with code {done.returncode}: {done.stderr.strip()}")
 
 
-def moments(
-    rng: np.random.Generator, count: int, frames: int, startup: float, period: float
-) -> list[tuple[int, float]]:
-    """When to kill, in order: some during start-up, the others after random frames and a random while."""
+class Pace(NamedTuple):
+    """Seconds of an undisturbed run: until the first frame, from frame to frame, and from the last to the end."""
+
+    startup: float
+    period: float
+    after: float
+
+
+def moments(rng: np.random.Generator, count: int, frames: int, pace: Pace) -> list[tuple[int, float]]:
+    """When to kill, in order, as frames and seconds beyond: some during start-up, most after random frames and a
+    random while, the last one while all frames are there and the trajectory is being smoothed."""
     starts = max(1, count // 5) if count > 2 else 0
-    during = [(-1, float(rng.uniform(0.0, startup))) for _ in range(starts)]
+    during = [(-1, float(rng.uniform(0.0, pace.startup))) for _ in range(starts)]
     last = max(1, frames - max(2, frames // 10))
-    after = sorted(int(f) for f in rng.integers(1, last + 1, count - starts))
-    return [*during, *((f, float(rng.uniform(0.0, 1.5 * period))) for f in after)]
+    after = sorted(int(f) for f in rng.integers(1, last + 1, max(0, count - starts - 1)))
+    between = [(f, float(rng.uniform(0.0, 1.5 * pace.period))) for f in after]
+    return [*during, *between, (frames, float(rng.uniform(0.0, 0.5 * pace.after)))]
 
 
 def differences(run: Run, other: Run) -> list[str]:
@@ -153,10 +162,10 @@ def main(
             keypoints, cameras = beam / "keypoints" / f"{camera}.json", beam / "calibration.json"
         inputs = ("--keypoints", keypoints, "--cameras", cameras)
         undisturbed, killed = Path(folder) / "undisturbed.run", Path(folder) / "killed.run"
-        startup, period = timing(command(inputs, undisturbed), undisturbed)
+        pace = undisturbed_pace(command(inputs, undisturbed), undisturbed)
         whole = api.open_run(undisturbed)
         done = []
-        for wanted, delay in moments(np.random.default_rng(seed), kills, len(whole), startup, period):
+        for wanted, delay in moments(np.random.default_rng(seed), kills, len(whole), pace):
             done.append(kill_at(command(inputs, killed), killed, wanted, delay))
         finish(command(inputs, killed))
         different = differences(whole, api.open_run(killed))
@@ -165,19 +174,23 @@ def main(
     save(json, {"measure": "resume", "frames": len(whole), "kills": rows, "different": different})
 
 
-def timing(arguments: list[str], out: Path) -> tuple[float, float]:
-    """Run undisturbed; seconds until the first frame, and from frame to frame."""
+def undisturbed_pace(arguments: list[str], out: Path) -> Pace:
+    """Run to the end, watching when its frames come; raises InputError with what it said where it fails."""
+    marks: dict[int, float] = {}
     begin = time.monotonic()
     process = subprocess.Popen(
         arguments, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=_environment()
     )
-    while frames_in(out) == 0 and process.poll() is None:
-        time.sleep(0.005)
-    first = time.monotonic()
+    while process.poll() is None:
+        marks.setdefault(frames_in(out), time.monotonic())
+        time.sleep(0.004)
+    end = time.monotonic()
     _, said = process.communicate()
     if process.returncode:
         raise InputError("track", f"ended with code {process.returncode}: {said.decode().strip()}")
-    return first - begin, (time.monotonic() - first) / max(1, frames_in(out))
+    seen = sorted(n for n in marks if n > 0)
+    first, last = marks[seen[0]], marks[seen[-1]]
+    return Pace(first - begin, (last - first) / max(1, seen[-1] - seen[0]), end - last)
 
 
 def show(kills: list[Kill], frames: int, different: list[str]) -> None:
@@ -186,6 +199,7 @@ def show(kills: list[Kill], frames: int, different: list[str]) -> None:
     )
     for i, k in enumerate(kills, 1):
         due = "start-up" if k.wanted < 0 else f"frame {k.wanted}"
+        due += ", too late" if k.too_late else ""
         made.add_row(str(i), due, f"{1e3 * k.delay:.0f}", str(k.resumed_from), str(k.before), str(k.after), str(k.lost))
     out = report.console()
     out.print(made)

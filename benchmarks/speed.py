@@ -145,7 +145,7 @@ def speeds(
 ) -> dict[str, Any]:  # fmt: skip
     """Frames per second of the tracker alone, by the wall's clock and the processor's, and with the run file."""
     count = len(job.observations)
-    wall, cpu, later, filed = [], [], [], []
+    wall, cpu, later, filed, smoothing = [], [], [], [], []
     for _ in range(repeats):
         tracker = make()
         marks = [(time.perf_counter(), time.process_time())]
@@ -154,11 +154,15 @@ def speeds(
         wall.append(count / (marks[-1][0] - marks[0][0]))
         cpu.append(count / (marks[-1][1] - marks[0][1]))
         later.append((count - 1) / (marks[-1][1] - marks[1][1]))
-        _, rate = timed_track(
+        _, times = timed_track(
             job.keypoints, job.cameras, out, subject=job.subject, tracker=name, seed=seed, modes=modes, settings=changes
         )
-        filed.append(rate)
-    return {"frames": count, "fps_wall": wall, "fps_cpu": cpu, "fps_cpu_after_first": later, "fps_with_file": filed}
+        filed.append(times.rate)
+        smoothing.append(1e3 * times.after / count)
+    return {
+        "frames": count, "fps_wall": wall, "fps_cpu": cpu, "fps_cpu_after_first": later, "fps_with_file": filed,
+        "after_ms_per_frame": smoothing,
+    }  # fmt: skip
 
 
 @contextmanager
@@ -257,9 +261,10 @@ def show(f: dict[str, Any], repeats: int) -> None:
     made.add_row("tracker alone, wall clock", spread(f["fps_wall"]))
     made.add_row("tracker alone, processor time", spread(f["fps_cpu"]))
     made.add_row("  after the first frame", spread(f["fps_cpu_after_first"]))
-    made.add_row("with the run file, after the first frame, wall clock", spread(f["fps_with_file"]))
+    made.add_row("with run file and smoothing, after the first frame, wall clock", spread(f["fps_with_file"]))
     made.add_row("target", f"{TARGET:.0f}")
     out.print(made)
+    out.print(f"smoothing takes {np.median(f['after_ms_per_frame']):.1f} ms a frame, what follows is the tracker alone")
     made = report.table("where the time goes", "inside", "share", "calls a frame")
     for kind, share in f["share"].items():
         made.add_row(kind, f"{share:.1%}", f"{f['calls_per_frame'][kind]:.0f}" if kind in f["calls_per_frame"] else "")

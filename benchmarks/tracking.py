@@ -1,15 +1,31 @@
-"""A tracked clip with the time it took, by the public interface."""
+"""A tracked clip with the times it took, by the public interface."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from estimator.formats.run_file import Run
 from humanoid.subject import Subject
 from kinemode import api
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds: until the first frame is done (files, fit, start), the other frames, what follows them (smoothing)."""
+
+    before: float
+    frames: float
+    after: float
+    count: int
+
+    @property
+    def rate(self) -> float:
+        """Frames per second of tracking and smoothing, without files, fit and start."""
+        return (self.count - 1) / max(self.frames + self.after, 1e-9)
 
 
 def timed_track(
@@ -22,9 +38,9 @@ def timed_track(
     seed: int = 0,
     modes: int = 7,
     settings: Mapping[str, Any] | None = None,
-) -> tuple[Run, float]:
-    """Track from keypoints alone; the run, and frames per second after the first frame, files and fit not counted."""
-    marks: list[tuple[float, int]] = []
+) -> tuple[Run, Times]:
+    """Track from keypoints alone."""
+    marks = [time.perf_counter()]
     run = api.track(
         subject,
         None,
@@ -36,8 +52,7 @@ def timed_track(
         settings=settings,
         out=out,
         overwrite=True,
-        progress=lambda done, total: marks.append((time.perf_counter(), done)),
+        progress=lambda done, total: marks.append(time.perf_counter()),
     )
-    if len(marks) < 2:
-        return run, float("nan")
-    return run, (marks[-1][1] - marks[0][1]) / max(marks[-1][0] - marks[0][0], 1e-9)
+    marks.append(time.perf_counter())
+    return run, Times(marks[1] - marks[0], marks[-2] - marks[1], marks[-1] - marks[-2], len(run))

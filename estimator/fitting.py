@@ -24,9 +24,12 @@ from humanoid.subject import Subject
 
 @dataclass(frozen=True)
 class FitSettings:
-    """seconds, frames: the fit looks at this many frames, evenly spread over the first seconds with keypoints.
-    rounds: times the poses are found anew with the lengths of the round before. iterations: Newton steps a round. effective_frames: detectors repeat their errors
-    from frame to frame, so that all frames together count as this many."""
+    """How the fit is made.
+
+    seconds, frames: it looks at this many frames, evenly spread over the first seconds with keypoints. rounds: times
+    the poses are found anew with the lengths of the round before. iterations: Newton steps a round. effective_frames:
+    detectors repeat their errors from frame to frame, so that all frames together count as this many.
+    """
 
     seconds: float = 4.0
     frames: int = 30

@@ -63,8 +63,8 @@ def smooth_track(
     """
     body, path = search.body, backtrack_results(results)
     q = np.full((len(results), body.nq), np.nan)
-    some = np.flatnonzero(path >= 0)
-    if len(some) == 0:
+    some = [t for t, k in enumerate(path.tolist()) if k >= 0]
+    if not some:
         return q
     costs = [_frame_cost(search, observations[t], results[t].association[path[t]]) for t in some]
     times = np.array([observations[t].time for t in some])

@@ -2,7 +2,7 @@
 
 from humanoid.body import Body, PosedBody
 from humanoid.errors import InputError
-from humanoid.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject
+from humanoid.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject, subject_names
 
 __all__ = [
     "Body",
@@ -14,4 +14,5 @@ __all__ = [
     "Stabiliser",
     "Subject",
     "load_subject",
+    "subject_names",
 ]

@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from humanoid.compiled import jit
 from humanoid.subject import Subject
 
+ON_LIMIT = 1e-12  # rad or m
 _SE3_DOUBLES = 12  # Pinocchio keeps an SE3 as its rotation, column by column, then its translation
 
 
@@ -131,10 +133,9 @@ class Body:
         return pin.difference(self.model, q0, q1)
 
     def clamp(self, q: np.ndarray) -> np.ndarray:
-        """q with its bounded joints moved into their limits; quaternions are left alone."""
+        """q with its bounded joints moved into their limits, and onto them from within rounding; quaternions stay."""
         q = q.copy()
-        i = self.bounded_q
-        q[i] = np.minimum(np.maximum(q[i], self.lower[i]), self.upper[i])
+        _clamp(q, self.bounded_q, self.lower, self.upper)
         return q
 
     def tangent_bounds(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,6 +176,16 @@ class Body:
             name, count = self.model.names[j], self.model.nqs[j]
             names += [name] if count == 1 else [f"{name}_{s}" for s in _suffixes(count)]
         return tuple(names)
+
+
+@jit
+def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
+    """Clamp in place. A step to a limit may miss it by an ulp, and would then not count as on it."""
+    for i in bounded_q:
+        if q[i] < lower[i] + ON_LIMIT:
+            q[i] = lower[i]
+        elif q[i] > upper[i] - ON_LIMIT:
+            q[i] = upper[i]
 
 
 def _suffixes(count: int) -> tuple[str, ...]:

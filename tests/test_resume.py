@@ -32,6 +32,7 @@ def test_killed_twice(tmp_path: Path) -> None:
         killed = kill_at(arguments, out, wanted, delay)
         assert killed.resumed_from == kept
         assert killed.lost == 0
+        assert not killed.too_late
         assert wanted <= killed.after < FRAMES
         assert not api.open_run(out).complete
         kept = killed.after

@@ -34,9 +34,7 @@ def truth() -> np.ndarray:
 def clip(noise: float) -> tuple[Observation, ...]:
     """A person reaching and turning, one camera; one frame without keypoints."""
     body, rng = body_of("human34"), np.random.default_rng(81)
-    frames = [
-        observe(body, q, [CAMERA], noise=noise, rng=rng, index=i, time=i / FPS) for i, q in enumerate(truth())
-    ]
+    frames = [observe(body, q, [CAMERA], noise=noise, rng=rng, index=i, time=i / FPS) for i, q in enumerate(truth())]
     lost = frames[MISSING]
     frames[MISSING] = replace(lost, pixels=lost.pixels * np.nan, confidence=lost.confidence * 0.0)
     return tuple(frames)
@@ -81,7 +79,14 @@ def test_results_are_well_formed(name: str, noise: float) -> None:
     for r, before in zip(results, [None, *results[:-1]], strict=True):
         count = len(r.weight)
         assert 1 <= count <= small(name).css.modes
-        shapes = (r.q.shape, r.covariance.shape, r.energy.shape, r.parent.shape, r.kkt_residual.shape, r.penetration.shape)
+        shapes = (
+            r.q.shape,
+            r.covariance.shape,
+            r.energy.shape,
+            r.parent.shape,
+            r.kkt_residual.shape,
+            r.penetration.shape,
+        )
         assert shapes == ((count, body.nq), (count, body.nv, body.nv), (count,), (count,), (count,), (count,))
         assert len(r.association) == count
         assert r.weight.sum() == pytest.approx(1.0, abs=1e-12)
@@ -268,4 +273,6 @@ def test_wrong_trackers_are_named_with_the_valid_ones() -> None:
 def test_values_that_cannot_work_are_input_errors(changes: dict[str, object]) -> None:
     """Whoever finds it out, settings or tracker, the user hears one readable line."""
     with pytest.raises(InputError):
-        list(run(make_tracker("css", body_of("human34"), settings_for("css", changes=changes)), clip(NOISE[0])[:2], SEED))
+        list(
+            run(make_tracker("css", body_of("human34"), settings_for("css", changes=changes)), clip(NOISE[0])[:2], SEED)
+        )

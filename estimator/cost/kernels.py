@@ -43,6 +43,7 @@ def robust_square(e, precision, kind, nu, exact, pull, bend):  # type: ignore[no
 
 @jit
 def stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, hessian, exact):  # type: ignore[no-untyped-def]
+    """Value of the stabilisers; adds their gradient (nv,) and diagonal Hessian (nv, nv)."""
     value = 0.0
     for i in range(q_index.shape[0]):
         e = q[q_index[i]] - rest[i]
@@ -146,6 +147,7 @@ def point_loads(  # type: ignore[no-untyped-def]
 
 @jit
 def whitened_distances(points, intrinsics, distortion, R, t, pixels, confidence, precision, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (C, L) with the distances of keypoints from projected points (L, 3) in standard deviations."""
     image_jacobian = np.zeros((2, 3))
     for c in range(pixels.shape[0]):
         for n in range(pixels.shape[1]):

@@ -103,7 +103,7 @@ def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.
 
 
 def image_extent(pixels: np.ndarray, confidence: np.ndarray) -> float:
-    """Root mean square distance [px] of the seen keypoints (L, 2) from their centre; 100 where fewer than two are seen."""
+    """Root mean square distance [px] of the seen keypoints (L, 2) from their centre; 100 if fewer than two are seen."""
     seen = confidence > 0.0
     if np.count_nonzero(seen) < 2:
         return 100.0

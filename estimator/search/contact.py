@@ -39,8 +39,9 @@ def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, set
     body, damping = seeker.body, 1e-3
     active = np.zeros(body.nv, dtype=np.int8)
     merit = here.value + settings.force * clearance.penetration(here.posed)
-    iteration = 0
-    for iteration in range(settings.steps):
+    tried = 0
+    while tried < settings.steps:
+        tried += 1
         rows = clearance_rows(clearance, here.posed, settings.margin)
         step = seeker.solver.solve(here.hessian, here.gradient, damping, seeker.radius, here.posed.q, active, rows)
         if step is None or not np.any(np.abs(step) > 1e-9):
@@ -59,7 +60,7 @@ def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, set
                 break
     residual = contact_kkt_residual(seeker, clearance, here)
     status = "converged" if residual < seeker.settings.kkt_tolerance else "separated"
-    return Found(here, status, residual, found.iterations + iteration + 1)
+    return Found(here, status, residual, found.iterations + tried)
 
 
 def contact_kkt_residual(seeker: Seeker, clearance: Clearance, quadratic: Quadratic) -> float:

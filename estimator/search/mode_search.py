@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -31,12 +31,12 @@ class ModeSearchSettings:
     contact: what is done with modes whose parts overlap.
     """
 
-    explore: SeekSettings = SeekSettings(max_iterations=8, decrease_tolerance=0.05)
-    refine: SeekSettings = SeekSettings()
+    explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
+    refine: SeekSettings = field(default_factory=SeekSettings)
     spare: int = 3
     distinct: float = 0.03
     exchange: bool = True
-    contact: ContactSettings = ContactSettings()
+    contact: ContactSettings = field(default_factory=ContactSettings)
 
 
 class Reading(NamedTuple):

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
+import numpy as np
+
 from estimator.cost.model import CostModel, CostSettings
+from estimator.cost.potentials import POTENTIALS
 from estimator.search.mode_search import ModeSearch, ModeSearchSettings
 from estimator.smoothing import SmoothSettings
 from estimator.trackers.css import PAPER, CovarianceScaledSampling, CssSettings
@@ -21,6 +24,10 @@ TRACKERS = {
     "css-paper": "covariance scaled sampling as printed (CSS Figure 6)",
     "single-mode": "robust single mode with joint limits (CSS section 6)",
 }
+MAY_BE_ZERO = {
+    "stabiliser_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch", "forgetting", "samples",
+    "spare", "decrease_tolerance", "exact_below", "tolerance", "distinct",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -93,4 +100,16 @@ def _changed(settings: T, changes: Mapping[str, Any], place: str) -> T:
             raise InputError(f"{place}.{name}", f"{value!r} is no {type(old).__name__}")
         else:
             new[name] = value
+        _check(name, new[name], place)
     return replace(settings, **new)  # type: ignore[type-var]
+
+
+def _check(name: str, value: Any, place: str) -> None:
+    """Refuse values that no tracker can work with."""
+    if name.endswith("potential") and value not in POTENTIALS:
+        raise InputError(f"{place}.{name}", f"no potential {value!r}", remedy="one of " + ", ".join(POTENTIALS))
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        least = 0 if name in MAY_BE_ZERO else 1 if isinstance(value, int) else np.nextafter(0.0, 1.0)
+        if not least <= value < np.inf:
+            wanted = "0 or more" if name in MAY_BE_ZERO else "1 or more" if isinstance(value, int) else "more than 0"
+            raise InputError(f"{place}.{name}", f"{value} cannot work", remedy=f"a finite number, {wanted}")

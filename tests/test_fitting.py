@@ -1,0 +1,121 @@
+"""Laws of the proportion fit: known lengths come back, sides stay tied, ranges hold, nothing seen changes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from builders import body_of, camera_at, observe
+
+from estimator.fitting import Fit, FitSettings, chosen_frames, fit_proportions
+from estimator.imaging.observation import Observation
+from estimator.synthesis.motion import authored_motion
+from estimator.trackers.registry import settings_for
+from humanoid.body import Body
+from humanoid.proportions import ProportionedBody
+from humanoid.subject import Subject
+
+AROUND = tuple(camera_at(a, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95)) for a in (20, 110, 200, 290))
+TRACK = settings_for("css", modes=2, changes={"css": {"samples": 2}, "cost": {"keypoint_noise": 0.01}})
+FEW = FitSettings(frames=8, rounds=2)
+
+
+@cache
+def person() -> tuple[Subject, dict[str, float]]:
+    """human34 with lengths of its own."""
+    subject = body_of("human34").subject
+    drawn = np.random.default_rng(91).uniform(0.92, 1.08, size=len(subject.proportions))
+    scales = {p.joint: float(s) for p, s in zip(subject.proportions, drawn, strict=True)}
+    return subject.scaled(scales), scales
+
+
+def clip(subject: Subject, noise: float, count: int = 8) -> list[Observation]:
+    body, rng = Body(subject), np.random.default_rng(92)
+    motion = authored_motion(body, np.linspace(0.3, 2.3, count))
+    return [observe(body, q, AROUND, noise=noise, rng=rng, index=i, time=0.25 * i) for i, q in enumerate(motion)]
+
+
+@cache
+def fitted() -> Fit:
+    return fit_proportions(body_of("human34").subject, clip(person()[0], 0.5), 0, FEW, TRACK)
+
+
+def test_known_lengths_come_back() -> None:
+    fit, scales = fitted(), person()[1]
+    assert fit.names == tuple(scales)
+    assert len(fit.frames) == 8
+    truth = np.array(list(scales.values()))
+    assert np.abs(fit.scales - truth).max() < 0.02
+    assert np.abs(truth - 1.0).max() > 0.05  # there was something to find
+    prior = np.array([p.std for p in body_of("human34").subject.proportions])
+    assert np.all(fit.std > 0.0)
+    assert np.all(fit.std < prior)
+
+
+def test_sides_stay_tied_and_the_subject_is_the_scaled_one() -> None:
+    fit = fitted()
+    given = body_of("human34").subject
+    assert fit.subject.urdf == given.scaled(dict(zip(fit.names, map(float, fit.scales), strict=True))).urdf
+    model = fit.subject.model
+    for joint in ("shoulder_elevation", "elbow_flexion", "hip_flexion", "knee_flexion", "ankle_dorsiflexion"):
+        left, right = (model.jointPlacements[model.getJointId(f"{s}_{joint}")].translation for s in ("left", "right"))
+        assert np.allclose(left * [1.0, -1.0, 1.0], right, atol=1e-12)
+
+
+def test_lengths_stay_within_their_hard_range() -> None:
+    """A person a third larger than the subject may become, in every length; as the best fit, the range's end."""
+    subject = body_of("human34").subject
+    low, high = (np.array([getattr(p, f"scale_{end}") for p in subject.proportions]) for end in ("min", "max"))
+    giant = subject.scaled({p.joint: p.scale_max for p in subject.proportions})
+    seen = clip(giant.scaled({p.joint: 1.15 for p in giant.proportions}), 0.5, 4)
+    fit = fit_proportions(subject, seen, 0, replace(FEW, rounds=1), TRACK)
+    assert np.all((fit.scales >= low) & (fit.scales <= high))
+    thighs = fit.names.index("left_knee_flexion")
+    assert fit.scales[thighs] > 1.1
+
+
+def test_nothing_usable_leaves_the_subject_as_it_is() -> None:
+    subject = body_of("human34").subject
+    blank = [replace(o, pixels=o.pixels * np.nan, confidence=o.confidence * 0.0) for o in clip(subject, 0.0, 2)]
+    for seen in ([], blank):
+        fit = fit_proportions(subject, seen)
+        assert fit.subject is subject
+        assert fit.frames == ()
+        assert np.array_equal(fit.scales, np.ones(len(fit.names)))
+
+
+def test_frames_are_chosen_evenly_among_the_usable() -> None:
+    seen = clip(body_of("human34").subject, 0.0, 9)
+    seen[0] = replace(seen[0], confidence=seen[0].confidence * 0.0)
+    chosen = [o.index for o in chosen_frames(seen, FitSettings(seconds=1.5, frames=3))]
+    assert chosen in ([1, 4, 7], [1, 3, 7], [1, 5, 7])
+    assert [o.index for o in chosen_frames(seen, FitSettings(seconds=100.0, frames=50))] == list(range(1, 9))
+
+
+def test_fits_repeat() -> None:
+    seen = clip(person()[0], 0.5, 3)
+    one = replace(FEW, rounds=1)
+    first, second = (fit_proportions(body_of("human34").subject, seen, 3, one, TRACK) for _ in range(2))
+    assert np.array_equal(first.scales, second.scales)
+    assert first.subject.urdf == second.subject.urdf
+
+
+def test_the_profiles_gradient_is_that_of_the_minimised_energy() -> None:
+    """With every pose at its own minimum the derivative in the scales is the partial one (envelope theorem)."""
+    profile_class = pytest.importorskip("estimator.fitting")._Profile
+    proportions = ProportionedBody(body_of("human34").subject)
+    body = body_of("human34")
+    seen = clip(person()[0], 0.5, 2)
+    profile = profile_class(proportions, seen, replace(TRACK.cost, interpenetration_weight=0.0), FEW)
+    scales = np.full(len(proportions.names), 1.01)
+    poses = list(authored_motion(body, np.linspace(0.3, 2.3, 2)))
+    value, gradient, hessian, poses = profile.at(scales, poses)
+    assert isinstance(value, float)
+    for k in range(len(scales)):
+        step = 1e-4 * np.eye(len(scales))[k]
+        ahead, behind = profile.at(scales + step, poses), profile.at(scales - step, poses)
+        assert (ahead[0] - behind[0]) / 2e-4 == pytest.approx(gradient[k], abs=2e-4 * np.abs(gradient).max())
+    assert np.array_equal(hessian, hessian.T)
+    assert np.linalg.eigvalsh(hessian)[0] > 0.0
