@@ -32,7 +32,7 @@ def camera_at(
     aim: Sequence[float] = (0.0, 0.0, 0.0),
     distortion: Sequence[float] = (0.0,) * 5,
 ) -> Camera:
-    """A 640 x 480 camera `distance` [m] from the z axis, `azimuth` [deg] from x, level with `height`, looking at `aim`."""
+    """A 640 x 480 camera at `distance` [m] from the z axis, `azimuth` [deg] from x, `height` [m], facing `aim` [m]."""
     angle = np.radians(azimuth)
     centre = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
     forward = np.asarray(aim) - centre
@@ -45,7 +45,7 @@ def camera_at(
 
 
 def random_pose(body: Body, rng: np.random.Generator, *, share: float = 1.0, turn: float = np.pi) -> np.ndarray:
-    """Joints drawn evenly from the middle `share` of their limits; a free root near the origin, turned by up to `turn`."""
+    """Joints drawn evenly from the middle `share` of their limits; a free root near the origin, turned up to `turn`."""
     q, i = body.neutral.copy(), body.bounded_q
     middle, half = 0.5 * (body.lower[i] + body.upper[i]), 0.5 * share * (body.upper[i] - body.lower[i])
     q[i] = rng.uniform(middle - half, middle + half)

@@ -196,7 +196,7 @@ def test_overlapping_limbs_are_separated() -> None:
 
 
 def test_separate_bodies_are_let_be() -> None:
-    body, cost, start = problem(7)
+    body, cost, _ = problem(7)
     seeker, clearance = Seeker(body), Clearance(body)
     found = seeker.seek(cost, body.neutral, SeekSettings(decrease_tolerance=np.inf))
     assert separate(seeker, clearance, cost, found, ContactSettings()) is found
