@@ -124,6 +124,17 @@ def differences(run: Run, other: Run) -> list[str]:
     return found + [name for name, fact in facts.items() if fact(run) != fact(other)]
 
 
+def first_difference(run: Run, other: Run) -> str:
+    """Where the modes of two runs part, and by how much."""
+    count = min(len(run), len(other))
+    for t in range(count):
+        a, b = run.mode_q[t], other.mode_q[t]
+        if not _same(a, b):
+            by = float(np.nanmax(np.abs(a - b), initial=0.0)) if a.shape == b.shape else float("nan")
+            return f"from frame {t} on, where q differs by {by:.1e}"
+    return "not in q"
+
+
 def _same(a: np.ndarray, b: np.ndarray) -> bool:
     return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
 
@@ -168,10 +179,12 @@ def main(
         for wanted, delay in moments(np.random.default_rng(seed), kills, len(whole), pace):
             done.append(kill_at(command(inputs, killed), killed, wanted, delay))
         finish(command(inputs, killed))
-        different = differences(whole, api.open_run(killed))
-    show(done, len(whole), different)
+        again = api.open_run(killed)
+        different = differences(whole, again)
+        where = first_difference(whole, again) if different else ""
+    show(done, len(whole), different, where)
     rows = [{**asdict(k), "lost": k.lost} for k in done]
-    save(json, {"measure": "resume", "frames": len(whole), "kills": rows, "different": different})
+    save(json, {"measure": "resume", "frames": len(whole), "kills": rows, "different": different, "where": where})
 
 
 def undisturbed_pace(arguments: list[str], out: Path) -> Pace:
@@ -193,7 +206,7 @@ def undisturbed_pace(arguments: list[str], out: Path) -> Pace:
     return Pace(first - begin, (last - first) / max(1, seen[-1] - seen[0]), end - last)
 
 
-def show(kills: list[Kill], frames: int, different: list[str]) -> None:
+def show(kills: list[Kill], frames: int, different: list[str], where: str) -> None:
     made = report.table(
         f"kill -9, {frames} frames", "kill", "due after", "then [ms]", "began with", "before", "kept", "lost"
     )
@@ -204,7 +217,7 @@ def show(kills: list[Kill], frames: int, different: list[str]) -> None:
     out = report.console()
     out.print(made)
     out.print(f"frames lost: {sum(k.lost for k in kills)}")
-    end = "equal to the last bit in every array" if not different else "DIFFERENT in " + ", ".join(different)
+    end = "equal to the last bit in every array" if not different else f"DIFFERENT {where}: {', '.join(different)}"
     out.print(f"resumed to the end, against an undisturbed run: {end}")
 
 

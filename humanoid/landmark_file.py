@@ -34,6 +34,7 @@ SUFFIX = ".landmarks.toml"
 # table -> tag, attribute that takes the key, entries with their kind (a number, a list of numbers, a text, names)
 _TABLES: dict[str, tuple[str, str, dict[str, str]]] = {
     "landmarks": ("landmark", "name", {"link": "text", "xyz": "three numbers"}),
+    "upright": ("upright", "link", {"xyz": "three numbers", "std": "a number"}),
     "stabilisers": ("stabiliser", "joint", {"rest": "a number", "std": "a number"}),
     "proportions": (
         "proportion",

@@ -17,7 +17,7 @@ from humanoid.quiet import quiet
 from humanoid.urdf_check import check_urdf, natural_base
 from humanoid.urdf_document import Document, nearest, read_document
 from humanoid.urdf_edit import Meshes, add_link_landmarks, drop_mimic, lock_joints, resolve_meshes, set_base
-from humanoid.urdf_elements import Flesh, Landmark, Proportion, Stabiliser
+from humanoid.urdf_elements import Flesh, Landmark, Proportion, Stabiliser, Upright
 from humanoid.yourdfpy_check import check_with_yourdfpy
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "Stabiliser",
     "Subject",
     "SubjectName",
+    "Upright",
     "load_subject",
     "subject_from_text",
     "subject_names",
@@ -53,7 +54,7 @@ class Subject:
         subject from it, wherever it is kept.
     base: "free" (root xyz + quaternion xyzw lead q) or "fixed".
     model: Pinocchio model; shared, never changed.
-    landmarks, flesh, stabilisers, proportions: the extra elements (see `humanoid.urdf_elements`).
+    landmarks, flesh, stabilisers, proportions, upright: the extra elements (see `humanoid.urdf_elements`).
     notes: what was done to the file that a user should know, one sentence each.
     """
 
@@ -66,6 +67,7 @@ class Subject:
     flesh: tuple[Flesh, ...] = ()
     stabilisers: tuple[Stabiliser, ...] = ()
     proportions: tuple[Proportion, ...] = ()
+    upright: Upright | None = None
     notes: tuple[str, ...] = ()
 
     def scaled(self, scales: Mapping[str, float]) -> Subject:
@@ -134,6 +136,7 @@ def _subject(document: Document, text: str, source: str, base: Base, notes: tupl
         flesh=found.flesh,
         stabilisers=found.stabilisers,
         proportions=found.proportions,
+        upright=found.upright,
         notes=notes,
     )
 

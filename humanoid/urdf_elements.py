@@ -1,10 +1,11 @@
-"""The elements kinemode adds to a URDF: <subject>, <flesh>, <landmark>, <stabiliser>, <proportion>.
+"""The elements kinemode adds to a URDF: <subject>, <flesh>, <landmark>, <upright>, <stabiliser>, <proportion>.
 
 URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy and kinemode.
 
     <subject base="free|fixed"/>
     <link ...><flesh shape="capsule" radius length xyz rpy/> or <flesh shape="ellipsoid" radii xyz rpy/></link>
     <landmark name link xyz/>
+    <upright link xyz std/>                           axis of the root link that points up at rest, std of its tilt [rad]
     <stabiliser joint rest std/>                      rest position and standard deviation [rad or m]
     <proportion joint scale_min scale_max mean std symmetric_with/>
 
@@ -67,6 +68,15 @@ class Flesh:
 
 
 @dataclass(frozen=True)
+class Upright:
+    """Equilibrium of a free root's tilt: the unit vector `axis` of the root link points up, give or take `std` [rad]."""
+
+    link: str
+    axis: tuple[float, float, float]
+    std: float
+
+
+@dataclass(frozen=True)
 class Stabiliser:
     """Equilibrium of a joint (CSS 3.2.2): rest position and standard deviation [rad or m]."""
 
@@ -102,6 +112,7 @@ class Elements:
     flesh: tuple[Flesh, ...]
     stabilisers: tuple[Stabiliser, ...]
     proportions: tuple[Proportion, ...]
+    upright: Upright | None
 
 
 def parse(text: str, source: str) -> Elements:
@@ -132,7 +143,28 @@ def read_elements(document: Document) -> Elements:
         ),
         stabilisers=_each(document, "stabiliser", "joint", lambda e: _stabiliser(document, e, joints)),
         proportions=proportions,
+        upright=_upright(document, links - {ends_of(j)[1] for j in joints.values()}),
     )
+
+
+def _upright(document: Document, roots: set[str]) -> Upright | None:
+    found = _each(document, "upright", "link", lambda e: e)
+    if not found:
+        return None
+    e = found[-1]
+    link, axis, std = (
+        document.attribute(e, "link"),
+        np.array(document.triple(e, "xyz", None)),
+        document.number(e, "std"),
+    )
+    if len(found) > 1:
+        raise document.fault(e, "a second <upright>", "keep one")
+    if link not in roots:
+        raise document.fault(e, f"{link!r} is not the root link", nearest(link, roots, "root link"))
+    if not np.any(axis) or std <= 0.0:
+        raise document.fault(e, "no direction, or std not positive", 'such as xyz="0 0 1" std="0.35"')
+    x, y, z = (axis / np.linalg.norm(axis)).tolist()
+    return Upright(link, (x, y, z), std)
 
 
 def _each(document: Document, tag: str, key: str, read: Callable[[ET.Element], T]) -> tuple[T, ...]:

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from benchmarks.resume import command, differences, finish, frames_in, kill_at
+from estimator.runner import run
+from estimator.trackers.registry import make_tracker
+from estimator.trackers.tracker import TrackState
+from humanoid.body import Body
+from humanoid.subject import load_subject
 from kinemode import api, demo
+from kinemode.inputs import load_inputs
 from kinemode.progress import Progress
 
 FRAMES = 32
@@ -45,3 +51,22 @@ def test_killed_twice(tmp_path: Path) -> None:
     assert differences(undisturbed, resumed) == []
     resumed.mode_q[-1, 0, 7] = np.nextafter(resumed.mode_q[-1, 0, 7], np.inf)
     assert differences(undisturbed, resumed) == ["mode_q"]  # the comparison can tell
+
+
+def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
+    """A new tracker goes on from the stored state of any frame as the old one did: nothing else is remembered."""
+    clip = demo.make_clip(tmp_path, videos=False, progress=silent)
+    body = Body(load_subject("human34"))
+    keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
+    observations = load_inputs(body, None, keypoints, clip.cameras, person="auto").observations
+    states = [state for _, state in run(make_tracker("css", body), observations, 0)]
+    for first in range(1, len(observations)):
+        before = states[first - 1]
+        assert before is not None
+        copied = TrackState.from_arrays({name: array.copy() for name, array in before.arrays().items()})
+        _, after = next(run(make_tracker("css", body), observations, 0, state=copied, first=first))
+        expected = states[first]
+        assert after is not None
+        assert expected is not None
+        for name, array in expected.arrays().items():
+            assert array.tobytes() == after.arrays()[name].tobytes(), (first, name)

@@ -10,6 +10,8 @@ from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Term
+from estimator.cost.upright import Upright, world_up
+from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
 from humanoid.body import Body
 from humanoid.clearance import Clearance
@@ -25,7 +27,7 @@ class CostSettings:
         (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
     landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
         it keeps sharply detected points of the face from deciding the body's size.
-    stabiliser_weight: strength of the rest-position priors.
+    stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
@@ -39,6 +41,7 @@ class CostSettings:
     keypoint_noise: float = 0.03
     landmark_mismatch: float = 0.7
     stabiliser_weight: float = 1.0
+    upright_weight: float = 1.0
     interpenetration_weight: float = 1.0
     clearance_scale: float = 0.005
     turn_speed: float = 4.0
@@ -65,6 +68,7 @@ class CostModel:
             s = self.settings
             priors.append(Interpenetration(self.clearance, s.clearance_scale, s.interpenetration_weight))
         self._priors = tuple(priors)
+        self._last_upright: tuple[tuple[Camera, ...], Upright] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
         """The keypoint term of a frame."""
@@ -78,9 +82,18 @@ class CostModel:
         sigma: np.ndarray = self.settings.keypoint_noise * extent[:, None] * self._spread[None, :]
         return np.maximum(sigma, 0.5)
 
-    def cost(self, observed: Term | None, q_previous: np.ndarray | None = None, dt: float = 0.0) -> Cost:
+    def _upright(self, cameras: tuple[Camera, ...]) -> Upright:
+        """The root's stabiliser; which way is up depends on the cameras alone."""
+        if self._last_upright is None or self._last_upright[0] is not cameras:
+            s = self.settings
+            self._last_upright = cameras, Upright(self.body, world_up(cameras), s.stabiliser_weight * s.upright_weight)
+        return self._last_upright[1]
+
+    def cost(self, observed: Reprojection | None, q_previous: np.ndarray | None = None, dt: float = 0.0) -> Cost:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
-        terms = list(self._priors) if observed is None else [observed, *self._priors]
+        terms: list[Term] = list(self._priors) if observed is None else [observed, *self._priors]
+        if observed is not None and self.body.subject.base == "free" and self.body.subject.upright is not None:
+            terms.append(self._upright(observed.cameras))
         if q_previous is not None:
             s = self.settings
             terms.append(
