@@ -106,7 +106,8 @@ def _track(
         if stored is not None and stored.header.subject_source == loaded.source:
             loaded = stored.subject  # fitted when the run began
         else:
-            loaded = fit_proportions(loaded, inputs.observations, job.seed).subject
+            tuned = job.settings if job.tracker == "css" else None
+            loaded = fit_proportions(loaded, inputs.observations, job.seed, track_settings=tuned).subject
     _track_into(path, resume, overwrite, _header(job, loaded, inputs), job, loaded, inputs, progress)
     return open_run(path)
 

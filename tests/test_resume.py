@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.resume import command, differences, finish, frames_in, kill_at
+from estimator.fitting import fit_proportions
 from estimator.runner import run
 from estimator.trackers.registry import make_tracker
 from estimator.trackers.tracker import TrackState
@@ -56,9 +57,10 @@ def test_killed_twice(tmp_path: Path) -> None:
 def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     """A new tracker goes on from the stored state of any frame as the old one did: nothing else is remembered."""
     clip = demo.make_clip(tmp_path, videos=False, progress=silent)
-    body = Body(load_subject("human34"))
+    subject = load_subject("human34")
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
-    observations = load_inputs(body, None, keypoints, clip.cameras, person="auto").observations
+    observations = load_inputs(Body(subject), None, keypoints, clip.cameras, person="auto").observations
+    body = Body(fit_proportions(subject, observations).subject)
     states = [state for _, state in run(make_tracker("css", body), observations, 0)]
     for first in range(1, len(observations)):
         before = states[first - 1]

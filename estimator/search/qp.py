@@ -65,7 +65,7 @@ class StepSolver:
         if rounds > 0 and (rows is None or np.all(rows[0] @ step >= rows[1])):
             self.counts.active_set += 1
             return step
-        if rounds < 0:
+        if rounds < 0 or not _convex(self._M):  # the rounds look only at the variables they left free
             return None
         return self._proxqp(gradient, active, rows)
 
@@ -85,7 +85,7 @@ class StepSolver:
             solver.init(self._M, gradient, None, None, C, low, high, self._lower, self._upper)
             self._solvers[m] = solver
         else:
-            solver.update(self._M, gradient, None, None, C, low, high, self._lower, self._upper)
+            solver.update(self._M, gradient, None, None, C, low, high, self._lower, self._upper, True)
         solver.solve()
         x = np.array(solver.results.x)
         if not np.all(np.isfinite(x)):
@@ -120,3 +120,12 @@ class StepSolver:
         step = np.round(x, 6)
         step = np.where(at_low, self._lower, np.where(at_high, self._upper, step))
         return np.minimum(np.maximum(step, self._lower), self._upper)
+
+
+def _convex(M: np.ndarray) -> bool:
+    """Whether M (n, n) is positive definite."""
+    try:
+        np.linalg.cholesky(M)
+    except np.linalg.LinAlgError:
+        return False
+    return True

@@ -107,8 +107,8 @@ class Seeker:
 
 
 def _equal_but_flatter(value: float, trial: float, residual: float, trial_residual: float) -> bool:
-    """At the bottom the energy's last digits are noise; there the gradient decides."""
-    return trial <= value + 1e-14 * (1.0 + abs(value)) and trial_residual < 0.9 * residual
+    """At the bottom the energy's last digits no longer fall; there the gradient decides."""
+    return trial <= value and trial_residual < 0.9 * residual
 
 
 def trust_box(body: Body, max_turn: float, max_slide: float) -> np.ndarray:
