@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.filtering.mixture import Mixture
 from estimator.imaging.observation import Observation
+from estimator.search.flips import only_camera
 from estimator.search.mode_search import Hypothesis, ModeSearch
 from estimator.search.views import view_sphere
 from humanoid.body import Body
@@ -17,7 +18,8 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     """The `count` best modes of one frame.
 
     A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
-    random configurations within the limits.
+    random configurations within the limits. Where one camera alone sees the body, the limbs of the modes found are
+    also tried at their other depths, which headings alone do not reach.
     """
     body = search.body
     if body.subject.base == "free":
@@ -25,7 +27,17 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     else:
         starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
     readings = search.readings(observation)
-    return search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), readings, count)
+    found = search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), readings, count)
+    camera = only_camera(observation)
+    if camera is None or not search.flips.limbs:
+        return found
+    names = [r.name for r in readings]
+    again = [
+        Hypothesis(q, names.index(mode.association))
+        for mode in found.modes
+        for q in (mode.q, *search.flips.of(mode.q, camera))
+    ]
+    return search.best_modes(again, readings, count)
 
 
 def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:

@@ -5,7 +5,7 @@ URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy 
     <subject base="free|fixed"/>
     <link ...><flesh shape="capsule" radius length xyz rpy/> or <flesh shape="ellipsoid" radii xyz rpy/></link>
     <landmark name link xyz/>
-    <upright link xyz std/>                           axis of the root link that points up at rest, std of its tilt [rad]
+    <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
     <stabiliser joint rest std/>                      rest position and standard deviation [rad or m]
     <proportion joint scale_min scale_max mean std symmetric_with/>
 
@@ -69,7 +69,7 @@ class Flesh:
 
 @dataclass(frozen=True)
 class Upright:
-    """Equilibrium of a free root's tilt: the unit vector `axis` of the root link points up, give or take `std` [rad]."""
+    """Equilibrium of a free root's tilt: the unit vector `axis` of the root link points up; `std` of the tilt [rad]."""
 
     link: str
     axis: tuple[float, float, float]

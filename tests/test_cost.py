@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from builders import BROWN, body_of, camera_at, observe, random_pose, slope
 
@@ -15,6 +16,7 @@ from estimator.cost.potentials import POTENTIALS
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Term
+from estimator.cost.upright import Upright, world_up
 from estimator.imaging.observation import Observation
 from humanoid.body import Body
 from humanoid.clearance import Clearance
@@ -77,7 +79,16 @@ def interpenetration(rng: np.random.Generator) -> Made:
             return body, term, q
 
 
+def upright(potential: str) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of("human34")
+        return body, Upright(body, world_up(CAMERAS), 1.3, potential), random_pose(body, rng)
+
+    return make
+
+
 FAMILY = {
+    **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
     **{f"reprojection-{n}": reprojection(n, "lorentzian") for n in ("arm8", "upper13")},
     **{f"stabilisers-{p}": stabilisers("human34", p) for p in POTENTIALS},
@@ -202,6 +213,36 @@ def test_exact_curvature_of_the_reprojection_at_a_perfect_fit() -> None:
 
 
 @pytest.mark.parametrize("potential", POTENTIALS)
+def test_exact_curvature_of_the_upright_root(potential: str) -> None:
+    body = body_of("human34")
+    q = random_pose(body, np.random.default_rng(19))
+    quadratic_form_matches(Upright(body, np.array([0.0, 0.0, 1.0]), 2.0, potential), body, q, 1e-6)
+
+
+def test_upright_knows_tilt_but_not_heading() -> None:
+    """The closed form: 1/2 |2 sin(tilt / 2)|^2 / std^2, whatever the heading."""
+    body = body_of("human34")
+    up = np.array([0.0, 0.0, 1.0])
+    assert body.subject.upright is not None
+    std = body.subject.upright.std
+    for heading in (0.0, 1.0, 3.0):
+        v = np.zeros(body.nv)
+        v[5] = heading
+        tilt = np.zeros(body.nv)
+        tilt[3] = 0.4
+        q = body.integrate(body.integrate(body.neutral, v), tilt)
+        value, gradient, _ = evaluated(Upright(body, up, potential="gaussian"), body, q)
+        assert value == pytest.approx(0.5 * (2.0 * np.sin(0.2) / std) ** 2, rel=1e-12)
+        assert abs(gradient @ np.r_[np.zeros(3), body.at(q).rotations[1].T @ up, np.zeros(28)]) < 1e-12
+
+
+@pytest.mark.parametrize(("rows", "axis"), [((0, 1, 2), (0, -1, 0)), ((0, 2, 1), (0, 0, -1)), ((2, 0, 1), (-1, 0, 0))])
+def test_world_up_is_the_axis_nearest_to_the_cameras_up(rows: tuple[int, ...], axis: tuple[int, ...]) -> None:
+    tilted = pin.utils.rotate("x", 0.4) @ pin.utils.rotate("z", -0.3) @ np.eye(3)[list(rows)]
+    assert np.array_equal(world_up([replace(CAMERAS[0], R_camera_world=tilted)]), axis)
+
+
+@pytest.mark.parametrize("potential", POTENTIALS)
 def test_exact_curvature_of_the_stabilisers(potential: str) -> None:
     body = body_of("human34")
     q = random_pose(body, np.random.default_rng(16))
@@ -305,13 +346,14 @@ def test_the_model_sums_its_terms() -> None:
     parts: list[Term] = [
         term,
         Stabilisers(body, 2.0),
+        Upright(body, world_up(CAMERAS), 2.0 * settings.upright_weight),
         Interpenetration(clearance, settings.clearance_scale, 0.7),
         Transition(body, previous, model.transition_std(0.04), settings.transition_potential, settings.transition_nu),
     ]
     whole, alone = model.cost(term, previous, 0.04).at(q), [evaluated(part, body, q) for part in parts]
     assert whole.value == pytest.approx(sum(a[0] for a in alone), rel=1e-12)
     assert np.allclose(whole.gradient, sum(a[1] for a in alone), rtol=1e-10, atol=1e-9)
-    assert len(model.cost(term).terms) == 3
+    assert len(model.cost(term).terms) == 4
     bare = CostModel(body, CostSettings(stabiliser_weight=0.0, interpenetration_weight=0.0), clearance)
     assert bare.cost(term).terms == (term,)
     assert np.allclose(model.transition_std(0.2), 2.0 * model.transition_std(0.1))

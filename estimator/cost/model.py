@@ -44,7 +44,7 @@ class CostSettings:
     upright_weight: float = 1.0
     interpenetration_weight: float = 1.0
     clearance_scale: float = 0.005
-    turn_speed: float = 4.0
+    turn_speed: float = 6.0
     root_turn_speed: float = 3.0
     root_slide_speed: float = 1.5
     transition_potential: str = "lorentzian"
@@ -68,6 +68,11 @@ class CostModel:
             s = self.settings
             priors.append(Interpenetration(self.clearance, s.clearance_scale, s.interpenetration_weight))
         self._priors = tuple(priors)
+        self._has_upright = (
+            body.subject.base == "free"
+            and body.subject.upright is not None
+            and self.settings.stabiliser_weight * self.settings.upright_weight > 0.0
+        )
         self._last_upright: tuple[tuple[Camera, ...], Upright] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
@@ -92,7 +97,7 @@ class CostModel:
     def cost(self, observed: Reprojection | None, q_previous: np.ndarray | None = None, dt: float = 0.0) -> Cost:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
         terms: list[Term] = list(self._priors) if observed is None else [observed, *self._priors]
-        if observed is not None and self.body.subject.base == "free" and self.body.subject.upright is not None:
+        if observed is not None and self._has_upright:
             terms.append(self._upright(observed.cameras))
         if q_previous is not None:
             s = self.settings

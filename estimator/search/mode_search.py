@@ -16,6 +16,7 @@ from estimator.filtering.mixture import Mixture, Mode, mixture_of
 from estimator.imaging.observation import Observation
 from estimator.search.contact import ContactSettings, separate
 from estimator.search.covariance import mode_covariance
+from estimator.search.flips import Flips
 from estimator.search.seek import Found, Seeker, SeekSettings
 from humanoid.clearance import Clearance
 from humanoid.landmarks import mirror_index
@@ -79,6 +80,7 @@ class ModeSearch:
         self.seeker = Seeker(self.body, self.settings.refine)
         self.clearance: Clearance | None = model.clearance
         self.mirror = mirror_index(self.body.landmark_names)
+        self.flips = Flips(self.body)
         self._distance = self.settings.distinct * body_size(self.body)
 
     def readings(self, observation: Observation) -> tuple[Reading, ...]:
@@ -101,10 +103,10 @@ class ModeSearch:
         return mixture_of(modes, np.array([c.score for c in best]))
 
     def _explore(self, hypotheses: Iterable[Hypothesis], readings: Sequence[Reading], dt: float) -> list[_Candidate]:
-        costs: dict[tuple[int, int], Cost] = {}
+        costs: dict[tuple[int, bytes], Cost] = {}
         candidates = []
         for h in hypotheses:
-            key = (h.parent, h.reading)
+            key = (h.reading, b"" if h.q_previous is None else h.q_previous.tobytes())
             if key not in costs:
                 costs[key] = self.model.cost(readings[h.reading].term, h.q_previous, dt)
             found = self.seeker.seek(costs[key], h.q, self.settings.explore)

@@ -10,6 +10,7 @@ from estimator.filtering.merge import bhattacharyya
 from estimator.filtering.mixture import Mixture, mixture_of
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.search.flips import only_camera
 from estimator.search.mode_search import Hypothesis, ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
 from estimator.start import start_modes
@@ -24,7 +25,9 @@ class CssSettings:
     the standard deviations of the proposals, the square root of the s of Figure 6 (4 to 14 there). forgetting: power
     of a parent's weight that is handed on, 1 in Figure 6; less keeps an early mistake from deciding for ever.
     transition: pay for the change since the parent; off in the paper, whose search is static (footnote 5). keep:
-    search from the parents' own poses too, in every reading of the keypoints, not from samples alone.
+    search from the parents' own poses too, in every reading of the keypoints, not from samples alone. flips: hypotheses
+    a frame in which one limb jumps to another depth along its rays (one camera only); flip_penalty: energy of a jump,
+    paid once instead of the transition's price.
     """
 
     modes: int = 7
@@ -33,9 +36,11 @@ class CssSettings:
     forgetting: float = 0.95
     transition: bool = True
     keep: bool = True
+    flips: int = 5
+    flip_penalty: float = 6.0
 
 
-PAPER = CssSettings(samples=70, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False)
+PAPER = CssSettings(samples=70, flips=0, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False)
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
@@ -61,6 +66,7 @@ class CovarianceScaledSampling:
         hypotheses = self._kept(state.mixture, len(readings)) if self.settings.keep else []
         names = [r.name for r in readings]
         hypotheses += self._samples(rng, state.mixture, names)
+        hypotheses += self._flips(rng, state.mixture, names, observation)
         found = self.search.best_modes(hypotheses, readings, self.settings.modes, observation.time - state.time)  # 2-4
         if not self.settings.transition:
             found = self._matched(state.mixture, found)  # 5, 6; with a transition the parent is known
@@ -83,6 +89,23 @@ class CovarianceScaledSampling:
             for _ in range(np.count_nonzero(parents == i)):
                 q = proposal.sample(rng)  # 2.2
                 hypotheses.append(self._hypothesis(prior, int(i), q, readings.index(mode.association)))
+        return hypotheses
+
+    def _flips(
+        self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation
+    ) -> list[Hypothesis]:
+        camera = only_camera(observation)
+        if camera is None or self.settings.flips == 0 or not self.search.flips.limbs:
+            return []
+        hypotheses = []
+        for i in rng.choice(len(prior.modes), size=self.settings.flips, p=prior.weights):
+            mode = prior.modes[i]
+            q = self.search.flips.draw(rng, mode.q, camera)
+            if q is not None:
+                h = self._hypothesis(prior, int(i), q, readings.index(mode.association))
+                if h.q_previous is not None:
+                    h = h._replace(prior_score=h.prior_score - self.settings.flip_penalty, q_previous=q)
+                hypotheses.append(h)
         return hypotheses
 
     def _matched(self, prior: Mixture, found: Mixture) -> Mixture:

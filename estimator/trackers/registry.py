@@ -25,8 +25,9 @@ TRACKERS = {
     "single-mode": "robust single mode with joint limits (CSS section 6)",
 }
 MAY_BE_ZERO = {
-    "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch", "forgetting", "samples",
-    "spare", "decrease_tolerance", "exact_below", "tolerance", "distinct",
+    "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch",
+    "forgetting", "samples", "flips", "flip_penalty", "spare", "decrease_tolerance", "exact_below", "tolerance",
+    "distinct",
 }  # fmt: skip
 
 

@@ -1,0 +1,133 @@
+"""Kinematic jumps: the other depths of a limb's segments (CSS footnote 1; Sminchisescu and Triggs, CVPR 2003)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.imaging.camera import Camera
+from estimator.imaging.observation import Observation
+from humanoid.body import Body, PosedBody, points_in_world
+
+CHAINS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+STEPS = 7
+LARGEST_TURN = 0.8  # rad a step
+TWISTS = (0.0, 1.5, -1.5)  # rad
+CLOSE, REACHED = 0.04, 0.06  # m; good enough to stop, and to be refined by the mode search
+SAME = 0.10  # m; flips nearer than this to the pose they come from say nothing new
+
+
+class Limb(NamedTuple):
+    """landmarks (3,): root, middle and end of the limb. dofs (n,): what turns it about its root."""
+
+    landmarks: np.ndarray
+    dofs: np.ndarray
+
+
+class Flips:
+    """For each limb the poses whose middle and end joints lie on the same rays of a camera at other depths.
+
+    A limb is a chain of three landmarks (shoulder, elbow, wrist; hip, knee, ankle); each segment of given length meets
+    the ray of its outer end twice, nearer and farther (CSS footnote 1).
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        names = body.landmark_names
+        support = body.landmark_support
+        self.limbs: list[Limb] = []
+        for side in ("left", "right"):
+            for chain in CHAINS:
+                points = [f"{side}_{p}" for p in chain]
+                if all(p in names for p in points):
+                    a, b, c = (names.index(p) for p in points)
+                    turning = _moves(body, a)
+                    dofs = np.flatnonzero((support[b] | support[c]) & ~turning)
+                    if len(dofs):
+                        self.limbs.append(Limb(np.array([a, b, c]), dofs))
+
+    def of(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
+        """Every configuration (nq,) with one limb of q (nq,) at another depth that its joints can reach."""
+        points = self.body.landmarks(self.body.at(q))
+        for limb in self.limbs:
+            for targets in _targets(points, limb, camera):
+                found = self._reach(q, limb, targets)
+                if found is not None:
+                    yield found
+
+    def draw(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
+        """One of them at random; None where the limb drawn has none."""
+        limb = self.limbs[rng.integers(len(self.limbs))]
+        targets = _targets(self.body.landmarks(self.body.at(q)), limb, camera)
+        return self._reach(q, limb, targets[rng.integers(len(targets))]) if targets else None
+
+    def _reach(self, q: np.ndarray, limb: Limb, targets: np.ndarray) -> np.ndarray | None:
+        """Inverse kinematics of the limb's own joints towards its middle and end (2, 3), limits kept; None if it
+        cannot. The limb is first twisted, since a straight pull often ends at a limit."""
+        best, least = None, np.inf
+        for twist in TWISTS:
+            start = np.zeros(self.body.nv)
+            start[limb.dofs[min(2, len(limb.dofs) - 1)]] = twist
+            found, error = self._pull(self.body.integrate(q, start), limb, targets)
+            if error < least:
+                best, least = found, error
+            if least < CLOSE:
+                break
+        return best if least < REACHED else None
+
+    def _pull(self, q: np.ndarray, limb: Limb, targets: np.ndarray) -> tuple[np.ndarray, float]:
+        """Damped Gauss-Newton steps of the limb's joints; the pose and its largest error [m]."""
+        body, points = self.body, limb.landmarks[1:]
+        for _ in range(STEPS):
+            posed = body.at(q)
+            here = points_in_world(posed, body.landmark_joint[points], body.landmark_local[points])
+            J = _jacobian(body, posed, limb, here)
+            e = (targets - here).ravel()
+            low, high = body.tangent_bounds(q)
+            step = np.zeros(body.nv)
+            pull = np.linalg.solve(J.T @ J + 1e-3 * np.eye(len(limb.dofs)), J.T @ e)
+            step[limb.dofs] = np.clip(pull, -LARGEST_TURN, LARGEST_TURN)
+            q = body.integrate(q, np.clip(step, low, high))
+        reached = points_in_world(body.at(q), body.landmark_joint[points], body.landmark_local[points])
+        return q, float(np.abs(targets - reached).max())
+
+
+def _moves(body: Body, landmark: int) -> np.ndarray:
+    """Degrees of freedom that displace a landmark, (nv,) bool: those through whose axis it lies do not."""
+    moved: np.ndarray = np.abs(body.landmark_jacobians(body.at(body.neutral))[landmark]).max(axis=0) > 1e-9
+    return moved
+
+
+def _jacobian(body: Body, posed: PosedBody, limb: Limb, points: np.ndarray) -> np.ndarray:
+    """Derivative of the limb's middle and end (2, 3) by its own degrees of freedom, (6, n)."""
+    columns = posed.columns[limb.dofs]
+    velocity = columns[None, :, :3] + np.cross(columns[None, :, 3:], points[:, None])
+    moved = body.landmark_support[limb.landmarks[1:]][:, limb.dofs]
+    return np.where(moved[..., None], velocity, 0.0).transpose(0, 2, 1).reshape(6, -1)
+
+
+def _targets(points: np.ndarray, limb: Limb, camera: Camera) -> list[np.ndarray]:
+    """Places (2, 3) [m] of the limb's middle and end on their rays, except where they are already."""
+    a, b, c = points[limb.landmarks]
+    eye = camera.centre_world
+    upper, lower = float(np.linalg.norm(b - a)), float(np.linalg.norm(c - b))
+    pairs = [np.stack([m, e]) for m in _depths(eye, b, a, upper) for e in _depths(eye, c, m, lower)]
+    return [p for p in pairs if np.linalg.norm(p - np.stack([b, c]), axis=1).max() > SAME]
+
+
+def _depths(o: np.ndarray, p: np.ndarray, centre: np.ndarray, radius: float) -> list[np.ndarray]:
+    """Where the ray from o through p meets a sphere; its nearest point where it misses."""
+    d = (p - o) / np.linalg.norm(p - o)
+    along = d @ (centre - o)
+    gap = radius**2 - (centre - o) @ (centre - o) + along**2
+    if gap <= 0.0:
+        return [o + along * d]
+    return [o + (along - np.sqrt(gap)) * d, o + (along + np.sqrt(gap)) * d]
+
+
+def only_camera(observation: Observation) -> Camera | None:
+    """The camera that alone sees the body; None where several do, since depth is then known."""
+    seeing = np.flatnonzero((observation.confidence > 0.0).any(axis=1))
+    return observation.cameras[int(seeing[0])] if len(seeing) == 1 else None

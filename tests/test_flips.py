@@ -1,0 +1,45 @@
+"""Kinematic jumps: the same image at another depth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.search.flips import REACHED, SAME, Flips, only_camera
+from builders import bent, body_of, camera_at, observe
+
+CAMERA = camera_at(20.0, distance=3.5)
+
+
+def test_flips_keep_the_rays_and_the_lengths() -> None:
+    """Every flip moves one limb only; its middle and end stay on their rays, within what the search refines."""
+    body = body_of("human34")
+    q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
+    before = body.landmarks(body.at(q))
+    flips = Flips(body)
+    assert len(flips.limbs) == 4
+    found = list(flips.of(q, CAMERA))
+    assert len(found) >= 4
+    for other in found:
+        after = body.landmarks(body.at(other))
+        moved = np.linalg.norm(after - before, axis=1)
+        limb = max(flips.limbs, key=lambda x: moved[x.landmarks].max())
+        rest = [i for i in range(len(moved)) if not body.landmark_support[i][limb.dofs].any()]
+        assert moved[rest].max() < 1e-12
+        assert moved[limb.landmarks].max() > SAME - REACHED
+        # a place within REACHED of a ray at 3.5 m is within this many pixels of it
+        assert np.abs(CAMERA.project(after) - CAMERA.project(before))[limb.landmarks].max() < REACHED / 2.4 * 720.0
+        assert np.all(other >= body.lower)
+        assert np.all(other <= body.upper)
+
+
+def test_a_body_without_limbs_has_no_flips() -> None:
+    assert list(Flips(body_of("arm8")).of(body_of("arm8").neutral, CAMERA)) is not None
+    assert Flips(body_of("upper13")).limbs[0].dofs.size == 4
+
+
+def test_depth_is_open_to_one_camera_alone() -> None:
+    body = body_of("human34")
+    seen = observe(body, body.neutral, (CAMERA, camera_at(110.0)))
+    assert only_camera(seen) is None
+    seen.confidence[0] = 0.0
+    assert only_camera(seen) is seen.cameras[1]

@@ -1,0 +1,76 @@
+"""Smoothing over a whole clip."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.cost.model import CostModel
+from estimator.cost.term import Cost
+from estimator.runner import run
+from estimator.smoothing import SmoothSettings, smooth, smooth_track
+from estimator.trackers.registry import make_tracker
+from humanoid.body import Body
+from builders import body_of, camera_at, observe
+
+FPS = 30.0
+CAMERA = camera_at(15.0, distance=3.5, distortion=(0.0,) * 5)
+
+
+def swing(body: Body, t: float) -> np.ndarray:
+    """A smooth motion: the left arm rises and the root turns."""
+    q = body.neutral.copy()
+    q[body.q_names.index("left_shoulder_elevation")] += 0.8 * (1.0 - np.cos(2.0 * t))
+    q[body.q_names.index("right_elbow_flexion")] += 0.5 * (1.0 - np.cos(3.0 * t))
+    return body.integrate(q, np.r_[np.zeros(5), 0.3 * t, np.zeros(body.nv - 6)])
+
+
+def noisy(body: Body, count: int, sigma: float) -> tuple[list[Cost], np.ndarray, np.ndarray]:
+    """Costs of noisy frames, times, and the true motion."""
+    rng, model = np.random.default_rng(5), CostModel(body)
+    times = np.arange(count) / FPS
+    truth = np.array([swing(body, t) for t in times])
+    seen = [observe(body, q, (CAMERA,), noise=sigma, rng=rng, index=i, time=i / FPS) for i, q in enumerate(truth)]
+    return [model.cost(model.observation_term(o)) for o in seen], times, truth
+
+
+def points(body: Body, q: np.ndarray) -> np.ndarray:
+    return np.array([body.landmarks(body.at(x)) for x in q])
+
+
+def test_smoothing_brings_noisy_poses_nearer_to_a_smooth_truth() -> None:
+    body = body_of("human34")
+    costs, times, truth = noisy(body, 30, 3.0)
+    rng = np.random.default_rng(6)
+    start = np.array([body.integrate(q, rng.normal(scale=0.08, size=body.nv)) for q in truth])
+    found = smooth(body, costs, times, start, CostModel(body).transition_std(1.0))
+    before, after = (np.linalg.norm(points(body, q) - points(body, truth), axis=2).mean() for q in (start, found))
+    assert after < 0.6 * before
+    assert np.all(found >= body.lower)
+    assert np.all(found <= body.upper)
+    jerk = [np.abs(np.diff(points(body, q), 2, axis=0)).mean() for q in (start, found)]
+    assert jerk[1] < 0.2 * jerk[0]
+
+
+def test_the_window_does_not_matter_much() -> None:
+    """Windows overlap by half, so short ones end near where one long one does."""
+    body = body_of("human34")
+    costs, times, truth = noisy(body, 40, 2.0)
+    std = CostModel(body).transition_std(1.0)
+    whole = smooth(body, costs, times, truth, std)
+    parts = smooth(body, costs, times, truth, std, SmoothSettings(window=24))
+    assert np.linalg.norm(points(body, whole) - points(body, parts), axis=2).mean() < 0.005
+    assert np.linalg.norm(points(body, whole) - points(body, truth), axis=2).mean() > 0.005
+
+
+def test_frames_without_hypotheses_stay_empty_and_the_rest_is_smoothed() -> None:
+    body = body_of("human34")
+    rng = np.random.default_rng(7)
+    seen = [observe(body, swing(body, i / FPS), (CAMERA,), noise=2.0, rng=rng, index=i, time=i / FPS) for i in range(8)]
+    for i in (0, 4):
+        seen[i].confidence[:] = 0.0
+    tracker = make_tracker("css", body)
+    results = [result for result, _ in run(tracker, seen, 0)]
+    q = smooth_track(tracker.search, seen, results)
+    assert np.isnan(q[0]).all()
+    assert np.isfinite(q[1:]).all()
+    assert np.array_equal(q[1:], smooth_track(tracker.search, seen, results)[1:])
