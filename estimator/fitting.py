@@ -35,7 +35,7 @@ class FitSettings:
     frames: int = 30
     rounds: int = 2
     iterations: int = 15
-    effective_frames: float = 8.0
+    effective_frames: float = 4.0
 
 
 @dataclass(frozen=True)

@@ -28,15 +28,15 @@ FPS = 30.0
 CAMERA = "front_right"  # the one that is tracked from
 _CLIP_SEED = 34  # the clip stays the same; the seed a user gives is the tracker's
 
-# the person is taller than the built-in subject, and longer in the leg
+# other lengths than the built-in subject's but hardly another stature: one camera cannot see absolute size
 PROPORTIONS = {
     "left_hip_flexion": 1.03,
-    "left_clavicle_elevation": 1.04,
+    "left_clavicle_elevation": 0.97,
     "left_shoulder_elevation": 1.05,
-    "left_elbow_flexion": 1.06,
-    "left_wrist": 1.04,
-    "left_knee_flexion": 1.08,
-    "left_ankle_dorsiflexion": 1.06,
+    "left_elbow_flexion": 1.04,
+    "left_wrist": 0.97,
+    "left_knee_flexion": 1.04,
+    "left_ankle_dorsiflexion": 0.98,
     "skull": 1.02,
 }
 

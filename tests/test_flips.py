@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from builders import bent, body_of, camera_at, observe
 
 from estimator.search.flips import REACHED, SAME, Flips, only_camera
-from builders import bent, body_of, camera_at, observe
 
 CAMERA = camera_at(20.0, distance=3.5)
 
