@@ -56,6 +56,40 @@ def stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, 
 
 
 @jit
+def tilt(placement, axis, up, precision, weight, kind, nu, exact, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Value of the pull of R axis (3,) towards up (3,), R from the root's placement (12,); adds its derivatives to the
+    root's three angular degrees of freedom, which turn about the root's own axes."""
+    u, e = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        for k in range(3):
+            u[i] += placement[3 * k + i] * axis[k]
+        e[i] = u[i] - up[i]
+    s = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
+    cost, slope, bending = rho(kind, s * precision, nu)
+    pull, curve = weight * slope * precision, 2.0 * weight * bending * precision * precision
+    J, along, w_e, w_u = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(3):  # column k: w x u for the root's axis w in the world
+        w = placement[3 * k : 3 * k + 3]
+        J[0, k] = w[1] * u[2] - w[2] * u[1]
+        J[1, k] = w[2] * u[0] - w[0] * u[2]
+        J[2, k] = w[0] * u[1] - w[1] * u[0]
+        for i in range(3):
+            along[k] += J[i, k] * e[i]
+            w_e[k] += w[i] * e[i]
+            w_u[k] += w[i] * u[i]
+        gradient[3 + k] += pull * along[k]
+    e_u = e[0] * u[0] + e[1] * u[1] + e[2] * u[2]
+    for a in range(3):
+        for b in range(3):
+            for i in range(3):
+                hessian[3 + a, 3 + b] += pull * J[i, a] * J[i, b]
+            if exact:  # d2 u = w_a (w_b . u) - u (w_a . w_b), the symmetric half
+                second = 0.5 * (w_e[a] * w_u[b] + w_u[a] * w_e[b]) - (e_u if a == b else 0.0)
+                hessian[3 + a, 3 + b] += pull * second + curve * along[a] * along[b]
+    return 0.5 * weight * cost
+
+
+@jit
 def diffuse(e, precision, kind, nu, exact, ranges, jacobian, pull, bend, gradient, hessian):  # type: ignore[no-untyped-def]
     """Value of the transition; `jacobian` (nv, nv) is the derivative of e, the identity outside the diagonal blocks
     in `ranges` (B, 2)."""

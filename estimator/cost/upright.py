@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cost.kernels import rho
+from estimator.cost.kernels import tilt
 from estimator.cost.potentials import POTENTIALS
 from estimator.imaging.camera import Camera
 from humanoid.body import Body, PosedBody
 
 ROOT = 1  # Pinocchio's joint of a free root
-ANGULAR = slice(3, 6)
 
 
 class Upright:
@@ -33,27 +32,20 @@ class Upright:
         assert body.subject.upright is not None
         self._axis = np.array(body.subject.upright.axis)
         self._precision = 1.0 / body.subject.upright.std**2
-        self._up, self._weight, self._kind, self._nu = up, weight, POTENTIALS[potential], nu
-        x, y, z = self._axis
-        self._cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        self._up, self._weight, self._kind, self._nu = (
+            np.asarray(up, dtype=float),
+            float(weight),
+            POTENTIALS[potential],
+            float(nu),
+        )
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.cost.term.Term`."""
-        R = posed.rotations[ROOT]
-        u = R @ self._axis
-        e = u - self._up
-        cost, slope, bend = rho(self._kind, float(e @ e) * self._precision, self._nu)
-        J = -R @ self._cross  # d u for a turn in the root's own frame
-        along = J.T @ e
-        pull = self._weight * slope * self._precision
-        gradient[ANGULAR] += pull * along
-        hessian[ANGULAR, ANGULAR] += pull * (J.T @ J)
-        if exact:  # d2 u = w_i (w_j . u) - u (w_i . w_j), w the root's axes in the world
-            w_e, w_u = R.T @ e, R.T @ u
-            second = 0.5 * (np.outer(w_e, w_u) + np.outer(w_u, w_e)) - np.eye(3) * (e @ u)
-            curve = 2.0 * self._weight * bend * self._precision**2
-            hessian[ANGULAR, ANGULAR] += pull * second + curve * np.outer(along, along)
-        return 0.5 * self._weight * cost
+        value: float = tilt(
+            posed.placements[ROOT], self._axis, self._up, self._precision, self._weight, self._kind, self._nu, exact,
+            gradient, hessian,
+        )  # fmt: skip
+        return value
 
 
 def world_up(cameras: Sequence[Camera]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -9,11 +10,13 @@ import numpy as np
 
 from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
-from humanoid.body import Body, PosedBody, points_in_world
+from humanoid.body import Body
+from humanoid.compiled import jit
 
 CHAINS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 STEPS = 7
 LARGEST_TURN = 0.8  # rad a step
+DAMPING = 1e-3  # m^2: of the limb's inverse kinematics
 TWISTS = (0.0, 1.5, -1.5)  # rad
 CLOSE, REACHED = 0.04, 0.06  # m; good enough to stop, and to be refined by the mode search
 SAME = 0.10  # m; flips nearer than this to the pose they come from say nothing new
@@ -79,33 +82,70 @@ class Flips:
 
     def _pull(self, q: np.ndarray, limb: Limb, targets: np.ndarray) -> tuple[np.ndarray, float]:
         """Damped Gauss-Newton steps of the limb's joints; the pose and its largest error [m]."""
-        body, points = self.body, limb.landmarks[1:]
-        for _ in range(STEPS):
+        body, outer = self.body, limb.landmarks[1:]
+        joints, local, moved = body.landmark_joint[outer], body.landmark_local[outer], body.landmark_support[outer]
+        step, error = np.zeros(body.nv), np.inf
+        for k in range(STEPS + 1):  # the last one only measures
             posed = body.at(q)
-            here = points_in_world(posed, body.landmark_joint[points], body.landmark_local[points])
-            J = _jacobian(body, posed, limb, here)
-            e = (targets - here).ravel()
-            low, high = body.tangent_bounds(q)
-            step = np.zeros(body.nv)
-            pull = np.linalg.solve(J.T @ J + 1e-3 * np.eye(len(limb.dofs)), J.T @ e)
-            step[limb.dofs] = np.clip(pull, -LARGEST_TURN, LARGEST_TURN)
-            q = body.integrate(q, np.clip(step, low, high))
-        reached = points_in_world(body.at(q), body.landmark_joint[points], body.landmark_local[points])
-        return q, float(np.abs(targets - reached).max())
+            error = pull_step(posed.placements, posed.columns, limb.dofs, joints, local, moved, targets, step)
+            if error < CLOSE or k == STEPS:
+                break
+            q = body.integrate(q, step)  # which keeps the limits
+        return q, error
+
+
+@jit
+def pull_step(placements, columns, dofs, joints, local, moved, targets, step):  # type: ignore[no-untyped-def]
+    """Fill `step` (nv,) with a damped Gauss-Newton step of `dofs` (n,) that brings points towards targets.
+
+    joints (P,), local (P, 3): the points, fixed to joints. moved (P, nv): which degrees of freedom move them.
+    targets (P, 3) [m]. Returns the largest error before the step [m].
+    """
+    n, count = dofs.shape[0], joints.shape[0]
+    A, g, row = np.zeros((n, n)), np.zeros(n), np.zeros((n, 3))
+    error = 0.0
+    p = np.zeros(3)
+    for i in range(count):
+        for k in range(3):
+            p[k] = placements[joints[i], 9 + k]
+            for m in range(3):
+                p[k] += placements[joints[i], 3 * m + k] * local[i, m]
+            error = max(error, abs(targets[i, k] - p[k]))
+        row[:] = 0.0
+        for a in range(n):
+            if moved[i, dofs[a]]:
+                c = columns[dofs[a]]
+                row[a, 0] = c[0] + c[4] * p[2] - c[5] * p[1]
+                row[a, 1] = c[1] + c[5] * p[0] - c[3] * p[2]
+                row[a, 2] = c[2] + c[3] * p[1] - c[4] * p[0]
+        for a in range(n):
+            for k in range(3):
+                g[a] += row[a, k] * (targets[i, k] - p[k])
+                for b in range(n):
+                    A[a, b] += row[a, k] * row[b, k]
+    for a in range(n):  # Cholesky of A + damping, in place
+        A[a, a] += DAMPING
+        for b in range(a + 1):
+            s = A[a, b]
+            for c in range(b):
+                s -= A[a, c] * A[b, c]
+            A[a, b] = math.sqrt(s) if a == b else s / A[b, b]
+    for a in range(n):
+        for b in range(a):
+            g[a] -= A[a, b] * g[b]
+        g[a] /= A[a, a]
+    for a in range(n - 1, -1, -1):
+        for b in range(a + 1, n):
+            g[a] -= A[b, a] * g[b]
+        g[a] /= A[a, a]
+        step[dofs[a]] = min(max(g[a], -LARGEST_TURN), LARGEST_TURN)
+    return error
 
 
 def _moves(body: Body, landmark: int) -> np.ndarray:
     """Degrees of freedom that displace a landmark, (nv,) bool: those through whose axis it lies do not."""
     moved: np.ndarray = np.abs(body.landmark_jacobians(body.at(body.neutral))[landmark]).max(axis=0) > 1e-9
     return moved
-
-
-def _jacobian(body: Body, posed: PosedBody, limb: Limb, points: np.ndarray) -> np.ndarray:
-    """Derivative of the limb's middle and end (2, 3) by its own degrees of freedom, (6, n)."""
-    columns = posed.columns[limb.dofs]
-    velocity = columns[None, :, :3] + np.cross(columns[None, :, 3:], points[:, None])
-    moved = body.landmark_support[limb.landmarks[1:]][:, limb.dofs]
-    return np.where(moved[..., None], velocity, 0.0).transpose(0, 2, 1).reshape(6, -1)
 
 
 def _targets(points: np.ndarray, limb: Limb, camera: Camera) -> list[np.ndarray]:
