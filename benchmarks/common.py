@@ -6,8 +6,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +16,6 @@ from cyclopts import Parameter
 
 from humanoid.errors import InputError
 from kinemode.api import InputWarning
-from kinemode.progress import Progress
 
 ROOT = Path(__file__).resolve().parent.parent
 Several = Parameter(consume_multiple=True, negative="")
@@ -90,12 +88,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
-
-
-@contextmanager
-def silent(label: str) -> Iterator[Progress]:
-    """A progress report that says nothing."""
-    yield lambda done, total: None
 
 
 def spread(values: Sequence[float]) -> str:

@@ -10,10 +10,11 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Several, save, silent, start
+from benchmarks.common import Several, save, start
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from estimator.evaluation import Reference
 from kinemode import demo, report
+from kinemode.progress import unreported
 
 TARGET = 50.0
 
@@ -38,10 +39,12 @@ def main(
     found: dict[tuple[int, str], tuple[Scores, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for number in clips:
-            clip = demo.make_clip(folder, seed=number, videos=False, progress=silent)
+            clip = demo.make_clip(folder, seed=number, videos=False, progress=unreported)
             reference = Reference.load(clip.truth)
             for camera in clip.keypoints:
-                run, rate = demo.track_clip(clip, Path(folder) / "one.run", seed=seed, camera=camera, progress=silent)
+                run, rate = demo.track_clip(
+                    clip, Path(folder) / "one.run", seed=seed, camera=camera, progress=unreported
+                )
                 found[number, camera] = score(run, reference), rate
     made = report.table("the built-in clip", "clip seed, camera", *COLUMNS)
     for (number, camera), (scores, rate) in found.items():

@@ -16,10 +16,11 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import ROOT, beam_folder, save, silent, start
+from benchmarks.common import ROOT, beam_folder, save, start
 from estimator.formats.run_file import Run
 from humanoid.errors import InputError
 from kinemode import api, demo, report
+from kinemode.progress import unreported
 
 PATIENCE = 300.0  # s for a frame; then something is wrong
 
@@ -166,7 +167,7 @@ def main(
     """
     with tempfile.TemporaryDirectory() as folder:
         if camera is None:
-            clip = demo.make_clip(folder, videos=False, progress=silent)
+            clip = demo.make_clip(folder, videos=False, progress=unreported)
             keypoints, cameras = clip.keypoints[demo.CAMERA], clip.cameras
         else:
             beam = beam_folder(data)

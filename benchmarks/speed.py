@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from cyclopts import Parameter
 
-from benchmarks.common import Changes, data_folder, nested, save, silent, spread, start
+from benchmarks.common import Changes, data_folder, nested, save, spread, start
 from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
 from estimator.cost.term import Cost
@@ -29,6 +29,7 @@ from humanoid.body import Body
 from humanoid.subject import Subject, load_subject
 from kinemode import demo, report
 from kinemode.inputs import load_inputs
+from kinemode.progress import unreported
 
 TARGET = 30.0
 
@@ -101,7 +102,7 @@ def make_job(data: Path | None, camera: str, folder: Path, seed: int) -> Job:
     if beam is not None and beam.is_dir():
         files, cameras, name = {camera: beam / "keypoints" / f"{camera}.json"}, beam / "calibration.json", "beam4cam"
     else:
-        clip = demo.make_clip(folder, videos=False, progress=silent)
+        clip = demo.make_clip(folder, videos=False, progress=unreported)
         name, camera = "the built-in clip", demo.CAMERA
         files, cameras = {camera: clip.keypoints[camera]}, clip.cameras
     subject = load_subject("human34")

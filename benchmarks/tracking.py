@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from estimator.formats.run_file import Run
 from humanoid.subject import Subject
 from kinemode import api
+from kinemode.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ def timed_track(
 ) -> tuple[Run, Times]:
     """Track from keypoints alone."""
     marks = [time.perf_counter()]
+
+    @contextmanager
+    def timed(stage: str) -> Iterator[Progress]:
+        yield lambda done, total: marks.append(time.perf_counter()) if stage == "tracking" else None
+
     run = api.track(
         subject,
         None,
@@ -52,7 +59,7 @@ def timed_track(
         settings=settings,
         out=out,
         overwrite=True,
-        progress=lambda done, total: marks.append(time.perf_counter()),
+        progress=timed,
     )
     marks.append(time.perf_counter())
     return run, Times(marks[1] - marks[0], marks[-2] - marks[1], marks[-1] - marks[-2], len(run))

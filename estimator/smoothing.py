@@ -21,6 +21,7 @@ from estimator.cost.term import Cost
 from estimator.filtering.paths import backtrack_results
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.runner import Progress
 from estimator.search.contact import separate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.seek import Found
@@ -55,11 +56,13 @@ def smooth_track(
     observations: Sequence[Observation],
     results: Sequence[FrameResult],
     settings: SmoothSettings | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> np.ndarray:
     """Smoothed configurations (T, nq) of the best path through the results, NaN where a frame has no hypothesis.
 
     Each frame's keypoints are read as the path's mode reads them. Parts that the smoothing pushed into each other are
-    parted again (`estimator.search.contact`).
+    parted again (`estimator.search.contact`). `progress` is told how many frames of how many are done.
     """
     body, path = search.body, backtrack_results(results)
     q = np.full((len(results), body.nq), np.nan)
@@ -69,7 +72,7 @@ def smooth_track(
     costs = [_frame_cost(search, observations[t], results[t].association[path[t]]) for t in some]
     times = np.array([observations[t].time for t in some])
     start = np.array([results[t].q[path[t]] for t in some])
-    found = smooth(body, costs, times, start, search.model.transition_std(1.0), settings)
+    found = smooth(body, costs, times, start, search.model.transition_std(1.0), settings, progress)
     q[some] = [_parted(search, cost, x) for cost, x in zip(costs, found, strict=True)]
     return q
 
@@ -99,6 +102,7 @@ def smooth(
     q: np.ndarray,
     velocity_std: np.ndarray,
     settings: SmoothSettings | None = None,
+    progress: Progress | None = None,
 ) -> np.ndarray:
     """Smoothed configurations (T, nq), within the limits; the total energy is never higher than at `q`.
 
@@ -115,6 +119,8 @@ def smooth(
         held[first - low : last - low] = False
         chain = _Chain(body, costs[low:high], times[low:high], velocity_std, settings)
         q[low:high] = chain.descend(q[low:high], held)
+        if progress is not None:
+            progress(last, len(q))
     return q
 
 

@@ -24,7 +24,7 @@ from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
-from kinemode.progress import Progress
+from kinemode.progress import Reporter, unreported
 
 FIT_CHOICES = ("auto", "off")
 SubjectLike = Subject | PathLike
@@ -55,7 +55,7 @@ def track(
     overwrite: bool = False,
     person: str | int = "auto",
     settings: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+    progress: Reporter | None = None,
 ) -> Run:
     """Track a subject through one clip, or several synchronised ones, into a run file.
 
@@ -74,7 +74,7 @@ def track(
     out: the run file; a temporary one if not given.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
-    progress: called with (frames done, frames in all).
+    progress: opens a progress report for each stage, such as `kinemode.progress.reported`; none by default.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def track(
     """
     job = _Job(tracker, settings_for(tracker, modes=modes, changes=settings), _seed(seed), _fit_choice(fit), person)
     with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
-        return _track(job, subject, clips, cameras, keypoints, person, out, resume, overwrite, progress)
+        return _track(job, subject, clips, cameras, keypoints, person, out, resume, overwrite, progress or unreported)
 
 
 def _track(
@@ -95,7 +95,7 @@ def _track(
     out: PathLike | None,
     resume: bool,
     overwrite: bool,
-    progress: Progress | None,
+    progress: Reporter,
 ) -> Run:
     path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
     _check_out(path, resume, overwrite)
@@ -163,7 +163,7 @@ def _track_into(
     job: _Job,
     subject: Subject,
     inputs: Inputs,
-    progress: Progress | None,
+    progress: Reporter,
 ) -> None:
     state: TrackState | None = None
     first = 0
@@ -175,10 +175,14 @@ def _track_into(
     with writer:
         writer.put_observations(inputs.observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
-        run_into(writer, tracker, inputs.observations, job.seed, state=state, first=first, progress=progress)
+        observations = inputs.observations
+        with progress("tracking") as report:
+            run_into(writer, tracker, observations, job.seed, state=state, first=first, progress=report)
         if job.settings.smooth.enabled:  # from the stored results, so that a resumed run has the same
             results = list(open_run(path))
-            writer.put_smoothed(smooth_track(tracker.search, inputs.observations, results, job.settings.smooth))
+            with progress("smoothing") as report:
+                smoothed = smooth_track(tracker.search, observations, results, job.settings.smooth, progress=report)
+            writer.put_smoothed(smoothed)
         writer.finish()
 
 

@@ -117,22 +117,21 @@ def track(
     from kinemode import api, report
     from kinemode.progress import reported
 
-    with reported("tracking") as progress:
-        run = api.track(
-            subject,
-            clips,
-            cameras=cameras,
-            keypoints=keypoints,
-            tracker=tracker,
-            modes=modes,
-            seed=seed,
-            fit=fit,
-            out=out,
-            resume=resume,
-            overwrite=overwrite,
-            person=person,
-            progress=progress,
-        )
+    run = api.track(
+        subject,
+        clips,
+        cameras=cameras,
+        keypoints=keypoints,
+        tracker=tracker,
+        modes=modes,
+        seed=seed,
+        fit=fit,
+        out=out,
+        resume=resume,
+        overwrite=overwrite,
+        person=person,
+        progress=reported,
+    )
     report.print_run(run)
 
 

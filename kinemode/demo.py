@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import Subject, load_subject
 from kinemode import api, report
-from kinemode.progress import Progress, reported
+from kinemode.progress import Progress, Reporter, reported
 from viz.overlay import write_overlay
 from viz.preview import write_html
 from viz.sheet import write_sheet
@@ -39,8 +37,6 @@ PROPORTIONS = {
     "left_ankle_dorsiflexion": 0.98,
     "skull": 1.02,
 }
-
-Reporter = Callable[[str], AbstractContextManager[Progress]]
 
 
 @dataclass(frozen=True)
@@ -114,19 +110,18 @@ def track_clip(
     clip: DemoClip, out: str | Path, *, seed: int = 0, camera: str = CAMERA, progress: Reporter = reported
 ) -> tuple[Run, float]:
     """Track the clip from one camera with the public interface; the run, and frames per second with the fit."""
-    with progress("tracking") as report_progress:
-        start = time.perf_counter()
-        run = api.track(
-            "human34",
-            {camera: clip.videos[camera]} if clip.videos else None,
-            cameras=clip.cameras,
-            keypoints={camera: clip.keypoints[camera]},
-            seed=seed,
-            out=out,
-            overwrite=True,
-            progress=report_progress,
-        )
-        seconds = time.perf_counter() - start
+    start = time.perf_counter()
+    run = api.track(
+        "human34",
+        {camera: clip.videos[camera]} if clip.videos else None,
+        cameras=clip.cameras,
+        keypoints={camera: clip.keypoints[camera]},
+        seed=seed,
+        out=out,
+        overwrite=True,
+        progress=progress,
+    )
+    seconds = time.perf_counter() - start
     return run, len(run) / max(seconds, 1e-9)
 
 

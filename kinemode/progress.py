@@ -5,11 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import TextIO
 
 Progress = Callable[[int, int], None]
 """Called with (frames done, frames in all)."""
+
+Reporter = Callable[[str], AbstractContextManager[Progress]]
+"""Opens a progress report under a label, for one stage of a job; `reported` is one."""
 
 _PLAIN_SECONDS = 10.0
 
@@ -70,3 +73,9 @@ class _PlainLines:
 def _duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+@contextmanager
+def unreported(label: str) -> Iterator[Progress]:
+    """A reporter that says nothing."""
+    yield lambda done, total: None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -15,19 +13,14 @@ from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
 from humanoid.errors import InputError
 from kinemode import demo
-from kinemode.progress import Progress
+from kinemode.progress import unreported
 
 FRAMES = 5
 
 
-@contextmanager
-def silent(label: str) -> Iterator[Progress]:
-    yield lambda done, total: None
-
-
 @pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
 def test_demo_writes_and_measures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result = demo.run_demo(tmp_path / "new" / "out", frames=FRAMES, progress=silent)
+    result = demo.run_demo(tmp_path / "new" / "out", frames=FRAMES, progress=unreported)
     assert result.frames_compared == FRAMES
     assert result.mpjpe < 0.15
     assert result.best_of_k_mpjpe <= result.mpjpe

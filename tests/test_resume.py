@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +16,15 @@ from humanoid.body import Body
 from humanoid.subject import load_subject
 from kinemode import api, demo
 from kinemode.inputs import load_inputs
-from kinemode.progress import Progress
+from kinemode.progress import unreported
 
 FRAMES = 32
 KILLS = ((3, 0.0), (12, 0.01))  # frames after which it is due, seconds beyond; far from the end: machines stall
 
 
-@contextmanager
-def silent(label: str) -> Iterator[Progress]:
-    yield lambda done, total: None
-
-
 @pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
 def test_killed_twice(tmp_path: Path) -> None:
-    clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=silent)
+    clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
     keypoints, out = clip.keypoints[demo.CAMERA], tmp_path / "killed.run"
     arguments = command(["--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"], out)
     kept = 0
@@ -56,7 +49,7 @@ def test_killed_twice(tmp_path: Path) -> None:
 
 def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     """A new tracker goes on from the stored state of any frame as the old one did: nothing else is remembered."""
-    clip = demo.make_clip(tmp_path, videos=False, progress=silent)
+    clip = demo.make_clip(tmp_path, videos=False, progress=unreported)
     subject = load_subject("human34")
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
     observations = load_inputs(Body(subject), None, keypoints, clip.cameras, person="auto").observations
