@@ -9,15 +9,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import pink  # type: ignore[import-untyped]
+import pink
 import pinocchio as pin
 from cyclopts import Parameter
-from pink.limits import ConfigurationLimit  # type: ignore[import-untyped]
-from pink.tasks import FrameTask  # type: ignore[import-untyped]
+from pink.limits import ConfigurationLimit
+from pink.tasks import FrameTask
 
 from benchmarks.common import save, start
 from estimator.cost.points import accumulate_points
@@ -182,10 +183,10 @@ def timed(contest: Contest, rounds: int) -> dict[str, np.ndarray]:
             q, cost, image = problem.q, contest.costs[k], contest.image_costs[k]
             sides: dict[str, Callable[[], object]] = {
                 "pink.solve_ik": contest.pink_solve,
-                "pink: pose, solve_ik, integrate": lambda q=q: contest.pink_step(q),  # type: ignore[misc]
-                "kinemode: the same tasks": lambda c=cost, q=q: contest.ours(c, q, contest.guessing),  # type: ignore[misc]
-                "kinemode: the same, ProxQP forced": lambda c=cost, q=q: contest.ours(c, q, contest.solving),  # type: ignore[misc]
-                "kinemode: keypoints, stabilisers": lambda c=image, q=q: contest.ours(c, q, contest.guessing),  # type: ignore[misc]
+                "pink: pose, solve_ik, integrate": partial(contest.pink_step, q),
+                "kinemode: the same tasks": partial(contest.ours, cost, q, contest.guessing),
+                "kinemode: the same, ProxQP forced": partial(contest.ours, cost, q, contest.solving),
+                "kinemode: keypoints, stabilisers": partial(contest.ours, image, q, contest.guessing),
             }
             for i in rng.permutation(len(sides)):
                 name, side = list(sides.items())[i]

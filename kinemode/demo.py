@@ -138,7 +138,7 @@ def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progr
     result = evaluate(run, Reference.load(clip.truth))
     report.print_evaluation(result)
     console = report.console()
-    console.print(f"{rate:.1f} frames per second, start and fit of the proportions included")
+    console.print(f"{rate:.1f} frames per second, start, fit and smoothing included (a first run also compiles)")
     pictures = _draw(run, folder, progress)
     console.print("\nlook at:")
     for path in pictures:
