@@ -32,7 +32,7 @@ from kinemode import report
 
 TARGET = 1e-5
 KKT_TARGET = 1e-6
-ROUNDING = 1e-13  # of the energy: sums of some hundred terms in another order
+ROUNDING = 1e-14  # of the energy: its last digits are noise where the gradient decides
 STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
 
 

@@ -88,7 +88,7 @@ def _as_arrays(reading: Reading, chosen: dict[int, Person], first: int) -> tuple
     count = reading.count if reading.count is not None else max(reading.frames) + 1
     if first >= count or first < 0:
         raise InputError(reading.source, f"has no frame {first}", remedy=f"its frames end at {count - 1}")
-    points = np.full((count, len(reading.names), 3), [np.nan, np.nan, 0.0])
+    points: np.ndarray = np.full((count, len(reading.names), 3), [np.nan, np.nan, 0.0])
     for index, person in chosen.items():
         points[index] = person.points
     points = points[first:]

@@ -13,6 +13,7 @@ from estimator.search.qp import StepSolver
 from humanoid.body import Body
 
 MAX_DAMPING = 1e12
+ROUNDING = 16.0 * float(np.finfo(float).eps)  # relative; the energy sums about a hundred terms
 TOO_CAUTIOUS = 1.5  # actual over promised decrease from which Gauss-Newton's curvature is plainly too large
 
 
@@ -107,8 +108,8 @@ class Seeker:
 
 
 def _equal_but_flatter(value: float, trial: float, residual: float, trial_residual: float) -> bool:
-    """At the bottom the energy's last digits no longer fall; there the gradient decides."""
-    return trial <= value and trial_residual < 0.9 * residual
+    """At the bottom the energy's last digits are noise; there the gradient decides."""
+    return trial <= value + ROUNDING * max(1.0, abs(value)) and trial_residual < 0.9 * residual
 
 
 def trust_box(body: Body, max_turn: float, max_slide: float) -> np.ndarray:
