@@ -12,8 +12,8 @@ class FrameResult:
     """K hypotheses for one frame, best first.
 
     index: number of the frame in the clip. time: seconds since the clip's start.
-    status: "tracked", "hard" (no mode converged, or the best explains few of the keypoints), "unobserved" (nothing
-        was seen: the hypotheses are carried on) or "lost".
+    status: "tracked"; "hard": the best mode did not converge, overlaps itself or explains few of the keypoints;
+        "unobserved": too little was seen to search, the hypotheses are carried on (none before the first usable frame).
     q (K, nq), weight (K,), energy (K,), covariance (K, nv, nv): the modes.
     parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.

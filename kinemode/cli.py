@@ -230,7 +230,9 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
     from kinemode import report
     from kinemode.api import open_run
 
-    report.print_evaluation(evaluate_run(open_run(run), Reference.load(reference)))
+    opened = open_run(run)
+    report.print_evaluation(evaluate_run(opened, Reference.load(reference)))
+    report.print_notes(opened.header.notes)
 
 
 @app.command

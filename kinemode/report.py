@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 from rich import box
@@ -74,6 +75,12 @@ def print_evaluation(result: Evaluation) -> None:
     out.print(f"frames compared: {result.frames_compared}, without a counterpart: {result.frames_missing}")
     out.print(f"frames beyond a joint limit: {result.violations}")
     out.print(f"largest interpenetration: {_mm(result.penetration)} mm")
+
+
+def print_notes(notes: Sequence[str]) -> None:
+    """What a run was told about its input: a guessed camera, say, leaves only errors after a similarity meaningful."""
+    for note in notes:
+        console().print(f"note: {note}")
 
 
 def print_subjects() -> None:

@@ -18,10 +18,15 @@ TOUCH = 1e-5  # m; closer pairs can carry a contact force
 
 @dataclass(frozen=True)
 class ContactSettings:
-    """tolerance: overlap [m] that is let be. margin: distance [m] below which a pair gets a row. steps: steps tried.
-    force: energy per metre of overlap that a step may gain and still be refused for it."""
+    """What is done with overlapping parts.
+
+    tolerance: overlap [m] that is let be. limit: overlap [m] with which a mode is given up where there are others.
+    margin: distance [m] below which a pair gets a row. steps: steps tried. force: energy per metre of overlap that a
+    step may gain and still be refused for it.
+    """
 
     tolerance: float = 0.005
+    limit: float = 0.01
     margin: float = 0.03
     steps: int = 30
     force: float = 1e5

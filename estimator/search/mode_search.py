@@ -98,7 +98,7 @@ class ModeSearch:
         explored = self._explore(hypotheses, readings, dt)
         kept = self._distinct(explored, count + self.settings.spare)
         refined = [self._refine(c, readings) for c in kept]
-        best = self._distinct(refined, count)
+        best = self._distinct(self._apart(refined), count)
         modes = tuple(self._mode(c, readings) for c in best)
         return mixture_of(modes, np.array([c.score for c in best]))
 
@@ -118,6 +118,14 @@ class ModeSearch:
         if self.clearance is not None:
             found = separate(self.seeker, self.clearance, c.cost, found, self.settings.contact)
         return self._candidate(found, c.cost, c.hypothesis, readings)
+
+    def _apart(self, candidates: list[_Candidate]) -> list[_Candidate]:
+        """Those whose parts could be kept apart; all of them if that is none."""
+        if self.clearance is None:
+            return candidates
+        depths = [self.clearance.penetration(c.found.quadratic.posed) for c in candidates]
+        limit = self.settings.contact.limit
+        return [c for c, depth in zip(candidates, depths, strict=True) if depth <= limit] or candidates
 
     def _candidate(self, found: Found, cost: Cost, h: Hypothesis, readings: Sequence[Reading]) -> _Candidate:
         return _Candidate(found, cost, h, found.quadratic.value + readings[h.reading].penalty)
