@@ -18,6 +18,7 @@ from estimator.cost.potentials import POTENTIALS
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Term
+from estimator.cost.upright import Upright, world_up
 from estimator.imaging.observation import Observation
 from estimator.runner import run
 from estimator.search.qp import StepSolver
@@ -90,6 +91,7 @@ def terms(body: Body, clearance: Clearance, rng: np.random.Generator) -> dict[st
         made[f"keypoints, one camera, {kind}"] = lambda k=kind: Reprojection(body, *observed(1), k)  # type: ignore[misc]
     made["keypoints, two cameras, lorentzian"] = lambda: Reprojection(body, *observed(2))
     made["stabilisers"] = lambda: Stabilisers(body)
+    made["upright"] = lambda: Upright(body, world_up(cameras))
     for kind in ("gaussian", "lorentzian"):
         made[f"transition, {kind}"] = lambda k=kind: Transition(  # type: ignore[misc]
             body, random_pose(body, rng), rng.uniform(0.05, 0.5, body.nv), k
