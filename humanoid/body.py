@@ -122,7 +122,9 @@ class Body:
     def at(self, q: np.ndarray) -> PosedBody:
         """Forward kinematics and joint Jacobians at q (nq,); the result owns its arrays."""
         pin.computeJointJacobians(self.model, self._data, q)
-        return PosedBody(q, self._raw_placements.copy(), self._raw_columns.copy())
+        raw = self._raw_placements
+        placements = gathered_placements(self._data) if raw is None else raw.copy()
+        return PosedBody(q, placements, self._raw_columns.copy())
 
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """q (+) v on the configuration manifold, (nq,); angles are kept inside the limits to the last bit."""
@@ -211,16 +213,19 @@ def points_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> 
     return np.einsum("nij,nj->ni", posed.rotations[joints], local) + posed.translations[joints]
 
 
-def _raw_placements(data: pin.Data, njoints: int) -> np.ndarray:
-    """The memory of data.oMi seen as one array (njoints, 12).
+def _raw_placements(data: pin.Data, njoints: int) -> np.ndarray | None:
+    """The memory of data.oMi seen as one array (njoints, 12); None where this build of Pinocchio lays it out otherwise.
 
     Pinocchio's vector of SE3 is contiguous; looking through it costs one copy instead of a Python loop ten times as
     slow as the kinematics.
     """
-    first = data.oMi[0].rotation
+    first, last = data.oMi[0].rotation, data.oMi[njoints - 1].rotation
+    if last.ctypes.data - first.ctypes.data != 8 * _SE3_DOUBLES * (njoints - 1) or first.strides != (8, 24):
+        return None
     raw = np.lib.stride_tricks.as_strided(first, (njoints, _SE3_DOUBLES), (8 * _SE3_DOUBLES, 8))
-    last = data.oMi[njoints - 1]
-    expected = np.concatenate([last.rotation.T.ravel(), last.translation])
-    if raw.ctypes.data != first.ctypes.data or not np.array_equal(raw[njoints - 1], expected):
-        raise RuntimeError("this build of Pinocchio lays out data.oMi differently")
-    return raw
+    return raw if np.array_equal(raw, gathered_placements(data)) else None
+
+
+def gathered_placements(data: pin.Data) -> np.ndarray:
+    """The placements of `PosedBody` read joint by joint, (njoints, 12)."""
+    return np.array([np.concatenate([M.rotation.T.ravel(), M.translation]) for M in data.oMi])

@@ -9,6 +9,7 @@ from builders import SUBJECTS, body_of, inside, random_pose, slope
 
 from humanoid.body import Body
 from humanoid.proportions import ProportionedBody
+from humanoid.subject import load_subject
 
 
 @pytest.fixture(params=SUBJECTS)
@@ -125,3 +126,13 @@ def test_a_left_proportion_moves_the_right_side_as_far() -> None:
         if name.startswith("left_"):
             right = body.landmark_names.index("right_" + name[5:])
             assert np.allclose(derivatives[left], derivatives[right], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SUBJECTS)
+def test_placements_are_the_same_read_at_once_or_joint_by_joint(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A build of Pinocchio with another memory layout is slower, not wrong."""
+    monkeypatch.setattr("humanoid.body._raw_placements", lambda data, njoints: None)
+    slow, fast = Body(load_subject(name)), body_of(name)
+    q = random_pose(fast, np.random.default_rng(31))
+    assert np.array_equal(slow.at(q).placements, fast.at(q).placements)
+    assert np.ptp(fast.at(q).placements) > 0.1
