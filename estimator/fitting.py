@@ -91,12 +91,10 @@ def _poses(
     """Pose of every frame along the best path of a track, and the frames in the reading that the path chose."""
     tracker = make_tracker("css", Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, seed)]
-    mirror = tracker.search.mirror
     poses, seen = [], []
     for observation, result, k in zip(observations, results, backtrack_results(results), strict=True):
         poses.append(result.q[k])
-        exchanged = result.association[k] == "exchanged"
-        seen.append(observation.exchanged(mirror) if exchanged else observation)
+        seen.append(tracker.search.read(observation, result.association[k]))
     return poses, seen
 
 
@@ -120,9 +118,10 @@ def _refine(
         if solve_box(damped, gradient, body.low - scales, body.high - scales, active, 20, step) <= 0:
             damping *= 10.0
             continue
-        trial = problem.at(np.clip(scales + step, body.low, body.high), at_poses)
+        moved = np.clip(scales + step, body.low, body.high)
+        trial = problem.at(moved, at_poses)
         if trial[0] < value:
-            scales, here, damping = np.clip(scales + step, body.low, body.high), trial, max(1e-9, damping * 0.1)
+            scales, here, damping = moved, trial, max(1e-9, damping * 0.1)
             if value - trial[0] < 1e-4:
                 break
         else:

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import solveh_banded
 
+from estimator.cost.kernels import LORENTZIAN, robust_square
 from estimator.cost.model import per_dof
 from estimator.cost.priors import Transition
 from estimator.cost.term import Cost
@@ -23,6 +24,7 @@ from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.runner import Progress
 from estimator.search.contact import separate
+from estimator.search.covariance import free_mask
 from estimator.search.mode_search import ModeSearch
 from estimator.search.seek import Found
 from estimator.trackers.tracker import observable
@@ -80,8 +82,7 @@ def smooth_track(
 def _frame_cost(search: ModeSearch, observation: Observation, association: str) -> Cost:
     if not observable(observation):
         return search.model.cost(None)
-    reading = next(r for r in search.readings(observation) if r.name == association)
-    return search.model.cost(reading.term)
+    return search.model.cost(search.term(observation, association))
 
 
 def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
@@ -140,15 +141,15 @@ class _Chain:
 
     def descend(self, q: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Damped Newton from q (T, nq); the frames in `held` (T,) stay."""
-        energy, gradient, bands = self._model(q)
+        energy, gradient, blocks = self._model(q)
         damping = 1e-6
         for _ in range(self._settings.iterations):
-            step = self._step(q, gradient, bands, held, damping)
+            step = self._step(q, gradient, blocks, held, damping)
             trial = np.array([self._body.integrate(a, v) for a, v in zip(q, step, strict=True)])
             model = self._model(trial)
             if model[0] < energy:
                 gained = energy - model[0]
-                q, (energy, gradient, bands), damping = trial, model, max(1e-9, 0.1 * damping)
+                q, (energy, gradient, blocks), damping = trial, model, max(1e-9, 0.1 * damping)
                 if gained < self._settings.tolerance:
                     break
             else:
@@ -190,13 +191,7 @@ class _Chain:
     ) -> np.ndarray:
         """Newton step (T, nv) of the variables that neither a limit nor `held` stops."""
         count, nv = gradient.shape
-        body = self._body
-        free = np.ones((count, nv), dtype=bool)
-        angles = q[:, body.bounded_q]
-        pull = gradient[:, body.bounded_v]
-        lower, upper = body.lower[body.bounded_q], body.upper[body.bounded_q]
-        free[:, body.bounded_v] = ~(((angles <= lower) & (pull > 0.0)) | ((angles >= upper) & (pull < 0.0)))
-        free[held] = False
+        free = free_mask(self._body, q, gradient) & ~held[:, None]
         blocks = blocks * free[None, :, :, None]
         for k in range(3):
             blocks[k, : count - k] *= free[k:, None, :]
@@ -211,15 +206,14 @@ def _add(
     e: np.ndarray, precision: np.ndarray, parts: dict[int, np.ndarray], gradient: np.ndarray, blocks: np.ndarray
 ) -> float:
     """Add the Lorentzian of e' P e, e (nv,) depending on the frames in `parts` through their Jacobians (nv, nv)."""
-    scaled = 1.0 + precision * e * e / TAIL
-    weight = precision / scaled
-    weighted = weight * e
+    pull, weight = np.empty_like(e), np.empty_like(e)
+    value: float = robust_square(e, precision, LORENTZIAN, TAIL, False, pull, weight)
     for t, J in parts.items():
-        gradient[t] += J.T @ weighted
+        gradient[t] += J.T @ pull
         for s, K in parts.items():
             if s >= t:
                 blocks[s - t, t] += J.T @ (weight[:, None] * K)
-    return 0.5 * TAIL * float(np.sum(np.log(scaled)))
+    return value
 
 
 def _banded(blocks: np.ndarray) -> np.ndarray:

@@ -82,7 +82,7 @@ def track(
     """
     job = _Job(tracker, settings_for(tracker, modes=modes, changes=settings), _seed(seed), _fit_choice(fit), person)
     with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
-        return _track(job, subject, clips, cameras, keypoints, person, out, resume, overwrite, progress or unreported)
+        return _track(job, subject, clips, cameras, keypoints, out, resume, overwrite, progress or unreported)
 
 
 def _track(
@@ -91,7 +91,6 @@ def _track(
     clips: Named,
     cameras: Cameras,
     keypoints: Named,
-    person: str | int,
     out: PathLike | None,
     resume: bool,
     overwrite: bool,
@@ -100,7 +99,7 @@ def _track(
     path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
     _check_out(path, resume, overwrite)
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
-    inputs = _inputs(loaded, clips, keypoints, cameras, person)
+    inputs = _inputs(loaded, clips, keypoints, cameras, job.person)
     if job.fit == "auto" and is_built_in(loaded):
         stored = open_run(path) if resume and path.exists() else None
         if stored is not None and stored.header.subject_source == loaded.source:

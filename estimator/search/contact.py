@@ -39,16 +39,17 @@ def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, set
     deep inside, half of the overlap; a step is taken when it lowers energy + force * overlap.
     """
     here = found.quadratic
-    if clearance.penetration(here.posed) <= settings.tolerance:
+    depth = clearance.penetration(here.posed)
+    if depth <= settings.tolerance:
         return found
-    body, damping = seeker.body, 1e-3
+    body, damping, radius = seeker.body, 1e-3, seeker.trust_box(seeker.settings)
     active = np.zeros(body.nv, dtype=np.int8)
-    merit = here.value + settings.force * clearance.penetration(here.posed)
+    merit = here.value + settings.force * depth
     tried = 0
     while tried < settings.steps:
         tried += 1
         rows = clearance_rows(clearance, here.posed, settings.margin)
-        step = seeker.solver.solve(here.hessian, here.gradient, damping, seeker.radius, here.posed.q, active, rows)
+        step = seeker.solver.solve(here.hessian, here.gradient, damping, radius, here.posed.q, active, rows)
         if step is None or not np.any(np.abs(step) > 1e-9):
             break
         trial = cost.at(body.integrate(here.posed.q, step))

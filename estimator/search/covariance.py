@@ -25,9 +25,15 @@ def mode_covariance(
 
 
 def free_directions(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Indices of the degrees of freedom that no active limit holds: q on it and the gradient (nv,) pressing."""
-    free = np.ones(body.nv, dtype=bool)
-    at_low = (q[body.bounded_q] <= body.lower[body.bounded_q]) & (gradient[body.bounded_v] > 0.0)
-    at_high = (q[body.bounded_q] >= body.upper[body.bounded_q]) & (gradient[body.bounded_v] < 0.0)
-    free[body.bounded_v[at_low | at_high]] = False
-    return np.flatnonzero(free)
+    """Indices of the degrees of freedom that no active limit holds, see `free_mask`."""
+    return np.flatnonzero(free_mask(body, q, gradient))
+
+
+def free_mask(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Degrees of freedom that no active limit holds, (..., nv) bool: q (..., nq) on it, gradient (..., nv) pressing."""
+    free = np.ones(gradient.shape, dtype=bool)
+    angles, pull = q[..., body.bounded_q], gradient[..., body.bounded_v]
+    at_low = (angles <= body.lower[body.bounded_q]) & (pull > 0.0)
+    at_high = (angles >= body.upper[body.bounded_q]) & (pull < 0.0)
+    free[..., body.bounded_v] = ~(at_low | at_high)
+    return free

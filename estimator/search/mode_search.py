@@ -21,6 +21,8 @@ from estimator.search.seek import Found, Seeker, SeekSettings
 from humanoid.clearance import Clearance
 from humanoid.landmarks import mirror_index
 
+AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
+
 
 @dataclass(frozen=True)
 class ModeSearchSettings:
@@ -64,6 +66,7 @@ class _Candidate(NamedTuple):
     cost: Cost
     hypothesis: Hypothesis
     energy: float
+    penetration: float = 0.0  # known once refined
 
     @property
     def score(self) -> float:
@@ -83,12 +86,20 @@ class ModeSearch:
         self.flips = Flips(self.body)
         self._distance = self.settings.distinct * body_size(self.body)
 
+    def read(self, observation: Observation, association: str) -> Observation:
+        """A frame's keypoints as an association (see `Mode`) takes them."""
+        return observation.exchanged(self.mirror) if association == EXCHANGED else observation
+
+    def term(self, observation: Observation, association: str) -> Reprojection:
+        """The keypoint term of a frame in one association."""
+        return self.model.observation_term(self.read(observation, association))
+
     def readings(self, observation: Observation) -> tuple[Reading, ...]:
         """The readings of a frame: as detected, and with left and right exchanged where the body has sides."""
-        found = [Reading("as_detected", self.model.observation_term(observation), 0.0)]
+        found = [Reading(AS_DETECTED, self.term(observation, AS_DETECTED), 0.0)]
         if self.settings.exchange and np.any(self.mirror != np.arange(len(self.mirror))):
-            swapped = self.model.observation_term(observation.exchanged(self.mirror))
-            found.append(Reading("exchanged", swapped, self.model.settings.exchange_penalty))
+            penalty = self.model.settings.exchange_penalty
+            found.append(Reading(EXCHANGED, self.term(observation, EXCHANGED), penalty))
         return tuple(found)
 
     def best_modes(
@@ -115,17 +126,15 @@ class ModeSearch:
 
     def _refine(self, c: _Candidate, readings: Sequence[Reading]) -> _Candidate:
         found = self.seeker.seek(c.cost, c.found.q, self.settings.refine)
-        if self.clearance is not None:
-            found = separate(self.seeker, self.clearance, c.cost, found, self.settings.contact)
-        return self._candidate(found, c.cost, c.hypothesis, readings)
+        if self.clearance is None:
+            return self._candidate(found, c.cost, c.hypothesis, readings)
+        found = separate(self.seeker, self.clearance, c.cost, found, self.settings.contact)
+        depth = self.clearance.penetration(found.quadratic.posed)
+        return self._candidate(found, c.cost, c.hypothesis, readings)._replace(penetration=depth)
 
     def _apart(self, candidates: list[_Candidate]) -> list[_Candidate]:
         """Those whose parts could be kept apart; all of them if that is none."""
-        if self.clearance is None:
-            return candidates
-        depths = [self.clearance.penetration(c.found.quadratic.posed) for c in candidates]
-        limit = self.settings.contact.limit
-        return [c for c, depth in zip(candidates, depths, strict=True) if depth <= limit] or candidates
+        return [c for c in candidates if c.penetration <= self.settings.contact.limit] or candidates
 
     def _candidate(self, found: Found, cost: Cost, h: Hypothesis, readings: Sequence[Reading]) -> _Candidate:
         return _Candidate(found, cost, h, found.quadratic.value + readings[h.reading].penalty)
@@ -150,7 +159,7 @@ class ModeSearch:
             energy=c.energy,
             status=c.found.status,
             kkt_residual=c.found.kkt_residual,
-            penetration=0.0 if self.clearance is None else self.clearance.penetration(posed),
+            penetration=c.penetration,
             parent=c.hypothesis.parent,
             association=reading.name,
         )

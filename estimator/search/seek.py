@@ -60,7 +60,14 @@ class Seeker:
         self.settings = settings or SeekSettings()
         self.solver = StepSolver(body)
         self._residual = np.zeros(body.nv)
-        self.radius = trust_box(body, self.settings.max_turn, self.settings.max_slide)
+        self._boxes: dict[tuple[float, float], np.ndarray] = {}
+
+    def trust_box(self, settings: SeekSettings) -> np.ndarray:
+        """Half-width (nv,) of the trust box of a search."""
+        size = settings.max_turn, settings.max_slide
+        if size not in self._boxes:
+            self._boxes[size] = trust_box(self.body, *size)
+        return self._boxes[size]
 
     def kkt_residual(self, quadratic: Quadratic) -> float:
         """Largest entry of the projected gradient at a posed body: zero at a minimum within the joint limits."""
@@ -77,15 +84,12 @@ class Seeker:
         settings = settings or self.settings
         here = cost.at(self.body.clamp(q))
         active = np.zeros(self.body.nv, dtype=np.int8)
-        damping, growth = settings.damping, 2.0
+        damping, growth, radius = settings.damping, 2.0, self.trust_box(settings)
         residual = self.kkt_residual(here)
         for iteration in range(settings.max_iterations):
             if residual < settings.kkt_tolerance:
                 return Found(here, "converged", residual, iteration)
-            step = self.solver.solve(here.hessian, here.gradient, damping, self.radius, here.posed.q, active)
-            while step is None and damping < MAX_DAMPING:  # the true curvature is indefinite here
-                damping = max(4.0 * damping, 1e-3)
-                step = self.solver.solve(here.hessian, here.gradient, damping, self.radius, here.posed.q, active)
+            step, damping = self._step(here, damping, radius, active)
             if step is None:
                 return Found(here, "stalled", residual, iteration)
             predicted = model_decrease(here.hessian, here.gradient, step)
@@ -105,6 +109,16 @@ class Seeker:
                     return Found(here, "stalled", residual, iteration)
         status = "converged" if residual < settings.kkt_tolerance else "iterations"
         return Found(here, status, residual, settings.max_iterations)
+
+    def _step(
+        self, here: Quadratic, damping: float, radius: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray | None, float]:
+        """A step and its damping, raised as far as an indefinite true curvature needs; None where that is too far."""
+        while True:
+            step = self.solver.solve(here.hessian, here.gradient, damping, radius, here.posed.q, active)
+            if step is not None or damping >= MAX_DAMPING:
+                return step, damping
+            damping = max(4.0 * damping, 1e-3)
 
 
 def _equal_but_flatter(value: float, trial: float, residual: float, trial_residual: float) -> bool:

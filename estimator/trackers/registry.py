@@ -53,8 +53,7 @@ def settings_for(name: str, *, modes: int | None = None, changes: Mapping[str, A
     ------
     InputError: unknown tracker, unknown setting (the valid ones are listed) or a value of the wrong kind.
     """
-    if name not in TRACKERS:
-        raise InputError("tracker", f"no tracker {name!r}", remedy="one of " + ", ".join(TRACKERS))
+    _check_name(name)
     settings = Settings()
     if name == "css-paper":
         settings = replace(settings, css=PAPER, search=replace(settings.search, exchange=False))
@@ -68,15 +67,19 @@ def settings_for(name: str, *, modes: int | None = None, changes: Mapping[str, A
 
 
 def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tracker:
-    """A tracker for a body; one object serves one clip."""
+    """A tracker for a body; one object serves one clip. Raises InputError for an unknown name."""
+    _check_name(name)
     settings = settings or settings_for(name)
     clearance = Clearance(body) if settings.cost.interpenetration_weight > 0.0 else None
     search = ModeSearch(CostModel(body, settings.cost, clearance), settings.search)
-    if name in ("css", "css-paper"):
-        return CovarianceScaledSampling(search, settings.css)
     if name == "single-mode":
         return SingleMode(search, settings.single_mode)
-    raise InputError("tracker", f"no tracker {name!r}", remedy="one of " + ", ".join(TRACKERS))
+    return CovarianceScaledSampling(search, settings.css)
+
+
+def _check_name(name: str) -> None:
+    if name not in TRACKERS:
+        raise InputError("tracker", f"no tracker {name!r}", remedy="one of " + ", ".join(TRACKERS))
 
 
 T = TypeVar("T")

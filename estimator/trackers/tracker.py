@@ -92,8 +92,7 @@ def judged(search: ModeSearch, observation: Observation, mixture: Mixture) -> tu
     """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained,
     did not converge in its budget or overlaps itself."""
     best = mixture.modes[0]
-    reading = next(r for r in search.readings(observation) if r.name == best.association)
-    distances = reading.term.distances(search.body.at(best.q))
+    distances = search.term(observation, best.association).distances(search.body.at(best.q))
     explained = np.nanmean(np.where(np.isnan(distances), np.nan, distances < FAR))
     overlapping = best.penetration > search.settings.contact.limit
     hard = explained < 0.5 or best.status == "iterations" or overlapping
