@@ -191,7 +191,7 @@ def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
 
 
 def _suffixes(count: int) -> tuple[str, ...]:
-    known = {7: ("x", "y", "z", "qx", "qy", "qz", "qw"), 2: ("cos", "sin"), 4: ("qx", "qy", "qz", "qw")}
+    known = {7: ("x", "y", "z", "qx", "qy", "qz", "qw"), 2: ("cos", "sin"), 4: ("x", "y", "cos", "sin")}
     return known.get(count, tuple(str(i) for i in range(count)))
 
 

@@ -9,7 +9,7 @@ from builders import SUBJECTS, body_of, inside, random_pose, slope
 
 from humanoid.body import Body
 from humanoid.proportions import ProportionedBody
-from humanoid.subject import load_subject
+from humanoid.subject import load_subject, subject_from_text
 
 
 @pytest.fixture(params=SUBJECTS)
@@ -136,3 +136,18 @@ def test_placements_are_the_same_read_at_once_or_joint_by_joint(name: str, monke
     q = random_pose(fast, np.random.default_rng(31))
     assert np.array_equal(slow.at(q).placements, fast.at(q).placements)
     assert np.ptp(fast.at(q).placements) > 0.1
+
+
+def test_every_entry_of_q_has_its_own_name() -> None:
+    """A planar joint is x, y and the cosine and sine of its turn; a continuous one the last two alone."""
+    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<joint name="{kind}" type="{kind}"><parent link="{a}"/><child link="{b}"/><axis xyz="0 0 1"/>{limits}</joint>'
+        for kind, a, b in (("planar", "a", "b"), ("continuous", "b", "c"), ("revolute", "c", "d"))
+    )
+    links = "".join(f'<link name="{n}"/>' for n in "abcd")
+    body = Body(subject_from_text(f'<robot name="r">{links}{joints}</robot>', source="test", base="fixed"))
+    planar = tuple(f"planar_{s}" for s in ("x", "y", "cos", "sin"))
+    assert body.q_names == (*planar, "continuous_cos", "continuous_sin", "revolute")
+    turned = pin.integrate(body.model, body.neutral, np.array([0.3, 0.0, 0.0, 0.0, 0.0]))
+    assert turned[:4] == pytest.approx([0.3, 0.0, 1.0, 0.0])
