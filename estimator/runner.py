@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from estimator.frame_result import FrameResult
+from estimator.imaging.cues import ImageCues
 from estimator.imaging.observation import Observation
-from estimator.trackers.tracker import Tracker, TrackState, observable
+from estimator.trackers.tracker import Tracker, TrackState, startable
 
 Progress = Callable[[int, int], None]
 
@@ -22,6 +24,14 @@ class Writer(Protocol):
         ...
 
 
+class Cues(Protocol):
+    """Where the pictures' cues come from (see `estimator.imaging.cues.CueReader`)."""
+
+    def at(self, index: int) -> tuple[ImageCues, ...]:
+        """The cues of every camera at a frame."""
+        ...
+
+
 def run(
     tracker: Tracker,
     observations: Sequence[Observation],
@@ -29,17 +39,22 @@ def run(
     *,
     state: TrackState | None = None,
     first: int = 0,
+    cues: Cues | None = None,
 ) -> Iterator[tuple[FrameResult, TrackState | None]]:
     """Results and states of the observations from `first` on; `state` is the one after the frame before.
+
+    `cues` gives what the pictures of a frame show; without it keypoints alone are looked at.
 
     Every frame has its own random generator made from the seed and the frame's index, so that a resumed run is the
     same as an uninterrupted one. Frames before the first usable one are "unobserved" and have no hypotheses.
     """
     for observation in observations[first:]:
+        if cues is not None:
+            observation = replace(observation, cues=cues.at(observation.index))
         rng = np.random.default_rng((seed, observation.index))
         if state is not None:
             state, result = tracker.step(rng, state, observation)
-        elif observable(observation):
+        elif startable(observation):
             state, result = tracker.init(rng, observation)
         else:
             result = _empty(observation, tracker.body.nq, tracker.body.nv)
@@ -54,11 +69,12 @@ def run_into(
     *,
     state: TrackState | None = None,
     first: int = 0,
+    cues: Cues | None = None,
     progress: Progress | None = None,
 ) -> None:
     """`run`, each frame stored as soon as it is done; `progress` is told how many of how many are."""
     done = first
-    for result, after in run(tracker, observations, seed, state=state, first=first):
+    for result, after in run(tracker, observations, seed, state=state, first=first, cues=cues):
         writer.append(result, {} if after is None else after.arrays())
         done += 1
         if progress is not None:

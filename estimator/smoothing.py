@@ -9,7 +9,7 @@ accelerations in the tangent space; the modes, and so all decisions between inte
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +22,7 @@ from estimator.cost.term import Cost
 from estimator.filtering.paths import backtrack_results
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.runner import Progress
+from estimator.runner import Cues, Progress
 from estimator.search.contact import separate
 from estimator.search.covariance import free_mask
 from estimator.search.mode_search import ModeSearch
@@ -59,11 +59,12 @@ def smooth_track(
     results: Sequence[FrameResult],
     settings: SmoothSettings | None = None,
     *,
+    cues: Cues | None = None,
     progress: Progress | None = None,
 ) -> np.ndarray:
     """Smoothed configurations (T, nq) of the best path through the results, NaN where a frame has no hypothesis.
 
-    Each frame's keypoints are read as the path's mode reads them. Parts that the smoothing pushed into each other are
+    Each frame's keypoints are read as the path's mode reads them, `cues` are what its pictures show. Parts that the smoothing pushed into each other are
     parted again (`estimator.search.contact`). `progress` is told how many frames of how many are done.
     """
     body, path = search.body, backtrack_results(results)
@@ -71,7 +72,7 @@ def smooth_track(
     some = [t for t, k in enumerate(path.tolist()) if k >= 0]
     if not some:
         return q
-    costs = [_frame_cost(search, observations[t], results[t].association[path[t]]) for t in some]
+    costs = [_frame_cost(search, observations[t], results[t], int(path[t]), cues) for t in some]
     times = np.array([observations[t].time for t in some])
     start = np.array([results[t].q[path[t]] for t in some])
     found = smooth(body, costs, times, start, search.model.transition_std(1.0), settings, progress)
@@ -79,10 +80,15 @@ def smooth_track(
     return q
 
 
-def _frame_cost(search: ModeSearch, observation: Observation, association: str) -> Cost:
+def _frame_cost(search: ModeSearch, observation: Observation, result: FrameResult, k: int, cues: Cues | None) -> Cost:
+    """Static energy of a frame as its hypothesis k sees it; image features stay assigned as they are there."""
+    if cues is not None:
+        observation = replace(observation, cues=cues.at(observation.index))
     if not observable(observation):
         return search.model.cost(None)
-    return search.model.cost(search.term(observation, association))
+    evidence = search.evidence(observation, result.q[k])
+    assigned = [] if evidence is None else evidence.assigned(search.body.at(result.q[k]))
+    return search.model.cost(search.term(observation, result.association[k]), image_terms=assigned)
 
 
 def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:

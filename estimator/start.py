@@ -28,16 +28,18 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
         starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
     readings = search.readings(observation)
     found = search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), readings, count)
+    evidence = search.evidence(observation, found.modes[0].q)
     camera = only_camera(observation)
-    if camera is None or not search.flips.limbs:
+    jumps = camera is not None and bool(search.flips.limbs)
+    if not jumps and evidence is None:
         return found
     names = [r.name for r in readings]
     again = [
         Hypothesis(q, names.index(mode.association))
         for mode in found.modes
-        for q in (mode.q, *search.flips.of(mode.q, camera))
+        for q in (mode.q, *(search.flips.of(mode.q, camera) if camera is not None else ()))
     ]
-    return search.best_modes(again, readings, count)
+    return search.best_modes(again, readings, count, evidence=evidence)
 
 
 def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:

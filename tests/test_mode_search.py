@@ -168,7 +168,7 @@ def test_a_swapped_frame_is_read_exchanged(search: ModeSearch) -> None:
 
 
 def test_mixtures_are_ordered_and_normalised() -> None:
-    modes = tuple(Mode(np.array([float(k)]), np.eye(1), 0.0, "converged") for k in range(4))
+    modes = tuple(Mode(np.array([float(k)]), np.eye(1), 0.0, "converged", np.zeros(1)) for k in range(4))
     scores = np.array([-1005.0, -1000.0, -1001.0, -1000.0])
     mixture = mixture_of(modes, scores)
     assert [m.q[0] for m in mixture.modes] == [1.0, 3.0, 2.0, 0.0]

@@ -140,6 +140,91 @@ def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # t
 
 
 @jit
+def see_points(  # type: ignore[no-untyped-def]
+    placements, joints, local, normals, intrinsics, distortion, R, t, world, pixels, depth, facing, image_normals
+):
+    """Look at points of the body with one camera: intrinsics (5,), distortion (5,), R (3, 3), t (3,).
+
+    Fills their places in the world (N, 3), pixels (N, 2), depth (N,) [m] (negative where there is no image), `facing`
+    (N,): cosine between the outward normal and the viewing ray, negative on the front, and the unit direction (N, 2) of
+    the normal in the image.
+    """
+    image_jacobian = np.zeros((2, 3))
+    n = np.zeros(3)
+    for i in range(joints.shape[0]):
+        M = placements[joints[i]]
+        p = world[i]
+        for k in range(3):
+            p[k] = M[9 + k]
+            n[k] = 0.0
+            for m in range(3):
+                p[k] += M[3 * m + k] * local[i, m]
+                n[k] += M[3 * m + k] * normals[i, m]
+        u, v, visible = project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian)
+        pixels[i, 0], pixels[i, 1] = u, v
+        along, square, z = 0.0, 0.0, t[2]
+        for k in range(3):
+            ray = p[k] + R[0, k] * t[0] + R[1, k] * t[1] + R[2, k] * t[2]
+            along += n[k] * ray
+            square += ray * ray
+            z += R[2, k] * p[k]
+        depth[i] = z if visible else -1.0
+        facing[i] = along / math.sqrt(square)
+        a = image_jacobian[0, 0] * n[0] + image_jacobian[0, 1] * n[1] + image_jacobian[0, 2] * n[2]
+        b = image_jacobian[1, 0] * n[0] + image_jacobian[1, 1] * n[1] + image_jacobian[1, 2] * n[2]
+        length = max(math.sqrt(a * a + b * b), 1e-12)
+        image_normals[i, 0], image_normals[i, 1] = a / length, b / length
+
+
+@jit
+def assigned_loads(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, first, target, precision, weight, kind, nu, exact, points,
+    force, load,
+):  # fmt: skip
+    """Value of assigned image points of one camera, 1/2 sum weight rho(e' W e) with e = target - projection.
+
+    Point n has the assignments first[n] to first[n + 1] - 1: target (A, 2) [px], precision (A, 3) the entries xx, xy, yy
+    of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3), and gradient `force` (N, 3) and Hessian
+    `load` (N, 3, 3) of the value with respect to them.
+    """
+    value = 0.0
+    J = np.zeros((2, 3))
+    for n in range(joints.shape[0]):
+        p, f, W = points[n], force[n], load[n]
+        M = placements[joints[n]]
+        for k in range(3):
+            p[k] = M[9 + k] + M[k] * local[n, 0] + M[3 + k] * local[n, 1] + M[6 + k] * local[n, 2]
+        f[:] = 0.0
+        W[:] = 0.0
+        u, v, visible = project_with_jacobian(p, intrinsics, distortion, R, t, J)
+        gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0
+        for a in range(first[n], first[n + 1]):
+            if not visible:
+                value += 0.5 * weight[a] * rho(kind[a], BEHIND, nu[a])[0]
+                continue
+            ex, ey = target[a, 0] - u, target[a, 1] - v
+            px = precision[a, 0] * ex + precision[a, 1] * ey
+            py = precision[a, 1] * ex + precision[a, 2] * ey
+            cost, slope, bending = rho(kind[a], ex * px + ey * py, nu[a])
+            value += 0.5 * weight[a] * cost
+            pull = weight[a] * slope
+            curve = 2.0 * weight[a] * bending if exact else 0.0
+            gx -= pull * px
+            gy -= pull * py
+            hxx += pull * precision[a, 0] + curve * px * px
+            hxy += pull * precision[a, 1] + curve * px * py
+            hyy += pull * precision[a, 2] + curve * py * py
+        if hxx == 0.0 and hxy == 0.0 and hyy == 0.0:
+            continue
+        for i in range(3):
+            f[i] = gx * J[0, i] + gy * J[1, i]
+            left, right = hxx * J[0, i] + hxy * J[1, i], hxy * J[0, i] + hyy * J[1, i]
+            for k in range(3):
+                W[i, k] = left * J[0, k] + right * J[1, k]
+    return value
+
+
+@jit
 def point_loads(  # type: ignore[no-untyped-def]
     placements, joints, local, intrinsics, distortion, R, t, pixels, confidence, precision, kind, nu, exact, points,
     force, weight,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimator.cost.image.evidence import Evidence, ImageModel
+from estimator.cost.image.settings import ImageSettings
 from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
@@ -13,7 +16,7 @@ from estimator.cost.term import Cost, Term
 from estimator.cost.upright import Upright, world_up
 from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
-from humanoid.body import Body
+from humanoid.body import Body, PosedBody
 from humanoid.clearance import Clearance
 from humanoid.landmarks import landmark_spread
 
@@ -34,6 +37,7 @@ class CostSettings:
         frames, per second, of joints, of the root's orientation and of its position; transition_potential,
         transition_nu: long tails let a mode jump when the image insists.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
+    image: of the pictures' cues.
     """
 
     potential: str = "lorentzian"
@@ -50,6 +54,7 @@ class CostSettings:
     transition_potential: str = "lorentzian"
     transition_nu: float = 20.0
     exchange_penalty: float = 3.0
+    image: ImageSettings = field(default_factory=ImageSettings)
 
 
 class CostModel:
@@ -73,12 +78,25 @@ class CostModel:
             and body.subject.upright is not None
             and self.settings.stabiliser_weight * self.settings.upright_weight > 0.0
         )
+        self._image: ImageModel | None = None
         self._last_upright: tuple[tuple[Camera, ...], Upright] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
         """The keypoint term of a frame."""
         return Reprojection(
             self.body, observation, self.keypoint_sigma(observation), self.settings.potential, self.settings.nu
+        )
+
+    def evidence(self, observation: Observation, posed: PosedBody) -> Evidence | None:
+        """What the pictures of a frame say, None where there are none; `posed`, about where the body is, gives its
+        extent in the images."""
+        if not observation.cues:
+            return None
+        if self._image is None:
+            self._image = ImageModel(self.body, self.settings.image)
+        points = self.body.landmarks(posed)
+        return self._image.evidence(
+            observation.cues, [image_extent(c.camera.project(points), np.ones(len(points))) for c in observation.cues]
         )
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
@@ -94,9 +112,15 @@ class CostModel:
             self._last_upright = cameras, Upright(self.body, world_up(cameras), s.stabiliser_weight * s.upright_weight)
         return self._last_upright[1]
 
-    def cost(self, observed: Reprojection | None, q_previous: np.ndarray | None = None, dt: float = 0.0) -> Cost:
+    def cost(
+        self,
+        observed: Reprojection | None,
+        q_previous: np.ndarray | None = None,
+        dt: float = 0.0,
+        image_terms: Sequence[Term] = (),
+    ) -> Cost:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
-        terms: list[Term] = list(self._priors) if observed is None else [observed, *self._priors]
+        terms: list[Term] = [*image_terms, *self._priors] if observed is None else [observed, *image_terms, *self._priors]
         if observed is not None and self._has_upright:
             terms.append(self._upright(observed.cameras))
         if q_previous is not None:

@@ -39,6 +39,10 @@ class Cost:
         self.body = body
         self.terms = tuple(terms)
 
+    def plus(self, terms: Sequence[Term]) -> Cost:
+        """This sum and more terms."""
+        return Cost(self.body, (*self.terms, *terms))
+
     def at(self, q: np.ndarray, exact: bool = False) -> Quadratic:
         """The energy's quadratic model at configuration q (nq,)."""
         return self.of(self.body.at(q), exact)

@@ -18,6 +18,7 @@ class Mode:
     kkt_residual: largest entry of the projected gradient, recomputed from the problem at q.
     penetration: deepest overlap of two body parts at q [m], 0 if none.
     parent: index of the mode of the previous frame that this one continues, -1 if none.
+    velocity (nv,): tangent from the parent's configuration to q, per second; zero where there is none.
     association: which reading of the keypoints it explains: "as_detected" or "exchanged" (left and right swapped).
     """
 
@@ -25,6 +26,7 @@ class Mode:
     covariance: np.ndarray
     energy: float
     status: str
+    velocity: np.ndarray
     kkt_residual: float = np.nan
     penetration: float = 0.0
     parent: int = -1

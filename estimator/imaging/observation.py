@@ -7,17 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.imaging.camera import Camera
+from estimator.imaging.cues import ImageCues
 
 
 @dataclass(frozen=True)
 class Observation:
-    """Keypoints of one instant in every camera.
+    """What every camera shows of one instant.
 
     index: number of the frame in the clip.
     time: seconds since the clip's start.
     cameras (C): the cameras, in the order of the arrays.
     pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
     confidence (C, L): 0 to 1; 0 where missing.
+    given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
+    cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
     """
 
     index: int
@@ -25,6 +28,8 @@ class Observation:
     cameras: tuple[Camera, ...]
     pixels: np.ndarray
     confidence: np.ndarray
+    given: bool = False
+    cues: tuple[ImageCues, ...] = ()
 
     @property
     def count(self) -> int:

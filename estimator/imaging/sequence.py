@@ -12,6 +12,7 @@ from estimator.imaging.observation import Observation
 from humanoid.body import Body
 from humanoid.errors import InputError
 
+GIVEN = "landmarks"  # layout of points that a person gave, by the subject's own names
 _FEWEST_LANDMARKS = 4
 
 
@@ -43,8 +44,9 @@ def assemble(
         count = min(len(times), track.frame_count)
         pixels[:count, c, here] = track.pixels[:count, there]
         confidence[:count, c, here] = track.confidence[:count, there]
+    given = all(track.layout == GIVEN for track in tracks.values())
     return [
-        Observation(i, float(t), tuple(used), pixels[i], confidence[i])
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i], given)
         for i, t in enumerate(np.asarray(times).tolist())
     ]
 

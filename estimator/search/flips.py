@@ -169,5 +169,7 @@ def _depths(o: np.ndarray, p: np.ndarray, centre: np.ndarray, radius: float) -> 
 
 def only_camera(observation: Observation) -> Camera | None:
     """The camera that alone sees the body; None where several do, since depth is then known."""
+    if observation.cues:
+        return observation.cameras[0] if len(observation.cues) == 1 else None
     seeing = np.flatnonzero((observation.confidence > 0.0).any(axis=1))
     return observation.cameras[int(seeing[0])] if len(seeing) == 1 else None

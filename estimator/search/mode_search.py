@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.cost.image.evidence import Evidence
 from estimator.cost.model import CostModel
 from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost
+from estimator.cost.term import Cost, Term
 from estimator.filtering.merge import best_distinct, body_size
 from estimator.filtering.mixture import Mixture, Mode, mixture_of
 from estimator.imaging.observation import Observation
@@ -28,7 +29,7 @@ AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
 class ModeSearchSettings:
     """How modes are found.
 
-    explore: search given to every start. refine: search given to those kept. spare: how many more than asked for are
+    explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures. refine: search given to those kept. spare: how many more than asked for are
     refined, since refined modes may coincide. distinct: two modes differ if some landmark is further apart than this
     fraction of the body's size. exchange: also read every frame with left and right swapped (detectors do swap them).
     contact: what is done with modes whose parts overlap.
@@ -36,6 +37,7 @@ class ModeSearchSettings:
 
     explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
     refine: SeekSettings = field(default_factory=SeekSettings)
+    follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
     spare: int = 3
     distinct: float = 0.03
     exchange: bool = True
@@ -51,18 +53,20 @@ class Reading(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A start: configuration (nq,), index of the reading, parent mode (-1 none) and its log-score, and, if the change
-    since the parent is to be paid for, the parent's configuration."""
+    """A start: configuration (nq,), index of the reading, parent mode (-1 none) and its log-score; if the change since
+    the parent is to be paid for, the parent's configuration, and where its velocity takes it."""
 
     q: np.ndarray
     reading: int
     parent: int = -1
     prior_score: float = 0.0
     q_previous: np.ndarray | None = None
+    q_predicted: np.ndarray | None = None
 
 
 class _Candidate(NamedTuple):
     found: Found
+    base: Cost  # without the pictures' assigned features
     cost: Cost
     hypothesis: Hypothesis
     energy: float
@@ -94,50 +98,95 @@ class ModeSearch:
         """The keypoint term of a frame in one association."""
         return self.model.observation_term(self.read(observation, association))
 
+    def evidence(self, observation: Observation, q: np.ndarray) -> Evidence | None:
+        """What the frame's pictures say, None where there are none; q (nq,): about where the body is."""
+        return self.model.evidence(observation, self.body.at(q))
+
     def readings(self, observation: Observation) -> tuple[Reading, ...]:
         """The readings of a frame: as detected, and with left and right exchanged where the body has sides."""
         found = [Reading(AS_DETECTED, self.term(observation, AS_DETECTED), 0.0)]
-        if self.settings.exchange and np.any(self.mirror != np.arange(len(self.mirror))):
+        swappable = observation.count > 0 and not observation.given
+        if self.settings.exchange and swappable and np.any(self.mirror != np.arange(len(self.mirror))):
             penalty = self.model.settings.exchange_penalty
             found.append(Reading(EXCHANGED, self.term(observation, EXCHANGED), penalty))
         return tuple(found)
 
     def best_modes(
-        self, hypotheses: Iterable[Hypothesis], readings: Sequence[Reading], count: int, dt: float = 0.0
+        self,
+        hypotheses: Iterable[Hypothesis],
+        readings: Sequence[Reading],
+        count: int,
+        dt: float = 0.0,
+        evidence: Evidence | None = None,
     ) -> Mixture:
-        """The `count` best distinct modes reached from the hypotheses, as a mixture; `dt` [s] since the parents."""
-        explored = self._explore(hypotheses, readings, dt)
+        """The `count` best distinct modes reached from the hypotheses, as a mixture.
+
+        `dt`: seconds since the parents. `evidence`: what the pictures say; its features are assigned anew to every
+        hypothesis, several times during its search.
+        """
+        explored = self._explore(hypotheses, readings, dt, evidence)
         kept = self._distinct(explored, count + self.settings.spare)
-        refined = [self._refine(c, readings) for c in kept]
+        refined = [self._refine(c, readings, evidence) for c in kept]
         best = self._distinct(self._apart(refined), count)
-        modes = tuple(self._mode(c, readings) for c in best)
+        modes = tuple(self._mode(c, readings, dt, evidence) for c in best)
         return mixture_of(modes, np.array([c.score for c in best]))
 
-    def _explore(self, hypotheses: Iterable[Hypothesis], readings: Sequence[Reading], dt: float) -> list[_Candidate]:
+    def _explore(
+        self,
+        hypotheses: Iterable[Hypothesis],
+        readings: Sequence[Reading],
+        dt: float,
+        evidence: Evidence | None,
+    ) -> list[_Candidate]:
         costs: dict[tuple[int, bytes], Cost] = {}
         candidates = []
         for h in hypotheses:
             key = (h.reading, b"" if h.q_previous is None else h.q_previous.tobytes())
             if key not in costs:
-                costs[key] = self.model.cost(readings[h.reading].term, h.q_previous, dt)
-            found = self.seeker.seek(costs[key], h.q, self.settings.explore)
-            candidates.append(self._candidate(found, costs[key], h, readings))
+                flow = self._flow(h, evidence)
+                costs[key] = self.model.cost(readings[h.reading].term, h.q_previous, dt, flow)
+            base = costs[key]
+            q = h.q
+            if evidence is not None and h.q_previous is not None:
+                q = self.seeker.seek(base, q, self.settings.follow).q  # where keypoints and flow take it
+            found, cost = self._seek(base, q, self.settings.explore, evidence, 1)
+            candidates.append(_Candidate(found, base, cost, h, found.quadratic.value + readings[h.reading].penalty))
         return candidates
 
-    def _refine(self, c: _Candidate, readings: Sequence[Reading]) -> _Candidate:
-        found = self.seeker.seek(c.cost, c.found.q, self.settings.refine)
-        if self.clearance is None:
-            return self._candidate(found, c.cost, c.hypothesis, readings)
-        found = separate(self.seeker, self.clearance, c.cost, found, self.settings.contact)
-        depth = self.clearance.penetration(found.quadratic.posed)
-        return self._candidate(found, c.cost, c.hypothesis, readings)._replace(penetration=depth)
+    def _flow(self, h: Hypothesis, evidence: Evidence | None) -> list[Term]:
+        """Flow of the surface from where the parent had it; looked for also where the prediction puts it."""
+        if evidence is None or h.q_previous is None:
+            return []
+        predicted = None if h.q_predicted is None else self.body.at(h.q_predicted)
+        return evidence.followed(self.body.at(h.q_previous), predicted)
+
+    def _seek(
+        self, base: Cost, q: np.ndarray, settings: SeekSettings, evidence: Evidence | None, rounds: int
+    ) -> tuple[Found, Cost]:
+        """Search `base` and what the pictures say, assigned anew `rounds` times; the result with its last energy."""
+        if evidence is None:
+            return self.seeker.seek(base, q, settings), base
+        found = None
+        for _ in range(rounds):
+            cost = base.plus(evidence.assigned(self.body.at(q)))
+            found = self.seeker.seek(cost, q, settings)
+            q = found.q
+        assert found is not None
+        return found, cost
+
+    def _refine(self, c: _Candidate, readings: Sequence[Reading], evidence: Evidence | None) -> _Candidate:
+        rounds = self.model.settings.image.rounds
+        found, cost = self._seek(c.base, c.found.q, self.settings.refine, evidence, rounds)
+        penetration = 0.0
+        if self.clearance is not None:
+            found = separate(self.seeker, self.clearance, cost, found, self.settings.contact)
+            penetration = self.clearance.penetration(found.quadratic.posed)
+        energy = found.quadratic.value + readings[c.hypothesis.reading].penalty
+        return _Candidate(found, c.base, cost, c.hypothesis, energy, penetration)
 
     def _apart(self, candidates: list[_Candidate]) -> list[_Candidate]:
         """Those whose parts could be kept apart; all of them if that is none."""
         return [c for c in candidates if c.penetration <= self.settings.contact.limit] or candidates
-
-    def _candidate(self, found: Found, cost: Cost, h: Hypothesis, readings: Sequence[Reading]) -> _Candidate:
-        return _Candidate(found, cost, h, found.quadratic.value + readings[h.reading].penalty)
 
     def _distinct(self, candidates: Sequence[_Candidate], count: int) -> list[_Candidate]:
         return best_distinct(
@@ -148,13 +197,16 @@ class ModeSearch:
             count,
         )
 
-    def _mode(self, c: _Candidate, readings: Sequence[Reading]) -> Mode:
+    def _mode(self, c: _Candidate, readings: Sequence[Reading], dt: float, evidence: Evidence | None) -> Mode:
         reading = readings[c.hypothesis.reading]
         posed = c.found.quadratic.posed
         # what one frame and the priors know: sampling by it must not be narrowed by the temporal term (CSS footnote 5)
-        static = self.model.cost(reading.term).of(posed)
+        assigned = [] if evidence is None else evidence.assigned(posed)
+        static = self.model.cost(reading.term, image_terms=assigned).of(posed)
+        before = c.hypothesis.q_previous
         return Mode(
             q=posed.q,
+            velocity=np.zeros(self.body.nv) if before is None else self.body.difference(before, posed.q) / max(dt, 1e-3),
             covariance=mode_covariance(self.body, posed.q, c.found.quadratic.gradient, static.hessian),
             energy=c.energy,
             status=c.found.status,

@@ -27,7 +27,8 @@ class CssSettings:
     transition: pay for the change since the parent; off in the paper, whose search is static (footnote 5). keep:
     search from the parents' own poses too, in every reading of the keypoints, not from samples alone. flips: hypotheses
     a frame in which one limb jumps to another depth along its rays (one camera only); flip_penalty: energy of a jump,
-    paid once instead of the transition's price.
+    paid once instead of the transition's price. momentum: share of its velocity that carries a parent to where pictures
+    are looked at too.
     """
 
     modes: int = 7
@@ -38,6 +39,7 @@ class CssSettings:
     keep: bool = True
     flips: int = 5
     flip_penalty: float = 6.0
+    momentum: float = 0.8
 
 
 PAPER = CssSettings(samples=70, flips=0, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False)
@@ -63,24 +65,34 @@ class CovarianceScaledSampling:
         if not observable(observation):
             return carried(self.search, state, observation)
         readings = self.search.readings(observation)
-        hypotheses = self._kept(state.mixture, len(readings)) if self.settings.keep else []
+        evidence = self.search.evidence(observation, state.mixture.modes[0].q)
+        dt = observation.time - state.time
+        hypotheses = self._kept(state.mixture, len(readings), dt) if self.settings.keep else []
+        hypotheses += self._predicted(state.mixture, dt) if evidence is not None else []
         names = [r.name for r in readings]
-        hypotheses += self._samples(rng, state.mixture, names)
-        hypotheses += self._flips(rng, state.mixture, names, observation)
-        found = self.search.best_modes(hypotheses, readings, self.settings.modes, observation.time - state.time)  # 2-4
+        hypotheses += self._samples(rng, state.mixture, names, dt)
+        hypotheses += self._flips(rng, state.mixture, names, observation, dt)
+        found = self.search.best_modes(hypotheses, readings, self.settings.modes, dt, evidence)  # 2-4
         if not self.settings.transition:
             found = self._matched(state.mixture, found)  # 5, 6; with a transition the parent is known
         return judged(self.search, observation, found)
 
-    def _hypothesis(self, prior: Mixture, i: int, q: np.ndarray, reading: int) -> Hypothesis:
+    def _hypothesis(self, prior: Mixture, i: int, q: np.ndarray, reading: int, dt: float) -> Hypothesis:
         if not self.settings.transition:
             return Hypothesis(q, reading, i)
-        return Hypothesis(q, reading, i, self.settings.forgetting * prior.log_scores[i], prior.modes[i].q)
+        m = prior.modes[i]
+        predicted = self.body.integrate(m.q, self.settings.momentum * dt * m.velocity)
+        return Hypothesis(q, reading, i, self.settings.forgetting * prior.log_scores[i], m.q, predicted)
 
-    def _kept(self, prior: Mixture, readings: int) -> list[Hypothesis]:
-        return [self._hypothesis(prior, i, m.q, r) for i, m in enumerate(prior.modes) for r in range(readings)]
+    def _kept(self, prior: Mixture, readings: int, dt: float) -> list[Hypothesis]:
+        return [self._hypothesis(prior, i, m.q, r, dt) for i, m in enumerate(prior.modes) for r in range(readings)]
 
-    def _samples(self, rng: np.random.Generator, prior: Mixture, readings: list[str]) -> list[Hypothesis]:
+    def _predicted(self, prior: Mixture, dt: float) -> list[Hypothesis]:
+        """Every parent carried on by its velocity: pictures, unlike keypoints, are only looked at near a hypothesis."""
+        kept = [self._hypothesis(prior, i, m.q, 0, dt) for i, m in enumerate(prior.modes)]
+        return [h._replace(q=h.q_predicted) for h in kept if h.q_predicted is not None]
+
+    def _samples(self, rng: np.random.Generator, prior: Mixture, readings: list[str], dt: float) -> list[Hypothesis]:
         parents = rng.choice(len(prior.modes), size=self.settings.samples, p=prior.weights)  # 2.1
         hypotheses = []
         for i in np.unique(parents):
@@ -88,11 +100,11 @@ class CovarianceScaledSampling:
             proposal = CovarianceScaledProposal(self.body, mode.q, mode.covariance, self.settings.scale)  # 1
             for _ in range(np.count_nonzero(parents == i)):
                 q = proposal.sample(rng)  # 2.2
-                hypotheses.append(self._hypothesis(prior, int(i), q, readings.index(mode.association)))
+                hypotheses.append(self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt))
         return hypotheses
 
     def _flips(
-        self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation
+        self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation, dt: float
     ) -> list[Hypothesis]:
         camera = only_camera(observation)
         if camera is None or self.settings.flips == 0 or not self.search.flips.limbs:
@@ -102,9 +114,9 @@ class CovarianceScaledSampling:
             mode = prior.modes[i]
             q = self.search.flips.draw(rng, mode.q, camera)
             if q is not None:
-                h = self._hypothesis(prior, int(i), q, readings.index(mode.association))
+                h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
                 if h.q_previous is not None:
-                    h = h._replace(prior_score=h.prior_score - self.settings.flip_penalty, q_previous=q)
+                    h = h._replace(prior_score=h.prior_score - self.settings.flip_penalty, q_previous=q, q_predicted=None)
                 hypotheses.append(h)
         return hypotheses
 
@@ -124,3 +136,8 @@ class CovarianceScaledSampling:
             handed_on = prior.log_scores[parent] if parent >= 0 else prior.log_scores.min()
             scores.append(score + self.settings.forgetting * handed_on)
         return mixture_of(tuple(modes), np.array(scores))  # 6
+
+
+def _reading(readings: list[str], association: str) -> int:
+    """Place of a parent's reading; the first where the frame has no such reading."""
+    return readings.index(association) if association in readings else 0

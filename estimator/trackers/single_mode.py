@@ -41,5 +41,6 @@ class SingleMode:
         q = state.mixture.modes[0].q
         hypothesis = Hypothesis(q, 0, 0, 0.0, q if self.settings.transition else None)
         readings = self.search.readings(observation)
-        found = self.search.best_modes([hypothesis], readings, 1, observation.time - state.time)
+        evidence = self.search.evidence(observation, q)
+        found = self.search.best_modes([hypothesis], readings, 1, observation.time - state.time, evidence)
         return judged(self.search, observation, found)

@@ -35,6 +35,7 @@ class TrackState:
             "weights": self.mixture.weights,
             "q": np.array([m.q for m in modes]),
             "covariance": np.array([m.covariance for m in modes]),
+            "velocity": np.array([m.velocity for m in modes]),
             "parent": np.array([m.parent for m in modes]),
             "status": np.array([m.status for m in modes], dtype=np.str_),
             "association": np.array([m.association for m in modes], dtype=np.str_),
@@ -48,6 +49,7 @@ class TrackState:
             Mode(
                 q=arrays["q"][k],
                 covariance=arrays["covariance"][k],
+                velocity=arrays["velocity"][k],
                 status=str(arrays["status"][k]),
                 parent=int(arrays["parent"][k]),
                 association=str(arrays["association"][k]),
@@ -75,9 +77,14 @@ class Tracker(Protocol):
         ...
 
 
-def observable(observation: Observation) -> bool:
-    """Whether a frame has enough keypoints to be searched."""
+def startable(observation: Observation) -> bool:
+    """Whether a frame has enough keypoints for a first pose."""
     return observation.count >= MIN_KEYPOINTS
+
+
+def observable(observation: Observation) -> bool:
+    """Whether a frame has enough to be searched: keypoints, or pictures."""
+    return startable(observation) or bool(observation.cues)
 
 
 def carried(search: ModeSearch, state: TrackState, observation: Observation) -> tuple[TrackState, FrameResult]:
@@ -92,10 +99,14 @@ def judged(search: ModeSearch, observation: Observation, mixture: Mixture) -> tu
     """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained,
     did not converge in its budget or overlaps itself."""
     best = mixture.modes[0]
-    distances = search.term(observation, best.association).distances(search.body.at(best.q))
-    explained = np.nanmean(np.where(np.isnan(distances), np.nan, distances < FAR))
+    posed = search.body.at(best.q)
+    distances = search.term(observation, best.association).distances(posed)
+    seen = distances[~np.isnan(distances)]
+    evidence = search.model.evidence(observation, posed)
+    agreement = [float(np.mean(seen < FAR))] if seen.size else []
+    agreement += [] if evidence is None else evidence.agreement(posed)
     overlapping = best.penetration > search.settings.contact.limit
-    hard = explained < 0.5 or best.status == "iterations" or overlapping
+    hard = min(agreement, default=0.0) < 0.5 or best.status == "iterations" or overlapping
     return TrackState(mixture, observation.time), result_of(observation, mixture, "hard" if hard else "tracked")
 
 

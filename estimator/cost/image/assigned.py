@@ -1,0 +1,74 @@
+"""Points of the body with image features assigned to them (CSS eqs. 5 to 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.cost.kernels import assigned_loads
+from estimator.cost.points import accumulate_points
+from estimator.cost.reprojection import pack_cameras
+from estimator.imaging.camera import Camera
+from humanoid.body import Body, PosedBody
+
+
+class Assignments(NamedTuple):
+    """Features assigned to points: each costs 1/2 weight rho(e' W e), e = target - projection of the point.
+
+    point (A,) int: index of the point. target (A, 2) [px]. precision (A, 3): entries xx, xy, yy of W [1/px^2].
+    weight (A,). potential (A,) int, nu (A,): see `estimator.cost.potentials`.
+    """
+
+    point: np.ndarray
+    target: np.ndarray
+    precision: np.ndarray
+    weight: np.ndarray
+    potential: np.ndarray
+    nu: np.ndarray
+
+
+class AssignedPoints:
+    """Term of points on joints and the features of one image assigned to them; the assignment does not change.
+
+    Parameters
+    ----------
+    joint (N,), local (N, 3): points in the frames of their joints [m].
+    groups: assignments of the points.
+    constant: energy of what has no assignment (back-facing and occluded nodes, contour points without an edge).
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        camera: Camera,
+        joint: np.ndarray,
+        local: np.ndarray,
+        groups: Sequence[Assignments],
+        constant: float = 0.0,
+    ) -> None:
+        parts = [np.concatenate(columns) for columns in zip(*groups, strict=True)]
+        point = parts[0]
+        used, inverse = np.unique(point, return_inverse=True)
+        order = np.argsort(inverse, kind="stable")
+        self._first = np.searchsorted(inverse[order], np.arange(len(used) + 1))
+        self._features = tuple(np.ascontiguousarray(part[order]) for part in parts[1:])
+        self._body, self._constant = body, float(constant)
+        self._view = tuple(a[0] for a in pack_cameras((camera,)))
+        self._joint, self._local = np.ascontiguousarray(joint[used]), np.ascontiguousarray(local[used])
+        count = len(used)
+        self._points, self._force = np.empty((count, 3)), np.empty((count, 3))
+        self._load = np.empty((count, 3, 3))
+
+    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
+        """See `estimator.cost.term.Term`."""
+        target, precision, weight, potential, nu = self._features
+        value: float = assigned_loads(
+            posed.placements, self._joint, self._local, *self._view, self._first, target, precision, weight, potential,
+            nu, exact, self._points, self._force, self._load,
+        )  # fmt: skip
+        accumulate_points(
+            self._body, posed, self._joint, self._points, self._force, self._load, gradient, hessian, exact
+        )
+        return value + self._constant

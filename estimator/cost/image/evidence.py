@@ -1,0 +1,248 @@
+"""From the cues of one instant to energy terms around a pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.cost.image.assigned import AssignedPoints, Assignments
+from estimator.cost.image.matching import nearest_contour, nearest_outline, search_edges
+from estimator.cost.image.prediction import Prediction, Predictor
+from estimator.cost.image.settings import ImageSettings
+from estimator.cost.image.visibility import HIDDEN, OUTER
+from estimator.cost.kernels import LECLERC, LORENTZIAN
+from estimator.cost.term import Term
+from estimator.imaging.cues import ImageCues
+from estimator.imaging.point_flow import follow_points
+from humanoid.body import Body, PosedBody, points_in_world
+from humanoid.surface import Surface, surface_of
+
+LEAST_NOISE = 0.5  # px
+FLOW_NODES = 200  # more say nothing new
+OUTLINE_SAMPLES = 200
+AGREES = 4.0  # standard deviations within which a contour point lies on the outline
+NEAR_EDGE = 2  # px between an outline and the edge that bears it out
+SURE_EDGE, LEAST_TRUST = 0.3, 0.1  # strength that proves an outline; trust where there is no edge at all
+_NONE = np.zeros((0, 0), dtype=np.float32)
+
+
+class ImageModel:
+    """Everything about image terms that does not change from frame to frame."""
+
+    def __init__(self, body: Body, settings: ImageSettings | None = None, surface: Surface | None = None) -> None:
+        self.body = body
+        self.settings = settings or ImageSettings()
+        self.surface = surface or surface_of(body, nodes=self.settings.nodes)
+        self._predictors: dict[int, Predictor] = {}
+
+    def predictor(self, cues: ImageCues) -> Predictor:
+        """The predictor of a camera at the cues' resolution, made once."""
+        key = id(cues.camera)
+        if key not in self._predictors or self._predictors[key].camera is not cues.camera:
+            self._predictors[key] = Predictor(self.surface, cues.camera, self.settings.fineness)
+        return self._predictors[key]
+
+    def evidence(self, cues: Sequence[ImageCues], extents: Sequence[float]) -> Evidence:
+        """The evidence of one instant; extents: the subject's extent in each camera's cues [px]."""
+        return Evidence(tuple(CameraEvidence(self, c, e) for c, e in zip(cues, extents, strict=True)))
+
+
+class Evidence:
+    """The evidence of one instant in every camera."""
+
+    def __init__(self, cameras: tuple[CameraEvidence, ...]) -> None:
+        self.cameras = cameras
+
+    def assigned(self, posed: PosedBody) -> list[Term]:
+        """Edges and outlines assigned to the surface as it lies at a pose, with the penalties of hidden nodes."""
+        return [term for camera in self.cameras for term in camera.assigned(posed)]
+
+    def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
+        """Flow of the surface since the frame before, when it lay at `parent`; it is also looked for from where it lies
+        at `predicted`."""
+        return [term for camera in self.cameras for term in camera.followed(parent, predicted)]
+
+
+    def agreement(self, posed: PosedBody) -> list[float]:
+        """For every camera with a foreground the share of the model's outline that lies on the foreground's."""
+        return [share for camera in self.cameras for share in camera.agreement(posed)]
+
+
+class CameraEvidence:
+    """The evidence of one instant in one camera."""
+
+    def __init__(self, model: ImageModel, cues: ImageCues, extent: float) -> None:
+        self.model, self.cues, self.extent = model, cues, float(extent)
+        self.predictor = model.predictor(cues)
+        self._trust = _outline_trust(cues)
+
+    def assigned(self, posed: PosedBody) -> list[Term]:
+        """See `Evidence.assigned`."""
+        prediction = self.predictor.predict(posed)
+        contours = prediction.contours
+        groups, constant = [], self._penalty(prediction)
+        for group, unassigned in (self.edges(prediction), self.outline(prediction), self.outline_back(prediction)):
+            groups.append(group)
+            constant += unassigned
+        return [AssignedPoints(self.model.body, self.cues.camera, contours.joint, contours.local, groups, constant)]
+
+    def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
+        """See `Evidence.followed`."""
+        s, flow = self.model.settings, self.cues.flow
+        if flow is None or s.flow_evidence <= 0.0:
+            return []
+        surface, prediction = self.model.surface, self.predictor.predict(parent)
+        usable = prediction.visible
+        usable &= np.cumsum(usable) % max(1, np.count_nonzero(usable) // FLOW_NODES) == 0
+        point = np.flatnonzero(usable)
+        if not len(point):
+            return []
+        guess = None
+        if predicted is not None:
+            world = points_in_world(predicted, surface.joint[point], surface.local[point])
+            guess = self.cues.camera.project(world)
+        target, sure = follow_points(flow, prediction.pixels[point], guess)
+        length = np.linalg.norm(target - prediction.pixels[point], axis=1)
+        precision = 1.0 / np.square(s.flow_noise + s.flow_share * length)
+        weight = s.flow_evidence / len(point) * sure
+        group = _group(point, target, _isotropic(precision), weight, LORENTZIAN, s.flow_nu)
+        return [AssignedPoints(self.model.body, self.cues.camera, surface.joint, surface.local, [group])]
+
+    def edges(self, prediction: Prediction) -> tuple[Assignments, float]:
+        """Edges along the contours' normals (CSS eq. 8), and the energy of contour points without any."""
+        s, edges, contours = self.model.settings, self.cues.edges, prediction.contours
+        count = len(contours.state)
+        if edges is None or s.edge_evidence <= 0.0 or not count:
+            return _nothing(), 0.0
+        size = (count, s.edge_candidates)
+        target, share, trust = np.empty((*size, 2)), np.zeros(size), np.empty(size)
+        search_edges(
+            contours.pixels, contours.normals, contours.state, edges.strength, edges.direction,
+            _NONE if self.cues.flow is None else self.cues.flow.boundary,
+            _NONE if self.cues.silhouette is None else self.cues.silhouette.distance,
+            max(2.0, s.edge_window * self.extent), 2.0 * self._sigma(s.edge_noise), s.edge_candidates, 2.0 * self._sigma(s.edge_noise), s.motion_boundary,
+            target, share, trust,
+        )  # fmt: skip
+        point, candidate = np.nonzero(share)
+        each = s.edge_evidence / count
+        precision = trust[point, candidate] / self._sigma(s.edge_noise) ** 2
+        group = _group(
+            point,
+            target[point, candidate],
+            _across(contours.normals[point], precision),
+            each * share[point, candidate],
+            LECLERC,
+            s.edge_nu,
+        )
+        seen = contours.state != HIDDEN
+        missing = np.count_nonzero(seen) - share[seen].sum()
+        hidden = count - np.count_nonzero(seen)
+        return group, each * (0.5 * s.edge_nu * missing + s.occluded * s.back_facing * hidden)
+
+    def outline(self, prediction: Prediction) -> tuple[Assignments, float]:
+        """From the model's contour to the foreground's outline."""
+        s, silhouette, contours = self.model.settings, self.cues.silhouette, prediction.contours
+        if silhouette is None or s.outline_evidence <= 0.0 or not len(silhouette.boundary) or not len(contours.state):
+            return _nothing(), 0.0
+        chosen = np.empty(len(contours.state), dtype=np.int64)
+        nearest_outline(
+            contours.pixels, contours.normals, contours.state, silhouette.nearest, silhouette.boundary,
+            silhouette.normal, chosen,
+        )  # fmt: skip
+        point = np.flatnonzero(chosen >= 0)
+        normals = silhouette.normal[chosen[point]]
+        each = 0.5 * s.outline_evidence / len(contours.state)
+        precision = np.full(len(point), 1.0 / self._sigma(s.outline_noise) ** 2)
+        group = _group(
+            point,
+            silhouette.boundary[chosen[point]],
+            _across(normals, precision),
+            each * self._trust[chosen[point]],
+            LORENTZIAN,
+            s.outline_nu,
+        )
+        return group, 0.0
+
+    def outline_back(self, prediction: Prediction) -> tuple[Assignments, float]:
+        """From the foreground's outline to the model's contour."""
+        s, silhouette, contours = self.model.settings, self.cues.silhouette, prediction.contours
+        if silhouette is None or s.outline_evidence <= 0.0 or not len(silhouette.boundary) or not len(contours.state):
+            return _nothing(), 0.0
+        stride = max(1, len(silhouette.boundary) // OUTLINE_SAMPLES)
+        samples, normals = silhouette.boundary[::stride], silhouette.normal[::stride]
+        chosen = np.empty(len(samples), dtype=np.int64)
+        nearest_contour(
+            samples, normals, contours.pixels, contours.normals, contours.state, 0.2 * self.extent, chosen
+        )
+        known = np.flatnonzero(chosen >= 0)
+        each = 0.5 * s.outline_evidence / len(samples)
+        precision = np.full(len(known), 1.0 / self._sigma(s.outline_noise) ** 2)
+        group = _group(
+            chosen[known],
+            samples[known],
+            _across(normals[known], precision),
+            each * self._trust[::stride][known],
+            LORENTZIAN,
+            s.outline_nu,
+        )
+        return group, 0.0
+
+    def agreement(self, posed: PosedBody) -> list[float]:
+        """See `Evidence.agreement`; empty without a foreground."""
+        silhouette, contours = self.cues.silhouette, self.predictor.predict(posed).contours
+        outer = contours.state == OUTER
+        if silhouette is None or not len(silhouette.boundary) or not outer.any():
+            return []
+        x, y = np.round(contours.pixels[outer]).astype(int).T
+        distance = np.abs(silhouette.distance[y.clip(0, len(silhouette.mask) - 1), x.clip(0, silhouette.mask.shape[1] - 1)])
+        return [float(np.mean(distance < AGREES * self._sigma(self.model.settings.outline_noise)))]
+
+    def _penalty(self, prediction: Prediction) -> float:
+        """Energy of back-facing and occluded nodes (CSS eq. 7)."""
+        s = self.model.settings
+        hidden = prediction.back_facing + s.occluded * prediction.occluded
+        return s.visibility_evidence * s.back_facing * hidden / len(prediction.state)
+
+    def _sigma(self, noise: float) -> float:
+        return max(LEAST_NOISE, noise * self.extent)
+
+
+def _group(
+    point: np.ndarray, target: np.ndarray, precision: np.ndarray, weight: np.ndarray, potential: int, nu: float
+) -> Assignments:
+    count = len(point)
+    return Assignments(point, target, precision, weight, np.full(count, potential), np.full(count, float(nu)))
+
+
+def _nothing() -> Assignments:
+    return _group(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), LORENTZIAN, 1.0)
+
+
+def _across(normals: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """W (A, 3) that measures along unit normals (A, 2) alone."""
+    x, y = normals.T
+    return np.stack([x * x, x * y, y * y], axis=1) * precision[:, None]
+
+
+def _isotropic(precision: np.ndarray) -> np.ndarray:
+    return np.stack([precision, np.zeros_like(precision), precision], axis=1)
+
+
+def _outline_trust(cues: ImageCues) -> np.ndarray:
+    """How far each boundary pixel of the foreground is borne out by an edge of the picture along it, (M,), 0 to 1.
+
+    Where a background model takes the place that a person has left for foreground, its outline lies on no edge.
+    """
+    if cues.silhouette is None:
+        return np.zeros(0)
+    if cues.edges is None or not len(cues.silhouette.boundary):
+        return np.ones(len(cues.silhouette.boundary))
+    height, width = cues.edges.strength.shape
+    best = np.zeros(len(cues.silhouette.boundary))
+    for offset in range(-NEAR_EDGE, NEAR_EDGE + 1):
+        x, y = np.round(cues.silhouette.boundary + offset * cues.silhouette.normal).astype(int).T
+        x, y = x.clip(0, width - 1), y.clip(0, height - 1)
+        along = np.abs(np.einsum("ni,ni->n", cues.edges.direction[y, x], cues.silhouette.normal))
+        best = np.maximum(best, cues.edges.strength[y, x] * along)
+    return LEAST_TRUST + (1.0 - LEAST_TRUST) * np.minimum(1.0, best / SURE_EDGE)

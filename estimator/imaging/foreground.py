@@ -1,0 +1,134 @@
+"""The person's silhouette: what differs from the background, and its outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from estimator.imaging.background import learn_background
+from estimator.imaging.subtraction import Background, SilhouetteSettings, departure, smoothed
+from estimator.imaging.threads import one_thread
+
+__all__ = [
+    "Background",
+    "Silhouette",
+    "SilhouetteSettings",
+    "foreground_mask",
+    "learn_background",
+    "silhouette_of",
+]
+
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+_OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """The person's region in one image and its outline; outlines along the image's border do not count.
+
+    mask (H, W) bool: True on the person.
+    boundary (M, 2) float64: points (x, y) on the outlines, about one a pixel, holes' outlines included [px].
+    normal (M, 2) float64: unit normals there, out of the person.
+    nearest (H, W) int32: index into boundary of the outline point nearest to each pixel; -1 where there is none.
+    distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none.
+    """
+
+    mask: np.ndarray
+    boundary: np.ndarray
+    normal: np.ndarray
+    nearest: np.ndarray
+    distance: np.ndarray
+
+
+@one_thread()
+def foreground_mask(image: np.ndarray, background: Background, settings: SilhouetteSettings) -> np.ndarray:
+    """Mask (H, W) bool of what does not belong to the background of an image (H, W, 3) uint8.
+
+    Shadows are left out (`departure`). Where the background is unknown, all is foreground; specks are removed and
+    small holes filled.
+    """
+    departs = departure(smoothed(image), background, settings)
+    mask = _tidy((departs.squared > 1.0) | ~background.known, settings.smallest * departs.squared.size)
+    return _trimmed(mask, np.where(background.known, departs.squared, np.float32(0.0)), background.known)
+
+
+def _trimmed(mask: np.ndarray, squared: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """A mask without the rim of pixels that show less than half of the contrast beside them: they are blur."""
+    rim = mask & known & (cv2.erode(mask.astype(np.uint8), _NEIGHBOURS) == 0)
+    beside = cv2.dilate(squared, np.ones((5, 5), np.uint8))
+    return np.asarray(mask & ~(rim & (squared < np.float32(0.25) * beside)))
+
+
+def _tidy(mask: np.ndarray, smallest: float) -> np.ndarray:
+    """A mask without specks, gaps and small holes."""
+    closed = cv2.morphologyEx(cv2.medianBlur(mask.astype(np.uint8), 5), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    filled = ~_larger(closed == 0, smallest)
+    return _larger(filled, smallest)
+
+
+def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
+    """The parts of a mask that have at least so many pixels."""
+    _, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    keep = stats[:, cv2.CC_STAT_AREA] >= smallest
+    keep[0] = False
+    return np.asarray(keep[label])
+
+
+@one_thread()
+def silhouette_of(mask: np.ndarray) -> Silhouette:
+    """Silhouette of a mask (H, W) bool."""
+    inside = np.ascontiguousarray(mask, dtype=np.uint8)
+    outline, boundary, normal = _outline(inside)
+    distance = _signed_distance(inside)
+    if len(boundary) == 0:
+        return Silhouette(mask, boundary, normal, np.full(mask.shape, -1, np.int32), distance)
+    off_outline = np.ones(mask.shape, np.uint8)
+    off_outline[outline[:, 1], outline[:, 0]] = 0
+    _, label = cv2.distanceTransformWithLabels(
+        off_outline, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    index = np.full(int(label.max()) + 1, -1, np.int32)
+    index[label[outline[:, 1], outline[:, 0]]] = np.arange(len(outline))
+    return Silhouette(mask, boundary, normal, index[label], distance)
+
+
+def _outline(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (M, 2) int just inside the outline; the outline's points and outward normals (M, 2) beside them."""
+    height, width = inside.shape
+    contours, _ = cv2.findContours(inside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        return np.empty((0, 2), int), np.empty((0, 2)), np.empty((0, 2))
+    pixels = np.unique(np.concatenate(contours)[:, 0], axis=0)
+    x, y = pixels.T
+    pixels = pixels[(x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)]
+    smooth = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), _OUTLINE_SMOOTHING)
+    slope = [
+        cv2.Sobel(smooth, cv2.CV_32F, *order, scale=0.125)[pixels[:, 1], pixels[:, 0]] for order in ((1, 0), (0, 1))
+    ]
+    gradient = np.stack(slope, axis=-1).astype(np.float64)
+    length = np.linalg.norm(gradient, axis=-1)
+    clear = length > 0.02  # a line one pixel wide has no outside
+    pixels, gradient, length = pixels[clear], gradient[clear], length[clear, None]
+    normal = -gradient / length
+    # one Newton step to where the smoothed mask is one half, the place of the outline between the pixels
+    beyond = (smooth[pixels[:, 1], pixels[:, 0], None] - 0.5) / length
+    return pixels, pixels + np.clip(beyond, 0.0, 1.0) * normal, normal
+
+
+def _signed_distance(inside: np.ndarray) -> np.ndarray:
+    """Distance of each pixel to the outline, which runs half a pixel outside the outermost pixels."""
+    if inside.all() or not inside.any():
+        return np.full(inside.shape, -np.inf if inside.any() else np.inf, np.float32)
+    within, without = (_distance(m) for m in (inside, 1 - inside))
+    return np.where(inside > 0, 0.5 - within, without - 0.5).astype(np.float32)
+
+
+def _distance(mask: np.ndarray) -> np.ndarray:
+    """Distance (H, W) from each pixel to the nearest outside the mask [px].
+
+    The last bits of OpenCV's vary with the place in memory; squared distances are whole numbers, which settles them.
+    """
+    distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(np.sqrt(np.round(distance * distance)))
