@@ -138,7 +138,8 @@ def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
         if not all(isinstance(name, str) for name in names):
             raise InputError(path, "a list of names is needed", place="names")
         reading.layout = declared or "named"
-        reading.names = tuple(landmark_name(name) or name for name in names)
+        exact = declared == "landmarks"  # a subject's own names, which may differ from every detector's
+        reading.names = tuple(name if exact else landmark_name(name) or name for name in names)
 
 
 def _listed_frames(value: list[Any], reading: Reading) -> None:
