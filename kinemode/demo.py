@@ -14,10 +14,10 @@ from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import write_keypoints
 from estimator.formats.run_file import Run
 from humanoid.body import Body
-from humanoid.errors import InputError
 from humanoid.subject import Subject, load_subject
 from kinemode import api, report
 from kinemode.progress import Progress, Reporter, reported
+from kinemode.render_files import made_folder
 from viz.overlay import write_overlay
 from viz.preview import write_html
 from viz.sheet import write_sheet
@@ -68,7 +68,7 @@ def make_clip(
     videos: False leaves the pictures out, where the keypoints are enough.
     Raises InputError where the folder cannot be written.
     """
-    folder = _made(Path(folder))
+    folder = made_folder(Path(folder))
     body = Body(demo_subject())
     count = round(FPS * synthesis.MOTION_SECONDS) if frames is None else frames
     times = np.arange(count) / FPS
@@ -132,7 +132,7 @@ def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progr
     seed: of the tracker. frames: only so many of the first. progress: opens a progress report under a label.
     Raises InputError where the folder cannot be written.
     """
-    folder = _made(Path(out))
+    folder = made_folder(Path(out))
     clip = make_clip(folder, frames=frames, progress=progress)
     run, rate = track_clip(clip, folder / "demo.run", seed=seed, progress=progress)
     result = evaluate(run, Reference.load(clip.truth))
@@ -150,11 +150,3 @@ def _draw(run: Run, folder: Path, progress: Reporter) -> list[Path]:
     with progress("overlay") as report_progress:
         overlay = write_overlay(run, folder / "overlay.mp4", progress=report_progress)
     return [overlay, write_html(run, folder / "preview.html"), write_sheet(run, folder / "contact_sheet.png")]
-
-
-def _made(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(folder, f"cannot be made: {error.strerror}", remedy="name a folder of your own") from None
-    return folder

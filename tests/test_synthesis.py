@@ -1,4 +1,4 @@
-"""The built-in clip: its motion is possible, its pictures and keypoints agree with its truth."""
+"""Clips with known truth: motions are possible, pictures, masks, depths and keypoints agree with the truth."""
 
 from __future__ import annotations
 
@@ -8,23 +8,33 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
-from estimator.evaluation import Reference, largest_penetration, limit_violations
+from estimator.evaluation import Reference, limit_violations
 from estimator.synthesis import (
     MOTION_SECONDS,
+    DetectorSettings,
     Renderer,
+    SceneSettings,
+    ViewSettings,
     authored_motion,
+    first_frame,
+    framing_cameras,
     keypoints,
     scene_cameras,
     write_truth,
     write_video,
 )
+from estimator.synthesis.motion_keys import MOTIONS
+from estimator.synthesis.plate import place_of
 from estimator.synthesis.raster import paint
-from humanoid.body import Body
+from humanoid.body import Body, points_in_world
+from humanoid.clearance import Clearance
 from humanoid.errors import InputError
-from humanoid.flesh import flesh_meshes
 from humanoid.landmarks import COCO17
 from humanoid.subject import load_subject
+from humanoid.surface import surface_of
+from tests.builders import camera_at
 
 TIMES = np.arange(round(30 * MOTION_SECONDS)) / 30.0
 
@@ -39,17 +49,24 @@ def q(body: Body) -> np.ndarray:
     return authored_motion(body, TIMES)
 
 
-def test_motion_is_possible(body: Body, q: np.ndarray) -> None:
+@pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
+def test_motions_are_possible(motion) -> None:
+    body = Body(load_subject(motion.subject, lock=motion.lock))
+    times = np.arange(round(30 * motion.seconds)) / 30.0
+    q = authored_motion(body, times, motion)
     assert limit_violations(body, q) == 0
-    assert largest_penetration(body, q) == 0.0
-    np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0)
-    soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
-    lowest = np.array([body.landmarks(body.at(one))[soles, 2].min() for one in q])
-    assert np.abs(lowest).max() < 0.02
+    clearance = Clearance(body)
+    assert max(clearance.penetration(body.at(one)) for one in q) < 0.003
     # nothing jumps: no degree of freedom changes its speed faster than a person can
     speed = np.array([body.difference(a, b) for a, b in pairwise(q)]) * 30.0
     assert np.abs(np.diff(speed, axis=0)).max() * 30.0 < 60.0
-    assert np.abs(speed).max() < 8.0
+    assert 1.0 < np.abs(speed).max() < 8.0
+    if body.subject.base == "free":
+        np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0)
+        soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
+        lowest = np.array([body.landmarks(body.at(one))[soles, 2].min() for one in q])
+        assert np.abs(lowest).max() < 0.02
+    assert {"pivot": 30, "arm": 8}.get(motion.name, 34) == body.nv
 
 
 def test_motion_does_not_depend_on_the_times_asked_for(body: Body, q: np.ndarray) -> None:
@@ -59,17 +76,8 @@ def test_motion_does_not_depend_on_the_times_asked_for(body: Body, q: np.ndarray
 def test_motion_of_another_body_is_refused() -> None:
     with pytest.raises(InputError, match="lumbar_flexion"):
         authored_motion(Body(load_subject("arm8")), TIMES)
-
-
-def test_solids_are_closed_and_have_their_volume(body: Body) -> None:
-    for mesh, flesh in zip(flesh_meshes(body, 64, 48), body.subject.flesh, strict=True):
-        p = mesh.vertices[mesh.faces]
-        volume = np.einsum("ij,ij->i", p[:, 0], np.cross(p[:, 1], p[:, 2])).sum() / 6.0
-        r, length, _ = flesh.size
-        exact = np.pi * r**2 * (length + 4 / 3 * r) if flesh.shape == "capsule" else 4 / 3 * np.pi * np.prod(flesh.size)
-        assert volume == pytest.approx(exact, rel=0.01)
-        edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
-        assert {tuple(e) for e in edges.tolist()} == {(b, a) for a, b in edges.tolist()}
+    with pytest.raises(InputError, match="no fixed base"):
+        authored_motion(Body(load_subject("arm8", base="free")), TIMES, MOTIONS["arm"])
 
 
 def test_the_nearer_triangle_hides_the_farther() -> None:
@@ -83,18 +91,92 @@ def test_the_nearer_triangle_hides_the_farther() -> None:
     assert image[17, 17].max() == 0.0
 
 
+def test_depth_and_part_are_those_of_ray_casting(body: Body, q: np.ndarray) -> None:
+    camera = camera_at(35.0, distance=3.5, height=1.2, aim=(0.0, 0.0, 0.95))
+    renderer = Renderer(body, [camera], np.random.default_rng(0), SceneSettings(background="black"))
+    posed = body.at(q[45])
+    maps = renderer.maps(posed, 0)
+    surface = surface_of(body, nodes=6000)
+    world = points_in_world(posed, surface.joint, surface.local)
+    mesh = trimesh.Trimesh(world, surface.faces, process=False)
+    v, u = (a.ravel() for a in np.mgrid[60:420:9, 220:420:5])
+    rays = np.linalg.solve(camera.K, np.stack([u, v, np.ones_like(u)]).astype(float)).T @ camera.R_camera_world
+    depth, part = _cast(mesh, camera.centre_world, rays, surface.part[surface.faces[:, 0]])
+    hit = np.isfinite(depth)
+    assert 300 < hit.sum() < len(hit)
+    agree = maps.mask[v, u] == hit
+    assert agree.mean() > 0.995  # a ray may graze an outline
+    both = hit & agree
+    np.testing.assert_allclose(maps.depth[v, u][both], depth[both], rtol=1e-3)
+    assert (maps.part[v, u][both] == part[both]).mean() > 0.995
+    assert np.isinf(maps.depth[~maps.mask]).all()
+
+
+def _cast(
+    mesh: trimesh.Trimesh, origin: np.ndarray, rays: np.ndarray, face_part: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest hit along each ray (N, 3) as a multiple of it, and the part hit (Moeller and Trumbore 1997)."""
+    a, b, c = mesh.triangles.transpose(1, 0, 2)
+    e1, e2, s = b - a, c - a, origin - a
+    across = np.cross(s, e1)
+    far = np.einsum("fi,fi->f", e2, across)
+    depth, part = np.full(len(rays), np.inf), np.full(len(rays), -1)
+    for i, ray in enumerate(rays):
+        h = np.cross(ray, e2)
+        det = np.einsum("fi,fi->f", e1, h)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y, t = np.einsum("fi,fi->f", s, h) / det, across @ ray / det, far / det
+        found = np.where((x >= 0.0) & (y >= 0.0) & (x + y <= 1.0) & (t > 0.0), t, np.inf)
+        best = int(np.argmin(found))
+        if np.isfinite(found[best]):
+            depth[i], part[i] = found[best], face_part[best]
+    return depth, part
+
+
+def test_cloth_moves_with_the_body(body: Body, q: np.ndarray) -> None:
+    camera = camera_at(0.0, distance=3.0, focal=1400.0, height=1.1, aim=(0.0, 0.0, 1.1))
+    flat = SceneSettings(background="black", ambient=1.0, diffuse=0.0, noise=0.0)
+    renderer = Renderer(body, [camera], np.random.default_rng(0), flat)
+    surface = surface_of(body, nodes=6000)
+    torso = surface.links.index("torso")
+    faces = surface.faces[surface.part[surface.faces[:, 0]] == torso]
+    mesh = trimesh.Trimesh(surface.local, faces, process=False)
+    local, face = trimesh.sample.sample_surface(mesh, 600, seed=0)
+    joint = np.full(600, surface.joint[surface.part == torso][0])
+    seen = []
+    for turn in (0.0, 0.12):
+        move = np.array([0.0, 0.06, 0.04, 0.0, 0.0, turn]) * (turn > 0.0)
+        posed = body.at(body.integrate(q[0], np.concatenate([move, np.zeros(body.nv - 6)])))
+        picture, maps = renderer.frame(posed, 0, np.random.default_rng(0)).astype(np.float32), renderer.maps(posed, 0)
+        world = points_in_world(posed, joint, local)
+        at = camera.project(world).astype(np.float32)
+        x, y = np.round(at).astype(int).T
+        facing = (mesh.face_normals[face] @ posed.rotations[joint[0]].T)[:, 0] > 0.5
+        depth = world @ camera.R_camera_world[2] + camera.t_camera_world[2]
+        visible = facing & (maps.depth[y, x] > depth - 0.01)
+        seen.append((cv2.remap(picture, at[:, None, 0], at[:, None, 1], cv2.INTER_LINEAR)[:, 0, 0], visible))
+    both = seen[0][1] & seen[1][1]
+    first, second = seen[0][0][both], seen[1][0][both]
+    assert both.sum() > 80
+    assert first.std() > 15.0  # the cloth has a pattern
+    assert np.corrcoef(first, second)[0, 1] > 0.9
+
+
 def test_pictures_show_the_body_where_it_is(body: Body, q: np.ndarray, tmp_path: Path) -> None:
     cameras = scene_cameras()
-    renderer = Renderer(body, cameras, np.random.default_rng(0))
-    frames = [renderer.frame(body.at(one), 0, np.random.default_rng(5)) for one in (q[0], q[60])]
-    changed = np.abs(frames[0].astype(int) - frames[1]).max(axis=2) > 25
-    away = cameras[0].project(_boxes(body, q[[0, 60]]))
-    low, high = away.min(axis=0) - 3, away.max(axis=0) + 3
-    y, x = np.nonzero(changed[: int(high[1]) - 90])  # above the shadow on the floor
-    assert len(x) > 3000
-    assert ((x >= low[0]) & (x <= high[0]) & (y >= low[1])).mean() > 0.999
-    again = Renderer(body, cameras, np.random.default_rng(0)).frame(body.at(q[0]), 0, np.random.default_rng(5))
-    np.testing.assert_array_equal(again, frames[0])
+    settings = SceneSettings(shadow=0.0, noise=0.0, ambient=0.4, diffuse=0.4)  # no pixel saturates
+    renderer = Renderer(body, cameras, np.random.default_rng(0), settings)
+    posed = [body.at(q[0]), body.at(q[60])]
+    frames = [renderer.frame(one, 0, np.random.default_rng(5)) for one in posed]
+    for one, frame in zip(posed, frames, strict=True):
+        mask = renderer.maps(one, 0).mask
+        changed = np.abs(frame.astype(int) - renderer.plate(0)).max(axis=2) > 0
+        assert not changed[~cv2.dilate(mask.astype(np.uint8), np.ones((3, 3))).astype(bool)].any()
+        assert changed[mask].mean() > 0.98
+    again = Renderer(body, cameras, np.random.default_rng(0), settings)
+    np.testing.assert_array_equal(again.frame(posed[0], 0, np.random.default_rng(5)), frames[0])
+    blurred = renderer.frame(posed, 0, np.random.default_rng(5))
+    assert np.abs(blurred - np.mean(frames, axis=0)).max() <= 1.0  # rounding
     write_video(tmp_path / "a.mp4", frames, 30.0)
     capture = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     assert int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) == 2
@@ -103,13 +185,93 @@ def test_pictures_show_the_body_where_it_is(body: Body, q: np.ndarray, tmp_path:
         write_video(tmp_path / "b.mp4", [], 30.0)
 
 
-def _boxes(body: Body, q: np.ndarray) -> np.ndarray:
-    """Every vertex of the body's solids at every configuration, in the world."""
-    meshes = flesh_meshes(body)
-    posed = [body.at(one) for one in q]
-    return np.concatenate(
-        [m.vertices @ p.rotations[m.joint].T + p.translations[m.joint] for p in posed for m in meshes]
-    )
+def test_light_shadow_noise_and_blur(body: Body, q: np.ndarray) -> None:
+    cameras, posed = scene_cameras()[:1], body.at(q[0])
+
+    def picture(**changes: float) -> tuple[np.ndarray, Renderer]:
+        renderer = Renderer(body, cameras, np.random.default_rng(0), SceneSettings(**({"noise": 0.0} | changes)))
+        return renderer.frame(posed, 0, np.random.default_rng(1)).astype(float), renderer
+
+    plain, renderer = picture()
+    mask = renderer.maps(posed, 0).mask
+    grown = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    shade = renderer.plate(0).astype(float) - plain
+    assert (shade[~grown] >= 0.0).all()  # a shadow only darkens
+    assert (shade[~grown].max(axis=-1) > 10.0).sum() > 300
+    noisy, _ = picture(noise=4.0)
+    spread = (noisy - plain)[(plain > 30.0) & (plain < 220.0)].std()
+    assert spread == pytest.approx(4.0, rel=0.05)
+    dark, _ = picture(ambient=0.25, diffuse=0.3)
+    assert dark[mask].mean() == pytest.approx(0.5 * plain[mask].mean(), rel=0.05)
+    left, right = (picture(light_azimuth=a, light_elevation=10.0)[0] for a in (132.0, -48.0))  # across the view
+    columns = np.arange(640)
+    west = mask & (columns < np.median(np.nonzero(mask)[1]))
+    assert (left - right)[mask & ~west].mean() * (left - right)[west].mean() < 0.0
+    soft, _ = picture(lens_blur=2.0)
+    assert np.abs(cv2.Laplacian(soft, cv2.CV_64F)).mean() < 0.5 * np.abs(cv2.Laplacian(plain, cv2.CV_64F)).mean()
+
+
+def test_an_occluder_hides_part_of_the_body_and_touches_none(body: Body, q: np.ndarray) -> None:
+    points = _surfaces(body, q[::15])
+    cameras = framing_cameras(points, ViewSettings(azimuth=20.0))
+    posed, place = body.at(q[40]), place_of(points, 0.0)
+    renderers = {
+        kind: Renderer(body, cameras, np.random.default_rng(0), SceneSettings(occluder=kind, noise=0.0), place)
+        for kind in ("none", "post", "box")
+    }
+    maps = {kind: renderer.maps(posed, 0) for kind, renderer in renderers.items()}
+    for kind in ("post", "box"):
+        hidden = maps["none"].mask & ~maps[kind].mask
+        assert 0.02 < hidden.sum() / maps["none"].mask.sum() < 0.7
+        assert (maps[kind].depth[hidden] < maps["none"].depth[hidden] - 0.1).all()
+        assert not (maps[kind].mask & ~maps["none"].mask).any()
+        inner = cv2.erode(hidden.astype(np.uint8), np.ones((3, 3))).astype(bool)
+        picture = renderers[kind].frame(posed, 0, np.random.default_rng(0))
+        np.testing.assert_array_equal(picture[inner], renderers[kind].plate(0)[inner])
+
+
+def test_a_moving_background_moves_and_nothing_else_does(body: Body, q: np.ndarray) -> None:
+    cameras, settings = scene_cameras()[:1], SceneSettings(background="moving", noise=0.0)
+    renderer, posed = Renderer(body, cameras, np.random.default_rng(0), settings), body.at(q[20])
+    first, later = (renderer.frame(posed, 0, np.random.default_rng(0), t) for t in (0.0, 0.2))
+    inner = cv2.erode(renderer.maps(posed, 0).mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
+    np.testing.assert_array_equal(first[inner], later[inner])
+    plates = [cv2.cvtColor(renderer.plate(0, t), cv2.COLOR_BGR2GRAY).astype(float) for t in (0.0, 0.2)]
+    (dx, _), _ = cv2.phaseCorrelate(plates[0], plates[1], cv2.createHanningWindow((640, 480), cv2.CV_64F))
+    assert dx == pytest.approx(settings.pan * np.sin(2.0 * np.pi * 0.2 / 2.5), abs=2.0 * settings.shake)
+
+
+def test_cameras_see_the_whole_person_at_all_times(body: Body, q: np.ndarray) -> None:
+    points = _surfaces(body, q[::5])
+    for size in ((640, 480), (480, 640)):
+        for camera in framing_cameras(points, ViewSettings(count=3, image_size=size)):
+            pixels = camera.project(points)
+            assert (pixels > 0.0).all()
+            assert (pixels < size).all()
+            height = np.ptp(pixels[..., 1], axis=1).max() / size[1]
+            assert 0.4 < height <= 0.701
+
+
+def _surfaces(body: Body, q: np.ndarray) -> np.ndarray:
+    """Surface points (T, N, 3) of every configuration, in the world."""
+    surface = surface_of(body, nodes=500)
+    return np.array([points_in_world(body.at(one), surface.joint, surface.local) for one in q])
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: SceneSettings(background="sea"), "one of room, pillar, black, moving"),
+        (lambda: SceneSettings(shutter=1.5), "shutter: is 1.5"),
+        (lambda: SceneSettings(noise=float("nan")), "noise"),
+        (lambda: ViewSettings(count=0), "cameras"),
+        (lambda: ViewSettings(image_size=(641, 480)), "even"),
+        (lambda: DetectorSettings(missing_fraction=2.0), "missing_fraction"),
+    ],
+)
+def test_settings_out_of_range_are_named(make, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        make()
 
 
 def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
@@ -128,6 +290,14 @@ def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
     wrong = np.linalg.norm(error, axis=2)[~missing] > 18.0
     assert wrong.mean() == pytest.approx(0.05, abs=0.02)
     assert np.median(np.abs(error[~missing])) / 0.6745 == pytest.approx(2.5, rel=0.15)
+
+
+def test_the_first_frame_is_exact_and_alone(body: Body, q: np.ndarray) -> None:
+    camera = scene_cameras()[0]
+    (track,) = first_frame(body, q[:4], [camera])
+    np.testing.assert_array_equal(track.pixels[0], camera.project(body.landmarks(body.at(q[0]))))
+    assert np.isnan(track.pixels[1:]).all()
+    np.testing.assert_array_equal(track.confidence.any(axis=1), [True, False, False, False])
 
 
 def test_truth_is_a_reference(body: Body, q: np.ndarray, tmp_path: Path) -> None:

@@ -131,6 +131,22 @@ class ModeSearch:
         modes = tuple(self._mode(c, readings, dt, evidence) for c in best)
         return mixture_of(modes, np.array([c.score for c in best]))
 
+    def screened(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        readings: Sequence[Reading],
+        count: int,
+        dt: float,
+        evidence: Evidence,
+    ) -> list[Hypothesis]:
+        """The `count` hypotheses of lowest energy as they are: many cheap looks before a few searches."""
+        scores = []
+        for h in hypotheses:
+            posed = self.body.at(h.q)
+            cost = self.model.cost(readings[h.reading].term, h.q_previous, dt, evidence.assigned(posed))
+            scores.append(h.prior_score - cost.of(posed).value - readings[h.reading].penalty)
+        return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
+
     def _explore(
         self,
         hypotheses: Iterable[Hypothesis],
@@ -147,7 +163,7 @@ class ModeSearch:
                 costs[key] = self.model.cost(readings[h.reading].term, h.q_previous, dt, flow)
             base = costs[key]
             q = h.q
-            if evidence is not None and h.q_previous is not None:
+            if evidence is not None and (h.q is h.q_previous or h.q is h.q_predicted):
                 q = self.seeker.seek(base, q, self.settings.follow).q  # where keypoints and flow take it
             found, cost = self._seek(base, q, self.settings.explore, evidence, 1)
             candidates.append(_Candidate(found, base, cost, h, found.quadratic.value + readings[h.reading].penalty))

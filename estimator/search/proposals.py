@@ -22,3 +22,32 @@ class CovarianceScaledProposal:
     def sample(self, rng: np.random.Generator) -> np.ndarray:
         """One configuration (nq,)."""
         return self._body.integrate(self._q, self._factor @ rng.standard_normal(self._body.nv))
+
+
+class LimbProposal:
+    """Moves the joints from one joint outwards, all others staying where they are.
+
+    Pictures are matched to a hypothesis from nearby, so a limb that has lost its image is found again only by trying it
+    elsewhere: one limb at a time, since a sample of all joints at once is nowhere near the image (partitioned sampling,
+    MacCormick and Isard 2000).
+    """
+
+    def __init__(self, body: Body, least: float = 0.1, most: float = 1.2) -> None:
+        self.body = body
+        self._spread = np.log([least, most])  # rad, of the joints' change
+        free = body.subject.base == "free"
+        self._first = [int(v) for v in body.bounded_v if v >= (6 if free else 0)]
+        self._behind = [np.flatnonzero([self._moves(d, e) for e in range(body.nv)]) for d in self._first]
+
+    def _moves(self, dof: int, other: int) -> bool:
+        """Whether `other` is `dof` or lies behind it."""
+        while other >= 0 and other != dof:
+            other = int(self.body.tree.dof_parent[other])
+        return other == dof
+
+    def sample(self, rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
+        """q (nq,) with the joints behind a random one changed by a spread drawn evenly in its logarithm."""
+        dofs = self._behind[int(rng.integers(len(self._first)))]
+        step = np.zeros(self.body.nv)
+        step[dofs] = np.exp(rng.uniform(*self._spread)) * rng.standard_normal(len(dofs))
+        return self.body.integrate(q, step)

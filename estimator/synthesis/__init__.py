@@ -1,8 +1,24 @@
-"""Clips with known truth: an authored motion, seen by known cameras, with a detector's keypoints."""
+"""Clips with known truth: a motion, seen by known cameras, with a detector's keypoints."""
 
-from estimator.synthesis.detector import keypoints
+from estimator.synthesis.detector import first_frame, keypoints
 from estimator.synthesis.motion import MOTION_SECONDS, authored_motion
-from estimator.synthesis.render import Renderer, write_video
-from estimator.synthesis.scene import scene_cameras, write_truth
+from estimator.synthesis.render import Renderer
+from estimator.synthesis.scene import write_truth
+from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
+from estimator.synthesis.video import write_video
+from estimator.synthesis.views import framing_cameras, scene_cameras
 
-__all__ = ["MOTION_SECONDS", "Renderer", "authored_motion", "keypoints", "scene_cameras", "write_truth", "write_video"]
+__all__ = [
+    "MOTION_SECONDS",
+    "DetectorSettings",
+    "Renderer",
+    "SceneSettings",
+    "ViewSettings",
+    "authored_motion",
+    "first_frame",
+    "framing_cameras",
+    "keypoints",
+    "scene_cameras",
+    "write_truth",
+    "write_video",
+]

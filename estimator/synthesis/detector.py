@@ -9,7 +9,6 @@ import numpy as np
 from estimator.formats.keypoints import KeypointTrack
 from estimator.imaging.camera import Camera
 from humanoid.body import Body
-from humanoid.errors import InputError
 from humanoid.landmarks import COCO17, landmark_spread
 
 _CORRELATION = 0.6  # of the noise from frame to frame
@@ -27,48 +26,75 @@ def keypoints(
     missing_fraction: float = 0.02,
     fps: float = 30.0,
 ) -> list[KeypointTrack]:
-    """COCO keypoints of the body's landmarks along q (T, nq), one track for each camera.
+    """Keypoints along q (T, nq), one track for each camera: COCO's 17, or all landmarks of a body that lacks some.
 
     noise_px: standard deviation of each coordinate, averaged over the keypoints; it is greater at the hips than at
         the eyes, as COCO's annotators are, and correlated from frame to frame.
     outlier_fraction: share of the keypoints that are 25 to 80 px off, with little less confidence.
     missing_fraction: share that is missing, beside those outside the image.
-
-    Raises
-    ------
-    InputError: the body lacks one of COCO's 17 landmarks.
     """
-    missing = [name for name in COCO17 if name not in body.landmark_names]
-    if missing:
-        raise InputError(body.subject.source, f"has no landmark {', '.join(missing)}", remedy="COCO has 17")
-    order = [body.landmark_names.index(name) for name in COCO17]
-    points = np.array([body.landmarks(body.at(one))[order] for one in q])
-    return [_track(points, camera, rng, noise_px, outlier_fraction, missing_fraction, fps) for camera in cameras]
+    whole = all(name in body.landmark_names for name in COCO17)
+    names, layout = (COCO17, "coco17") if whole else (body.landmark_names, "landmarks")
+    points = _landmarks(body, q, names)
+    noise = noise_px, outlier_fraction, missing_fraction
+    return [_track(names, layout, points, camera, rng, noise, fps) for camera in cameras]
+
+
+def first_frame(body: Body, q: np.ndarray, cameras: Sequence[Camera], fps: float = 30.0) -> list[KeypointTrack]:
+    """Exact places of all landmarks in the first frame of q (T, nq), and in no other, one track for each camera.
+
+    That is what a person clicks who starts a tracker by hand (CSS section 5). Landmarks outside the image are missing.
+    """
+    points = _landmarks(body, q[:1], body.landmark_names)
+    tracks = []
+    for camera in cameras:
+        pixels = np.full((len(q), points.shape[1], 2), np.nan)
+        pixels[0] = camera.project(points[0])
+        pixels[~_inside(pixels, camera)] = np.nan
+        confidence = np.isfinite(pixels).all(axis=-1).astype(float)
+        tracks.append(
+            KeypointTrack(
+                "landmarks", body.landmark_names, pixels, confidence, camera.image_size, fps, source=camera.name
+            )
+        )
+    return tracks
+
+
+def _landmarks(body: Body, q: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """World places (T, J, 3) [m] of some landmarks."""
+    order = [body.landmark_names.index(name) for name in names]
+    return np.array([body.landmarks(body.at(one))[order] for one in q])
+
+
+def _inside(pixels: np.ndarray, camera: Camera) -> np.ndarray:
+    """Which pixels (..., 2) are in the picture; none that is NaN."""
+    inside = (pixels > -0.5).all(axis=-1) & (pixels < np.array(camera.image_size) - 0.5).all(axis=-1)
+    return np.asarray(inside)
 
 
 def _track(
+    names: tuple[str, ...],
+    layout: str,
     points: np.ndarray,
     camera: Camera,
     rng: np.random.Generator,
-    noise_px: float,
-    outlier_fraction: float,
-    missing_fraction: float,
+    noise: tuple[float, float, float],
     fps: float,
 ) -> KeypointTrack:
+    noise_px, outlier_fraction, missing_fraction = noise
     exact = camera.project(points)
-    spread = landmark_spread(COCO17)
+    spread = landmark_spread(names)
     sigma = noise_px * spread / spread.mean()
-    noise = _correlated(rng, exact.shape) * sigma[:, None]
+    scatter = _correlated(rng, exact.shape) * sigma[:, None]
     outlier = rng.random(exact.shape[:2]) < outlier_fraction
     angle, length = rng.uniform(0.0, 2.0 * np.pi, exact.shape[:2]), rng.uniform(*_OUTLIER_PIXELS, exact.shape[:2])
     jump = (length * np.stack([np.cos(angle), np.sin(angle)])).transpose(1, 2, 0)
-    pixels = exact + noise + np.where(outlier[..., None], jump, 0.0)
+    pixels = exact + scatter + np.where(outlier[..., None], jump, 0.0)
     confidence = np.clip(rng.normal(0.88, 0.05, outlier.shape) - 0.25 * outlier, 0.3, 0.99)
-    inside = (pixels > -0.5).all(axis=-1) & (pixels < np.array(camera.image_size) - 0.5).all(axis=-1)
-    lost = ~inside | (rng.random(outlier.shape) < missing_fraction)
+    lost = ~_inside(pixels, camera) | (rng.random(outlier.shape) < missing_fraction)
     return KeypointTrack(
-        layout="coco17",
-        names=COCO17,
+        layout=layout,
+        names=names,
         pixels=np.where(lost[..., None], np.nan, pixels),
         confidence=np.where(lost, 0.0, confidence),
         image_size=camera.image_size,

@@ -1,148 +1,210 @@
-"""Pictures of a clothed body in a cluttered room."""
+"""Pictures of a clothed body in a scene, with exact masks and depths."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from estimator.imaging.camera import Camera
-from estimator.synthesis.raster import paint
-from estimator.synthesis.scene import cluttered_room
-from humanoid.body import Body, PosedBody
-from humanoid.errors import InputError
-from humanoid.flesh import FleshMesh, flesh_meshes
-
-_FINE = 2  # pictures are painted this many times larger and then reduced
-_NOISE = 2.5  # of the picture, standard deviation in grey values
-_AROUND, _ALONG = 28, 18  # triangles of a solid
-_SUN = np.array([0.45, -0.25, 0.86])  # towards the light, world frame
-_AMBIENT, _DIFFUSE = 0.5, 0.6
-_SHADOW = 0.55
-_SKIN, _SHIRT, _TROUSERS, _SHOES, _HAIR = (
-    np.array(c, dtype=np.float64)
-    for c in ((128, 158, 214), (150, 92, 38), (72, 66, 70), (48, 52, 150), (28, 36, 52))  # BGR
+from estimator.synthesis.clothing import dressed
+from estimator.synthesis.plate import (
+    FINE,
+    ORIGIN,
+    Place,
+    Plate,
+    built_scene,
+    fine_pixels,
+    painted_plate,
+    quad_faces,
+    shifted,
 )
-_CLOTHES = {
-    "pelvis": _TROUSERS, "thigh": _TROUSERS, "shank": _TROUSERS, "foot": _SHOES, "torso": _SHIRT, "upper_arm": _SHIRT,
-    "neck": _SKIN, "head": _SKIN, "forearm": _SKIN, "hand": _SKIN,
-}  # fmt: skip
+from estimator.synthesis.raster import paint, paint_cloth, paint_index
+from estimator.synthesis.scene import joined
+from estimator.synthesis.settings import SceneSettings
+from humanoid.body import Body, PosedBody, points_in_world
+from humanoid.surface import surface_of
+
+_NODES = 6000
+
+
+class Maps(NamedTuple):
+    """What each pixel's centre shows.
+
+    depth (H, W): along the optical axis [m], infinite where there is nothing. part (H, W) int: index of the visible
+    part of the body into `Renderer.parts`, -1 elsewhere. mask (H, W) bool: where the body is visible.
+    """
+
+    depth: np.ndarray
+    part: np.ndarray
+    mask: np.ndarray
+
+
+class _Placed(NamedTuple):
+    """The body's nodes at one instant: world points, brightness, enlarged pixels, depths, shadow's pixels."""
+
+    light: np.ndarray
+    pixels: np.ndarray
+    depth: np.ndarray
+    shadow: np.ndarray | None
 
 
 class Renderer:
-    """Renders one body in front of one room; everything random is drawn once, from `rng`.
+    """Renders one body in one scene; everything random but the sensor's noise is drawn once, from `rng`.
+
+    cameras: see `estimator.synthesis.views`. settings: see `SceneSettings`. place: where the motion takes place.
+    parts: the links that the body's parts cover.
 
     Raises
     ------
-    InputError: the subject has no flesh.
+    InputError: the subject has no surface, see `humanoid.surface.surface_of`.
     """
 
-    def __init__(self, body: Body, cameras: tuple[Camera, ...], rng: np.random.Generator) -> None:
-        if not body.subject.flesh:
-            raise InputError(body.subject.source, "has no flesh to render", remedy="add <flesh> to its links")
-        meshes = flesh_meshes(body, _AROUND, _ALONG)
-        starts = np.cumsum([0] + [len(m.vertices) for m in meshes])[:-1]
-        self.cameras = cameras
-        self._local = np.concatenate([m.vertices for m in meshes])
-        self._joint = np.concatenate([np.full(len(m.vertices), m.joint) for m in meshes])
-        self._faces = np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)])
-        self._normals = np.concatenate([vertex_normals(m.vertices, m.faces) for m in meshes])
-        self._colour = np.concatenate([_clothing(m, rng) for m in meshes])
-        self._solid = np.split(np.arange(len(self._local)), starts[1:])
-        room = cluttered_room(rng)
-        self._rooms = [_room_picture(camera, room.corners, room.colour, rng) for camera in cameras]
+    def __init__(
+        self,
+        body: Body,
+        cameras: Sequence[Camera],
+        rng: np.random.Generator,
+        settings: SceneSettings | None = None,
+        place: Place = ORIGIN,
+    ) -> None:
+        self.cameras, self.settings, self._place = tuple(cameras), settings or SceneSettings(), place
+        self._surface = surface_of(body, nodes=_NODES)
+        self.parts = self._surface.links
+        self._face_part = self._surface.part[self._surface.faces[:, 0]]
+        clothes_rng, rng = rng.spawn(2)  # the room is the same whoever stands in it
+        self._clothes = dressed(self._surface, clothes_rng)
+        self._behind, self._before = built_scene(self.settings, self.cameras, place, rng)
+        empty = 0.0 if self.settings.background == "black" else 90.0
+        self._plates = [painted_plate(c, self._behind, place.floor, rng, empty) for c in self.cameras]
+        if self.settings.background == "moving":
+            nothing = np.zeros_like(self._plates[0].nearness)
+            self._plates = [Plate(p.image, nothing, nothing > 0.0) for p in self._plates]
+        else:
+            self._plates = [self._with_occluders(p, c) for p, c in zip(self._plates, self.cameras, strict=True)]
+        self._reduced = [p.reduced() for p in self._plates]
 
-    def frame(self, posed: PosedBody, camera: int, rng: np.random.Generator) -> np.ndarray:
-        """The picture of one camera, (H, W, 3) uint8 BGR; `rng` draws the noise of the sensor."""
+    def frame(
+        self, poses: PosedBody | Sequence[PosedBody], camera: int, rng: np.random.Generator, time: float = 0.0
+    ) -> np.ndarray:
+        """The picture of one camera, (H, W, 3) uint8 BGR.
+
+        poses: the body while the shutter is open; one pose gives a picture without motion blur. camera: its index.
+        rng: draws the noise of the sensor. time [s]: of the moving background.
+        """
+        poses = [poses] if isinstance(poses, PosedBody) else poses
         view = self.cameras[camera]
-        image, nearness = (array.copy() for array in self._rooms[camera])
-        R = posed.rotations[self._joint]
-        world = np.einsum("nij,nj->ni", R, self._local) + posed.translations[self._joint]
-        normals = np.einsum("nij,nj->ni", R, self._normals)
-        self._shadow(image, world, view)
-        light = _AMBIENT + _DIFFUSE * np.clip(normals @ _SUN, 0.0, 1.0) + 0.12 * np.clip(normals[:, 2], -1.0, 0.0)
-        pixels, depth = _fine_pixels(view, world)
-        paint(image, nearness, pixels, depth, self._colour * light[:, None], self._faces)
-        small = cv2.resize(image, view.image_size, interpolation=cv2.INTER_AREA)
-        noisy = small + _NOISE * rng.standard_normal(small.shape, dtype=np.float32)
-        return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        placed = [self._placed(posed, view) for posed in poses]
+        plate = self._plate(camera, time)
+        moving = self.settings.background == "moving"
+        rows, columns = _window(placed, plate.nearness.shape, whole=moving)
+        total = np.zeros_like(plate.image[rows, columns])
+        for one in placed:
+            total += self._painted(one, plate, rows, columns)
+        total *= np.float32(1.0 / len(placed))
+        picture = self._reduced[camera].copy()
+        half = (total.shape[1] // FINE, total.shape[0] // FINE)
+        picture[_halved(rows), _halved(columns)] = cv2.resize(total, half, interpolation=cv2.INTER_AREA)
+        return self._exposed(picture, rng)
 
-    def _shadow(self, image: np.ndarray, world: np.ndarray, camera: Camera) -> None:
+    def plate(self, camera: int, time: float = 0.0) -> np.ndarray:
+        """The empty scene without noise, (H, W, 3) uint8 BGR."""
+        picture = self._plate(camera, time).reduced() if self.settings.background == "moving" else self._reduced[camera]
+        return self._exposed(picture.copy(), None)
+
+    def maps(self, posed: PosedBody, camera: int) -> Maps:
+        """Exact depth and visible part at the centre of every pixel, without blur."""
+        view = self.cameras[camera]
+        width, height = view.image_size
+        nearness, part = np.zeros((height, width)), np.full((height, width), -1, dtype=np.int64)
+        solid = self._before if self.settings.background == "moving" else joined([self._behind, self._before])
+        pixels, depth = fine_pixels(view, solid.corners.reshape(-1, 3), 1)
+        faces = quad_faces(len(solid.corners))
+        paint_index(part, nearness, pixels, depth, faces, np.full(len(faces), -1), False)
+        pixels, depth = fine_pixels(view, self._world(posed), 1)
+        paint_index(part, nearness, pixels, depth, self._surface.faces, self._face_part, True)
+        seen = np.where(nearness > 0.0, 1.0 / np.maximum(nearness, 1e-12), np.inf)
+        return Maps(seen, part, part >= 0)
+
+    def _plate(self, camera: int, time: float) -> Plate:
+        plate = self._plates[camera]
+        if self.settings.background != "moving":
+            return plate
+        return self._with_occluders(shifted(plate, self.settings, time), self.cameras[camera])
+
+    def _with_occluders(self, plate: Plate, camera: Camera) -> Plate:
+        if not len(self._before.corners):
+            return plate
+        image, nearness = plate.image.copy(), plate.nearness.copy()
+        pixels, depth = fine_pixels(camera, self._before.corners.reshape(-1, 3))
+        colour = np.repeat(self._before.colour, 4, axis=0)
+        paint(image, nearness, pixels, depth, colour, quad_faces(len(self._before.corners)))
+        return Plate(image, nearness, plate.floor & (nearness == plate.nearness))
+
+    def _world(self, posed: PosedBody) -> np.ndarray:
+        return points_in_world(posed, self._surface.joint, self._surface.local)
+
+    def _placed(self, posed: PosedBody, view: Camera) -> _Placed:
+        s, world = self.settings, self._world(posed)
+        normals = np.einsum("nij,nj->ni", posed.rotations[self._surface.joint], self._surface.normal)
+        sun = _towards_light(s)
+        light = s.ambient + s.diffuse * np.clip(normals @ sun, 0.0, 1.0) + 0.12 * np.clip(normals[:, 2], -1.0, 0.0)
+        shadow = None
+        if s.shadow > 0.0 and s.background in ("room", "pillar"):
+            shadow, _ = fine_pixels(view, world - (world[:, 2:] - self._place.floor) / sun[2] * sun)
+        return _Placed(light, *fine_pixels(view, world), shadow)
+
+    def _painted(self, placed: _Placed, plate: Plate, rows: slice, columns: slice) -> np.ndarray:
+        """A window of the enlarged picture of one instant."""
+        image, nearness = plate.image[rows, columns].copy(), plate.nearness[rows, columns].copy()
+        origin = np.array([columns.start, rows.start], dtype=float)
+        if placed.shadow is not None:
+            self._shade(image, placed.shadow - origin, plate.floor[rows, columns])
+        paint_cloth(
+            image, nearness, placed.pixels - origin, placed.depth, self._surface.local, self._clothes.colour,
+            placed.light, self._surface.faces, self._face_part, self._clothes.pattern, self._clothes.grain,
+        )  # fmt: skip
+        return image
+
+    def _shade(self, image: np.ndarray, pixels: np.ndarray, floor: np.ndarray) -> None:
         """Darken the floor where the body stands between it and the light."""
-        on_floor = world - world[:, 2:] / _SUN[2] * _SUN
-        pixels, _ = _fine_pixels(camera, on_floor)
         mask = np.zeros(image.shape[:2], dtype=np.uint8)
-        for solid in self._solid:
-            hull = cv2.convexHull(pixels[solid].astype(np.float32))
-            cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 255)
+        for part in range(len(self.parts)):
+            hull = cv2.convexHull(pixels[self._surface.part == part].astype(np.float32))
+            if np.isfinite(hull).all():
+                cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 255)
         strength = cv2.blur(mask, (15, 9)).astype(np.float32)[..., None] / np.float32(255.0)
-        image *= np.float32(1.0) - np.float32(1.0 - _SHADOW) * strength
+        image *= np.float32(1.0) - np.float32(self.settings.shadow) * strength * floor[..., None]
+
+    def _exposed(self, picture: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
+        """Lens blur and the sensor's noise."""
+        if self.settings.lens_blur > 0.0:
+            picture = cv2.GaussianBlur(picture, (0, 0), self.settings.lens_blur)
+        if rng is not None and self.settings.noise > 0.0:
+            picture += np.float32(self.settings.noise) * rng.standard_normal(picture.shape, dtype=np.float32)
+        return np.clip(np.round(picture), 0, 255).astype(np.uint8)
 
 
-def _clothing(mesh: FleshMesh, rng: np.random.Generator) -> np.ndarray:
-    """Colours (V, 3) of a solid's vertices: its garment, mottled so that motion can be seen on it."""
-    part = next((colour for name, colour in _CLOTHES.items() if mesh.link.endswith(name)), _SHIRT)
-    colour = np.tile(part, (len(mesh.vertices), 1))
-    if mesh.link == "head":
-        x, _, z = (mesh.vertices - mesh.vertices.mean(axis=0)).T
-        colour[z > 0.45 * x + 0.035] = _HAIR
-    weave = 0.05 if part is _SKIN else 0.13
-    return np.clip(colour * (1.0 + weave * rng.standard_normal((len(colour), 1))), 0.0, 255.0)
+def _towards_light(settings: SceneSettings) -> np.ndarray:
+    a, e = np.radians(settings.light_azimuth), np.radians(settings.light_elevation)
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Outward unit normals (V, 3) of a closed mesh, weighted by the areas of the faces around each vertex."""
-    p = vertices[faces]
-    weighted = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], weighted)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+def _window(placed: Sequence[_Placed], shape: tuple[int, ...], *, whole: bool) -> tuple[slice, slice]:
+    """Rows and columns of the enlarged picture that the body and its shadow can change, in whole final pixels."""
+    height, width = shape
+    if whole:
+        return slice(0, height), slice(0, width)
+    points = np.concatenate([p for one in placed for p in (one.pixels, one.shadow) if p is not None])
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return slice(0, FINE), slice(0, FINE)
+    low = np.clip(points.min(axis=0) - 16.0, 0.0, [width - FINE, height - FINE]).astype(int) // FINE * FINE
+    high = np.clip(points.max(axis=0) + 16.0, low + FINE, [width, height]).astype(int) // FINE * FINE
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
-def _fine_pixels(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels of the enlarged picture (N, 2) and depths (N,) [m] of world points (N, 3)."""
-    depth = points @ camera.R_camera_world[2] + camera.t_camera_world[2]
-    return (camera.project(points) + 0.5) * _FINE - 0.5, depth
-
-
-def _room_picture(
-    camera: Camera, corners: np.ndarray, colour: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """The empty room, enlarged (H, W, 3) float32, and its nearness (H, W)."""
-    width, height = (side * _FINE for side in camera.image_size)
-    image = np.full((height, width, 3), 90.0, dtype=np.float32)
-    nearness = np.zeros((height, width))
-    pixels, depth = _fine_pixels(camera, corners.reshape(-1, 3))
-    quad = 4 * np.arange(len(corners))[:, None]
-    faces = np.concatenate([quad + np.array([0, 1, 2]), quad + np.array([0, 2, 3])])
-    paint(image, nearness, pixels, depth, np.repeat(colour, 4, axis=0), faces)
-    grain = cv2.GaussianBlur(rng.standard_normal((height, width, 1)).astype(np.float32), (0, 0), 3.0)
-    image *= np.float32(1.0) + np.float32(0.6) * grain[..., None]
-    return np.clip(image, 0.0, 255.0), nearness
-
-
-def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> Path:
-    """Write BGR frames (H, W, 3) uint8 as an mp4.
-
-    Raises
-    ------
-    InputError: the file cannot be written, or there is no frame.
-    """
-    writer: cv2.VideoWriter | None = None
-    try:
-        for frame in frames:
-            if writer is None:
-                size = (frame.shape[1], frame.shape[0])
-                writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
-                if not writer.isOpened():
-                    raise InputError(path, "cannot be written", remedy="a path ending in .mp4 in an existing folder")
-            writer.write(frame)
-        if writer is None:
-            raise InputError(path, "there is no frame to write")
-    finally:
-        if writer is not None:
-            writer.release()
-    return Path(path)
+def _halved(fine: slice) -> slice:
+    return slice(fine.start // FINE, fine.stop // FINE)

@@ -1,23 +1,19 @@
-"""The room of the built-in clip: cameras, floor, walls and clutter."""
+"""What stands around the person: floor, walls, clutter, a pillar, occluders; and the truth as a file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.formats.atomic import replacing
-from estimator.imaging.camera import Camera
 from humanoid.body import Body
 
-_SIZE = (640, 480)
-_DISTANCE, _HEIGHT, _AIM = 3.5, 1.35, 0.98  # of the cameras from the middle of the room, and where they look [m]
-_AZIMUTHS = {"front_left": 42.0, "front_right": -38.0}  # [deg], seen from above, 0 in front of the person
-_FOCAL = 660.0
-_DISTORTION = (-0.09, 0.04, 0.0008, -0.0005, 0.0)
 _WALLS = (-2.9, 3.9, 3.6, 3.2)  # x of the back and front wall, half the width, height [m]
 _FREE_RADIUS = 1.5  # around the person's place [m]
+_X, _Y, _Z = np.eye(3)
 
 
 class Quads(NamedTuple):
@@ -27,38 +23,57 @@ class Quads(NamedTuple):
     colour: np.ndarray
 
 
-def scene_cameras() -> tuple[Camera, ...]:
-    """Two cameras 3.5 m from the origin and 80 degrees apart, 640 x 480, with a little lens distortion."""
-    return tuple(_camera(name, np.radians(azimuth)) for name, azimuth in _AZIMUTHS.items())
-
-
-def _camera(name: str, azimuth: float) -> Camera:
-    reach = np.sqrt(_DISTANCE**2 - (_HEIGHT - _AIM) ** 2)
-    centre = np.array([reach * np.cos(azimuth), reach * np.sin(azimuth), _HEIGHT])
-    forward = (np.array([0.0, 0.0, _AIM]) - centre) / _DISTANCE
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    R_camera_world = np.stack([right, np.cross(forward, right), forward])
-    K = np.array([[_FOCAL, 0.0, _SIZE[0] / 2 - 3.5], [0.0, _FOCAL, _SIZE[1] / 2 + 2.5], [0.0, 0.0, 1.0]])
-    return Camera(name, _SIZE, K, np.array(_DISTORTION), R_camera_world, -R_camera_world @ centre)
-
-
-def cluttered_room(rng: np.random.Generator) -> Quads:
-    """Floor boards, walls with pictures, shelves and boxes along the walls, all out of the person's way."""
+def cluttered_room(rng: np.random.Generator) -> tuple[Quads, list[Quads]]:
+    """Floor boards and walls with pictures; and boxes of furniture, out of the person's way."""
     back, front, half, height = _WALLS
     depth, width = front - back, 2.0 * half
     origin = np.array([back, -half, 0.0])
-    x, y, z = np.eye(3)
     wall = np.array([176.0, 188.0, 196.0])
     parts = [
-        _panel(rng, origin, depth * x, width * y, (14, 40), np.array([92.0, 124.0, 158.0]), 16.0),
-        _panel(rng, origin, width * y, height * z, (36, 15), wall, 5.0),
-        _panel(rng, origin, depth * x, height * z, (34, 15), wall * 0.9, 5.0),
-        _panel(rng, origin + width * y, depth * x, height * z, (34, 15), wall * 0.94, 5.0),
+        _panel(rng, origin, depth * _X, width * _Y, (14, 40), np.array([92.0, 124.0, 158.0]), 16.0),
+        _panel(rng, origin, width * _Y, height * _Z, (36, 15), wall, 5.0),
+        _panel(rng, origin, depth * _X, height * _Z, (34, 15), wall * 0.9, 5.0),
+        _panel(rng, origin + width * _Y, depth * _X, height * _Z, (34, 15), wall * 0.94, 5.0),
     ]
-    parts += [_picture(rng, back, half) for _ in range(14)]
-    parts += [_box(rng) for _ in range(24)]
+    parts += [_picture(rng, back + 0.002 * i, half - 0.002 * i) for i in range(14)]  # no two in one plane
+    boxes = [_box(rng) for _ in range(24)]
+    parts.append(_panel(rng, origin + depth * _X, width * _Y, height * _Z, (36, 15), wall * 0.97, 5.0))
+    return joined(parts), boxes
+
+
+def pillar_room(rng: np.random.Generator, azimuth: float) -> Quads:
+    """A dark wall 1.3 m behind the person as seen from `azimuth` [rad], with a bright pillar to the right and rails."""
+    floor = _panel(rng, np.array([-9.0, -9.0, 0.0]), 18.0 * _X, 18.0 * _Y, (36, 36), np.full(3, 62.0), 4.0)
+    wall = _panel(rng, np.array([-1.3, -9.0, 0.0]), 18.0 * _Y, 6.0 * _Z, (60, 20), np.full(3, 46.0), 4.0)
+    pillar = _panel(rng, np.array([-1.2, 0.08, 0.0]), 0.28 * _Y, 6.0 * _Z, (3, 60), np.full(3, 226.0), 4.0)
+    rails = [
+        _panel(rng, np.array([-1.25, -9.0, z]), 18.0 * _Y, 0.05 * _Z, (180, 1), np.full(3, 205.0), 4.0)
+        for z in (0.45, 0.95, 1.45, 1.95)
+    ]
+    return turned(joined([floor, wall, *rails, pillar]), azimuth)
+
+
+def occluder(rng: np.random.Generator, kind: str, place: np.ndarray, azimuth: float, height: float) -> Quads:
+    """A "post" or a low "box" on the floor at `place` (2,) [m], facing `azimuth` [rad]; `height` [m] of the person."""
+    size = np.array([0.09, 0.09, 1.4 * height] if kind == "post" else [0.25, 0.7, 0.42 * height])
+    sides = _cuboid(rng, -0.5 * np.array([size[0], size[1], 0.0]), size, np.array([70.0, 120.0, 105.0]), 12.0)
+    return moved(turned(sides, azimuth), np.array([*place, 0.0]))
+
+
+def joined(parts: Sequence[Quads]) -> Quads:
+    """Several groups as one, in their order."""
     return Quads(np.concatenate([p.corners for p in parts]), np.concatenate([p.colour for p in parts]))
+
+
+def turned(quads: Quads, angle: float) -> Quads:
+    """Turned about the world's z axis by an angle [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return Quads(quads.corners @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T, quads.colour)
+
+
+def moved(quads: Quads, shift: np.ndarray, scale: float = 1.0) -> Quads:
+    """Enlarged about the origin, then moved by `shift` (3,) [m]."""
+    return Quads(scale * quads.corners + shift, quads.colour)
 
 
 def _panel(
@@ -100,17 +115,19 @@ def _box(rng: np.random.Generator) -> Quads:
         if np.linalg.norm(centre) - 0.5 * np.hypot(size[0], size[1]) > _FREE_RADIUS:
             break
     angle = rng.uniform(-0.4, 0.4)
-    u = size[0] * np.array([np.cos(angle), np.sin(angle), 0.0])
-    v = size[1] * np.array([-np.sin(angle), np.cos(angle), 0.0])
-    w = np.array([0.0, 0.0, size[2]])
-    corner = np.array([*centre, 0.0]) - 0.5 * (u + v)
+    corner = np.array([-0.5 * size[0], -0.5 * size[1], 0.0])
     colour, spread = _paint(rng), rng.uniform(4.0, 16.0)
+    return moved(turned(_cuboid(rng, corner, size, colour, spread), angle), np.array([*centre, 0.0]))
+
+
+def _cuboid(rng: np.random.Generator, corner: np.ndarray, size: np.ndarray, colour: np.ndarray, spread: float) -> Quads:
+    """Four sides and the top of a box along the axes."""
+    u, v, w = np.diag(size)
     faces = [(corner, u, w), (corner + v, u, w), (corner, v, w), (corner + u, v, w), (corner + w, u, v)]
-    sides = [
-        _panel(rng, at, a, b, (5, 5), colour * light, spread)
-        for (at, a, b), light in zip(faces, (0.75, 0.8, 0.7, 1.0, 1.15), strict=True)
-    ]
-    return Quads(np.concatenate([s.corners for s in sides]), np.concatenate([s.colour for s in sides]))
+    lights = (0.75, 0.8, 0.7, 1.0, 1.15)
+    return joined(
+        [_panel(rng, at, a, b, (5, 5), colour * light, spread) for (at, a, b), light in zip(faces, lights, strict=True)]
+    )
 
 
 def _paint(rng: np.random.Generator) -> np.ndarray:

@@ -12,7 +12,7 @@ from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.search.flips import only_camera
 from estimator.search.mode_search import Hypothesis, ModeSearch
-from estimator.search.proposals import CovarianceScaledProposal
+from estimator.search.proposals import CovarianceScaledProposal, LimbProposal
 from estimator.start import start_modes
 from estimator.trackers.tracker import TrackState, carried, judged, observable
 
@@ -28,7 +28,8 @@ class CssSettings:
     search from the parents' own poses too, in every reading of the keypoints, not from samples alone. flips: hypotheses
     a frame in which one limb jumps to another depth along its rays (one camera only); flip_penalty: energy of a jump,
     paid once instead of the transition's price. momentum: share of its velocity that carries a parent to where pictures
-    are looked at too.
+    are looked at too. limb_samples: poses a frame with one limb elsewhere that are looked at where there are pictures,
+    the best limb_searches of them are searched from, at the price limb_penalty.
     """
 
     modes: int = 7
@@ -40,6 +41,9 @@ class CssSettings:
     flips: int = 5
     flip_penalty: float = 6.0
     momentum: float = 0.8
+    limb_penalty: float = 8.0
+    limb_samples: int = 40
+    limb_searches: int = 5
 
 
 PAPER = CssSettings(samples=70, flips=0, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False)
@@ -53,6 +57,7 @@ class CovarianceScaledSampling:
         self.search = search
         self.body = search.body
         self.settings = settings or CssSettings()
+        self._limb_proposal = LimbProposal(self.body)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.tracker.Tracker`."""
@@ -72,6 +77,9 @@ class CovarianceScaledSampling:
         names = [r.name for r in readings]
         hypotheses += self._samples(rng, state.mixture, names, dt)
         hypotheses += self._flips(rng, state.mixture, names, observation, dt)
+        if evidence is not None:
+            limbs = self._limbs(rng, state.mixture, names, dt)
+            hypotheses += self.search.screened(limbs, readings, self.settings.limb_searches, dt, evidence)
         found = self.search.best_modes(hypotheses, readings, self.settings.modes, dt, evidence)  # 2-4
         if not self.settings.transition:
             found = self._matched(state.mixture, found)  # 5, 6; with a transition the parent is known
@@ -103,6 +111,15 @@ class CovarianceScaledSampling:
                 hypotheses.append(self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt))
         return hypotheses
 
+    def _limbs(self, rng: np.random.Generator, prior: Mixture, readings: list[str], dt: float) -> list[Hypothesis]:
+        hypotheses = []
+        for i in rng.choice(len(prior.modes), size=self.settings.limb_samples, p=prior.weights):
+            mode = prior.modes[i]
+            q = self._limb_proposal.sample(rng, mode.q)
+            h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
+            hypotheses.append(_jumped(h, self.settings.limb_penalty))
+        return hypotheses
+
     def _flips(
         self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation, dt: float
     ) -> list[Hypothesis]:
@@ -115,9 +132,7 @@ class CovarianceScaledSampling:
             q = self.search.flips.draw(rng, mode.q, camera)
             if q is not None:
                 h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
-                if h.q_previous is not None:
-                    h = h._replace(prior_score=h.prior_score - self.settings.flip_penalty, q_previous=q, q_predicted=None)
-                hypotheses.append(h)
+                hypotheses.append(_jumped(h, self.settings.flip_penalty))
         return hypotheses
 
     def _matched(self, prior: Mixture, found: Mixture) -> Mixture:
@@ -141,3 +156,11 @@ class CovarianceScaledSampling:
 def _reading(readings: list[str], association: str) -> int:
     """Place of a parent's reading; the first where the frame has no such reading."""
     return readings.index(association) if association in readings else 0
+
+
+def _jumped(h: Hypothesis, penalty: float) -> Hypothesis:
+    """A hypothesis whose parent was wrong too: it pays a flat price instead of the transition's, and no flow leads to
+    it from where the parent was."""
+    if h.q_previous is None:
+        return h
+    return h._replace(prior_score=h.prior_score - penalty, q_previous=h.q, q_predicted=None)

@@ -17,7 +17,7 @@ MAY_BE_ZERO = {
     "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch",
     "forgetting", "samples", "flips", "flip_penalty", "spare", "decrease_tolerance", "exact_below", "tolerance",
     "distinct", "edge_evidence", "outline_evidence", "flow_evidence", "visibility_evidence", "motion_boundary",
-    "flow_share", "finest_scale",
+    "flow_share", "finest_scale", "momentum", "limb_samples", "limb_searches",
 }  # fmt: skip
 AT_MOST = {"motion_boundary": 1.0}  # beyond, an edge's weight 1 - k S_p is negative
 _KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}
@@ -64,7 +64,7 @@ class _Changes:
         except InputError as error:  # a group's own check
             raise self._refused(table, "", error.problem, error.remedy) from None
 
-    def _value(self, table: str, name: str, value: Any, kind: type) -> Any:
+    def _value(self, table: str, name: str, value: Any, kind: type[Any]) -> Any:
         """A value of a setting's kind; whole numbers do where others are meant."""
         if kind is float and type(value) is int:
             value = float(value) if abs(value) < 10**300 else np.inf
@@ -72,7 +72,7 @@ class _Changes:
             raise self._refused(table, name, f"{value!r} is no {_KINDS[kind]}", "")
         if name.endswith("potential") and value not in POTENTIALS:
             raise self._refused(table, name, f"no potential {value!r}", "one of " + ", ".join(POTENTIALS))
-        if kind in (int, float):
+        if isinstance(value, (int, float)) and kind is not bool:
             lowest, wanted = _lowest(name, kind)
             highest = AT_MOST.get(name)
             if not (lowest <= value < np.inf and (highest is None or value <= highest)):

@@ -1,0 +1,71 @@
+"""What the rendered body wears: colours and patterns of its parts."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from humanoid.surface import Surface
+
+_GRAIN = 32  # samples of the periodic noise along each axis
+
+
+class Garment(NamedTuple):
+    """Colour BGR; strengths of the coarse and the fine mottling; strength and period [m] of stripes."""
+
+    colour: tuple[float, float, float]
+    coarse: float
+    fine: float
+    stripes: float = 0.0
+    period: float = 0.06
+
+
+_SKIN = Garment((128.0, 158.0, 214.0), 0.06, 0.05)
+_SHIRT = Garment((150.0, 92.0, 38.0), 0.16, 0.12, 0.22, 0.075)
+_TROUSERS = Garment((82.0, 76.0, 80.0), 0.2, 0.16)
+_SHOES = Garment((48.0, 52.0, 150.0), 0.15, 0.12)
+_HAIR = np.array([28.0, 36.0, 52.0])
+_CLOTHES = {
+    "pelvis": _TROUSERS, "thigh": _TROUSERS, "shank": _TROUSERS, "foot": _SHOES, "torso": _SHIRT, "upper_arm": _SHIRT,
+    "neck": _SKIN, "head": _SKIN, "forearm": _SKIN, "hand": _SKIN,
+}  # fmt: skip
+_COARSE_SIZE, _FINE_SIZE = 0.022, 0.008  # [m] between samples of the mottling
+
+
+class Clothes(NamedTuple):
+    """Colour (N, 3) BGR of every node of a surface, and what `raster.paint_cloth` needs: pattern (B, 7), grain."""
+
+    colour: np.ndarray
+    pattern: np.ndarray
+    grain: np.ndarray
+
+
+def dressed(surface: Surface, rng: np.random.Generator) -> Clothes:
+    """Clothe a surface by the names of its links; links without a known name wear the shirt."""
+    garments = [next((g for name, g in _CLOTHES.items() if link.endswith(name)), _SHIRT) for link in surface.links]
+    colour = np.array([g.colour for g in garments])[surface.part]
+    for part, link in enumerate(surface.links):
+        if link == "head":
+            nodes = np.flatnonzero(surface.part == part)
+            x, _, z = (surface.local[nodes] - surface.local[nodes].mean(axis=0)).T
+            colour[nodes[z > 0.45 * x + 0.035]] = _HAIR
+    pattern = np.array([[g.coarse, _COARSE_SIZE, g.fine, _FINE_SIZE, g.stripes, g.period, 0.0] for g in garments])
+    pattern[:, 6] = rng.uniform(0.0, _GRAIN, len(garments))
+    return Clothes(colour, pattern, _periodic_noise(rng))
+
+
+def _periodic_noise(rng: np.random.Generator) -> np.ndarray:
+    """Noise of unit variance on a periodic grid, each sample averaged with its neighbours."""
+    noise = rng.standard_normal((_GRAIN,) * 3)
+    for axis in range(3):
+        noise = 0.5 * noise + 0.25 * (np.roll(noise, 1, axis) + np.roll(noise, -1, axis))
+    return noise / noise.std()
+
+
+def wall_grain(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Brightness (H, W, 1) float32 around 1 of painted walls and boards."""
+    noise = cv2.GaussianBlur(rng.standard_normal((*shape, 1)).astype(np.float32), (0, 0), 3.0)
+    grain: np.ndarray = np.float32(1.0) + np.float32(0.6) * noise[..., None]
+    return grain

@@ -1,0 +1,140 @@
+"""Motion capture as landmarks: joints' names, axes, unit, and the faults of known converters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from estimator.formats.bvh import BvhMotion, read_bvh
+from humanoid.errors import InputError
+
+CMU_UNIT = 0.0254 / 0.45  # [m]
+"""Metres in one unit of the CMU database (mocap.cs.cmu.edu): its skeletons have a length scale of 0.45 to the inch."""
+
+_ADULT_LEG = 0.83  # thigh and shank of an adult [m], for files that do not tell their unit
+_CMU_FOREARM = 1.4
+
+# landmark: joint names without the side, in order of preference
+_SIDED = {
+    "hip": ("UpLeg",), "knee": ("Leg",), "ankle": ("Foot",), "toe": ("ToeBase_end", "ToeBase", "Toe"),
+    "shoulder": ("Arm",), "elbow": ("ForeArm",), "wrist": ("Hand",),
+}  # fmt: skip
+_HEAD_TOP, _NECK = ("Head_end",), ("Head",)
+
+
+@dataclass(frozen=True)
+class Mocap:
+    """A captured motion as landmarks.
+
+    names (L): left_hip ... right_wrist, left_toe, right_toe, head_base, head_top. points (T, L, 3) [m]: world with z
+    up, the floor under the lowest point at z = 0, the person near the origin and facing x at first.
+    fps: frames per second. unit: metres in one unit of the file. source: the file.
+    """
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    fps: float
+    unit: float
+    source: str
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Points (K, L, 3) at times (K,) [s], which are moved into the clip's duration."""
+        own = np.arange(len(self.points)) / self.fps
+        if len(own) < 2:
+            return np.repeat(self.points[:1], len(times), axis=0)
+        return np.asarray(CubicSpline(own, self.points)(np.clip(times, 0.0, own[-1])))
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return len(self.points) / self.fps
+
+
+def load_mocap(path: str | Path, *, unit: float | None = None) -> Mocap:
+    """Read a BVH file of a person: the joints of MotionBuilder's names, which most converters use.
+
+    unit: metres in one unit of the file. Unless given, it is 0.0564 for skeletons of the CMU database and otherwise
+    makes thigh and shank together 0.83 m.
+
+    Raises
+    ------
+    InputError: see `read_bvh`; a joint is missing; the unit is not positive.
+    """
+    if unit is not None and not (np.isfinite(unit) and unit > 0.0):
+        raise InputError("unit", f"is {unit:g}", remedy="a positive number of metres")
+    motion = read_bvh(path)
+    of_cmu = "LHipJoint" in motion.names and "LowerBack" in motion.names
+    if of_cmu:
+        motion = _with_lost_bones(motion)
+    names, chosen = _landmarks(motion)
+    rest, points = motion.rest()[chosen], motion.positions()[:, chosen]
+    if unit is None:
+        unit = CMU_UNIT if of_cmu else _ADULT_LEG / _leg_length(names, points)
+    upright = unit * points @ _axes(names, rest).T
+    return Mocap(names, _facing_x(names, upright), 1.0 / motion.frame_time, unit, str(path))
+
+
+def _landmarks(motion: BvhMotion) -> tuple[tuple[str, ...], list[int]]:
+    """Landmark names and the joints they are at."""
+    wanted = {f"{side.lower()}_{name}": [side + s for s in options] for name, options in _SIDED.items()
+              for side in ("Left", "Right")}  # fmt: skip
+    wanted.update(head_base=list(_NECK), head_top=list(_HEAD_TOP))
+    found = {}
+    for name, options in wanted.items():
+        joint = next((o for o in options if o in motion.names), None)
+        if joint is None:
+            remedy = f"the joints are {', '.join(motion.names[:8])}, ..."
+            raise InputError(motion.source, f"has no joint {' or '.join(options)}", remedy=remedy)
+        found[name] = motion.names.index(joint)
+    return tuple(found), list(found.values())
+
+
+def _with_lost_bones(motion: BvhMotion) -> BvhMotion:
+    """A CMU skeleton of the cgspeed conversion with the bones that it lost.
+
+    In an ASF skeleton a joint's offset is the bone behind it, which the conversion drops where several joints follow:
+    Neck and both Shoulders begin at Spine1 and not at its end, and the hand's first bone is gone, so that the wrist
+    comes out a third too near to the elbow. Both are put back: Spine1's own offset once more, and 1.4 times the
+    forearm.
+    """
+    offsets, place = motion.offsets.copy(), motion.names.index
+    for name in ("Neck", "LeftShoulder", "RightShoulder"):
+        if name in motion.names and motion.parents[place(name)] == place("Spine1") and not offsets[place(name)].any():
+            offsets[place(name)] = offsets[place("Spine1")]
+    for name in ("LeftHand", "RightHand"):
+        if name in motion.names:
+            offsets[place(name)] *= _CMU_FOREARM
+    return motion.with_offsets(offsets)
+
+
+def _leg_length(names: tuple[str, ...], points: np.ndarray) -> float:
+    """Mean length of thigh and shank together, in the unit of points (T, L, 3)."""
+    sides = ("left", "right")
+    hip, knee, ankle = (points[:, [names.index(f"{s}_{n}") for s in sides]] for n in ("hip", "knee", "ankle"))
+    return float((np.linalg.norm(hip - knee, axis=-1) + np.linalg.norm(knee - ankle, axis=-1)).mean())
+
+
+def _axes(names: tuple[str, ...], rest: np.ndarray) -> np.ndarray:
+    """R_world_file: up is the file's axis along which head and feet of its rest pose (L, 3) are farthest apart."""
+    feet = 0.5 * (rest[names.index("left_ankle")] + rest[names.index("right_ankle")])
+    rise = rest[names.index("head_top")] - feet
+    axis = int(np.argmax(np.abs(rise)))
+    up = np.zeros(3)
+    up[axis] = np.sign(rise[axis])
+    first = np.eye(3)[(axis + 1) % 3]
+    return np.stack([first, np.cross(up, first), up])
+
+
+def _facing_x(names: tuple[str, ...], points: np.ndarray) -> np.ndarray:
+    """Points (T, L, 3) turned about z and moved so that the motion begins facing x and is centred over the origin."""
+    across = points[0, names.index("left_hip")] - points[0, names.index("right_hip")]
+    heading = np.arctan2(-across[0], across[1])  # forward is across x up
+    c, s = np.cos(heading), np.sin(heading)
+    turned = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]).T
+    hips = 0.5 * (turned[:, names.index("left_hip")] + turned[:, names.index("right_hip")])
+    middle = 0.5 * (hips.min(axis=0) + hips.max(axis=0))
+    floor = np.percentile(turned[..., 2].min(axis=1), 5.0)
+    return turned - np.array([middle[0], middle[1], floor])

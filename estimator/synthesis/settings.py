@@ -1,0 +1,113 @@
+"""What a rendered scene looks like."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from humanoid.errors import InputError
+
+BACKGROUNDS = ("room", "pillar", "black", "moving")
+OCCLUDERS = ("none", "post", "box")
+
+_RANGES = {
+    "light_azimuth": (-360.0, 360.0), "light_elevation": (5.0, 90.0), "ambient": (0.0, 2.0), "diffuse": (0.0, 2.0),
+    "shadow": (0.0, 1.0), "shutter": (0.0, 1.0), "sub_frames": (1, 32), "lens_blur": (0.0, 20.0),
+    "noise": (0.0, 100.0), "pan": (0.0, 1000.0), "shake": (0.0, 100.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """Background, light, lens and sensor of a rendered clip.
+
+    background: "room" is cluttered; "pillar" a dark wall with a bright pillar and strong horizontal edges (as in CSS
+        section 6.1); "black" is empty; "moving" is the room as a panning, shaking camera would show it, behind a
+        person who stays in the frame.
+    light_azimuth, light_elevation [deg]: where the light comes from, seen from the world's x axis to the left, and
+        above the horizon. ambient, diffuse: brightness of surfaces turned away from it, and what is added facing it.
+    shadow: share of the light that the body takes from the floor; 0 casts none.
+    shutter: share of the time between frames for which the shutter is open; 0 freezes the motion. sub_frames: pictures
+        averaged over that time.
+    lens_blur [px]: standard deviation of the lens's blur. noise: of the sensor, in grey values.
+    occluder: what stands between the first camera and the person.
+    pan, shake [px]: how far the moving background swings slowly, and trembles.
+
+    Raises
+    ------
+    InputError: a value outside its range.
+    """
+
+    background: str = "room"
+    light_azimuth: float = -29.0
+    light_elevation: float = 59.0
+    ambient: float = 0.5
+    diffuse: float = 0.6
+    shadow: float = 0.45
+    shutter: float = 0.0
+    sub_frames: int = 4
+    lens_blur: float = 0.0
+    noise: float = 2.5
+    occluder: str = "none"
+    pan: float = 40.0
+    shake: float = 1.5
+
+    def __post_init__(self) -> None:
+        _chosen("background", self.background, BACKGROUNDS)
+        _chosen("occluder", self.occluder, OCCLUDERS)
+        for name, (low, high) in _RANGES.items():
+            in_range(name, getattr(self, name), low, high)
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Errors of the keypoints, see `estimator.synthesis.detector.keypoints`; raises InputError outside their ranges.
+
+    noise_px: standard deviation [px]. outlier_fraction, missing_fraction: shares of the keypoints.
+    """
+
+    noise_px: float = 2.5
+    outlier_fraction: float = 0.01
+    missing_fraction: float = 0.02
+
+    def __post_init__(self) -> None:
+        in_range("noise_px", self.noise_px, 0.0, 1000.0)
+        in_range("outlier_fraction", self.outlier_fraction, 0.0, 1.0)
+        in_range("missing_fraction", self.missing_fraction, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """Where the cameras stand, see `estimator.synthesis.views.framing_cameras`; raises InputError outside its ranges.
+
+    count: of cameras. azimuth [deg]: of the first, from the world's x axis, which a person faces at first, to the
+    left; None takes the one that suits the motion. elevation [deg]: of all. fill: share of the picture's height that
+    the person takes up. image_size: width, height [px].
+    """
+
+    count: int = 1
+    azimuth: float | None = None
+    elevation: float = 8.0
+    fill: float = 0.7
+    image_size: tuple[int, int] = (640, 480)
+
+    def __post_init__(self) -> None:
+        in_range("cameras", self.count, 1, 16)
+        in_range("azimuth", self.azimuth or 0.0, -360.0, 360.0)
+        in_range("elevation", self.elevation, -10.0, 60.0)
+        in_range("fill", self.fill, 0.1, 0.9)
+        for side in self.image_size:
+            in_range("image_size", side, 16, 8192)
+            if side % 2:
+                raise InputError("image_size", f"is {side}", remedy="even numbers of pixels, as video needs them")
+
+
+def in_range(name: str, value: float, low: float, high: float) -> None:
+    """Raise InputError unless low <= value <= high."""
+    if not (math.isfinite(value) and low <= value <= high):
+        raise InputError(name, f"is {value:g}", remedy=f"{low:g} to {high:g}")
+
+
+def _chosen(name: str, value: str, valid: tuple[str, ...]) -> None:
+    if value not in valid:
+        raise InputError(name, f"there is no {value!r}", remedy="one of " + ", ".join(valid))
