@@ -82,7 +82,10 @@ class RunWriter:
         ------
         InputError: naming the first frame whose keypoints differ.
         """
-        rows = [(i, pack({"pixels": o.pixels, "confidence": o.confidence})) for i, o in enumerate(observations)]
+        rows = [
+            (i, pack({"pixels": o.pixels, "confidence": o.confidence, "given": np.array(o.given)}))
+            for i, o in enumerate(observations)
+        ]
         with run_store.translated(self.path):
             stored = self._connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()
             if not stored:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -24,6 +24,8 @@ class RunHeader:
     times (T,): time of every frame that is to be tracked [s].
     tracker, settings (JSON values), seed, version: how it was tracked, and by which kinemode.
     notes: what the user was told.
+    cues: which of the pictures' cues were looked at; none for keypoints alone.
+    masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.
     """
 
     subject_urdf: str
@@ -38,6 +40,9 @@ class RunHeader:
     seed: int
     version: str
     notes: tuple[str, ...] = ()
+    cues: tuple[str, ...] = ()
+    masks: Mapping[str, str] = field(default_factory=dict)
+    backgrounds: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def base(self) -> Literal["free", "fixed"]:
@@ -56,6 +61,9 @@ class RunHeader:
             "settings": json.loads(json.dumps(dict(self.settings))),
             "seed": int(self.seed),
             "kinemode version": self.version,
+            "cues": list(self.cues),
+            "cameras with masks": sorted(self.masks),
+            "cameras with a background": sorted(self.backgrounds),
         }
 
     def differences(self, other: RunHeader) -> tuple[str, ...]:
@@ -72,7 +80,13 @@ class RunHeader:
 
     def to_json(self) -> str:
         """The header as text; numbers keep their last bit."""
-        extra = {"subject_source": self.subject_source, "clips": dict(self.clips), "notes": list(self.notes)}
+        extra = {
+            "subject_source": self.subject_source,
+            "clips": dict(self.clips),
+            "masks": dict(self.masks),
+            "backgrounds": dict(self.backgrounds),
+            "notes": list(self.notes),
+        }
         return json.dumps(self.deciding() | extra)
 
     @staticmethod
@@ -92,4 +106,7 @@ class RunHeader:
             seed=v["seed"],
             version=v["kinemode version"],
             notes=tuple(v["notes"]),
+            cues=tuple(v.get("cues", ())),  # headers written before there were cues have none
+            masks=v.get("masks", {}),
+            backgrounds=v.get("backgrounds", {}),
         )

@@ -14,6 +14,7 @@ from estimator.formats import run_store
 from estimator.formats.packing import unpack
 from estimator.formats.run_header import RunHeader
 from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
 from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import Subject, subject_from_text
@@ -83,6 +84,16 @@ class Run:
             _symmetric(a["covariance"], self.body.nv), a["parent"], a["kkt_residual"], a["penetration"],
             tuple(str(s) for s in a["association"]),
         )  # fmt: skip
+
+    def observation(self, i: int) -> Observation:
+        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored."""
+        with run_store.reading(self.file) as connection:
+            row = connection.execute("SELECT data FROM observation WHERE position = ?", (i,)).fetchone()
+        if row is None:
+            raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
+        a = self._unpacked(row[0], f"keypoints of frame {i}")
+        given = bool(a.get("given", False))
+        return Observation(i, float(self.header.times[i]), self.header.cameras, a["pixels"], a["confidence"], given)
 
     def __iter__(self) -> Iterator[FrameResult]:
         return (self.result(i) for i in range(self.frame_count))

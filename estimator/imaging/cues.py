@@ -166,7 +166,8 @@ class _View:
             return silhouette_of(self._reduced(_frame(self._masks, index)).max(axis=-1) > 127)
         if self._background is None:
             return None
-        return silhouette_of(foreground_mask(picture, self._background, self._settings.silhouette))
+        mask = foreground_mask(picture, self._background, self._settings.silhouette)
+        return silhouette_of(mask, self._background.known)
 
     def _learned(self) -> Background | None:
         count = self._clip.frame_count or self._clip.report.read

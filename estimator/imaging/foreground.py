@@ -20,6 +20,7 @@ __all__ = [
     "silhouette_of",
 ]
 
+_BEHIND = 3.0  # px inside the outline where it is asked whether the background is known
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
 
@@ -33,6 +34,8 @@ class Silhouette:
     normal (M, 2) float64: unit normals there, out of the person.
     nearest (H, W) int32: index into boundary of the outline point nearest to each pixel; -1 where there is none.
     distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none.
+    known (H, W) bool: where the background is known; elsewhere the mask is True for want of knowledge.
+    certain (M,) bool: whether the outline point bounds a region that was told from a known background.
     """
 
     mask: np.ndarray
@@ -40,6 +43,8 @@ class Silhouette:
     normal: np.ndarray
     nearest: np.ndarray
     distance: np.ndarray
+    known: np.ndarray
+    certain: np.ndarray
 
 
 @one_thread()
@@ -77,13 +82,15 @@ def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
 
 
 @one_thread()
-def silhouette_of(mask: np.ndarray) -> Silhouette:
-    """Silhouette of a mask (H, W) bool."""
+def silhouette_of(mask: np.ndarray, known: np.ndarray | None = None) -> Silhouette:
+    """Silhouette of a mask (H, W) bool; `known` (H, W) bool: where the background is, everywhere unless given."""
+    known = np.ones(mask.shape, dtype=bool) if known is None else known
     inside = np.ascontiguousarray(mask, dtype=np.uint8)
     outline, boundary, normal = _outline(inside)
     distance = _signed_distance(inside)
     if len(boundary) == 0:
-        return Silhouette(mask, boundary, normal, np.full(mask.shape, -1, np.int32), distance)
+        nowhere, none = np.full(mask.shape, -1, np.int32), np.zeros(0, dtype=bool)
+        return Silhouette(mask, boundary, normal, nowhere, distance, known, none)
     off_outline = np.ones(mask.shape, np.uint8)
     off_outline[outline[:, 1], outline[:, 0]] = 0
     _, label = cv2.distanceTransformWithLabels(
@@ -91,7 +98,9 @@ def silhouette_of(mask: np.ndarray) -> Silhouette:
     )
     index = np.full(int(label.max()) + 1, -1, np.int32)
     index[label[outline[:, 1], outline[:, 0]]] = np.arange(len(outline))
-    return Silhouette(mask, boundary, normal, index[label], distance)
+    x, y = np.round(boundary - _BEHIND * normal).astype(int).T
+    certain = known[y.clip(0, len(known) - 1), x.clip(0, known.shape[1] - 1)]
+    return Silhouette(mask, boundary, normal, index[label], distance, known, certain)
 
 
 def _outline(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

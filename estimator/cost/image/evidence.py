@@ -76,6 +76,8 @@ class CameraEvidence:
         self.model, self.cues, self.extent = model, cues, float(extent)
         self.predictor = model.predictor(cues)
         self._trust = _outline_trust(cues)
+        silhouette = cues.silhouette
+        self._distance = _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
 
     def assigned(self, posed: PosedBody) -> list[Term]:
         """See `Evidence.assigned`."""
@@ -120,7 +122,7 @@ class CameraEvidence:
         search_edges(
             contours.pixels, contours.normals, contours.state, edges.strength, edges.direction,
             _NONE if self.cues.flow is None else self.cues.flow.boundary,
-            _NONE if self.cues.silhouette is None else self.cues.silhouette.distance,
+            self._distance,
             max(2.0, s.edge_window * self.extent), 2.0 * self._sigma(s.edge_noise), s.edge_candidates, 2.0 * self._sigma(s.edge_noise), s.motion_boundary,
             target, share, trust,
         )  # fmt: skip
@@ -232,12 +234,12 @@ def _isotropic(precision: np.ndarray) -> np.ndarray:
 def _outline_trust(cues: ImageCues) -> np.ndarray:
     """How far each boundary pixel of the foreground is borne out by an edge of the picture along it, (M,), 0 to 1.
 
-    Where a background model takes the place that a person has left for foreground, its outline lies on no edge.
+    Outlines that no known background proves count nothing, and where a background model takes the place that a person has left for foreground, its outline lies on no edge.
     """
     if cues.silhouette is None:
         return np.zeros(0)
     if cues.edges is None or not len(cues.silhouette.boundary):
-        return np.ones(len(cues.silhouette.boundary))
+        return cues.silhouette.certain.astype(float)
     height, width = cues.edges.strength.shape
     best = np.zeros(len(cues.silhouette.boundary))
     for offset in range(-NEAR_EDGE, NEAR_EDGE + 1):
@@ -245,4 +247,5 @@ def _outline_trust(cues: ImageCues) -> np.ndarray:
         x, y = x.clip(0, width - 1), y.clip(0, height - 1)
         along = np.abs(np.einsum("ni,ni->n", cues.edges.direction[y, x], cues.silhouette.normal))
         best = np.maximum(best, cues.edges.strength[y, x] * along)
-    return LEAST_TRUST + (1.0 - LEAST_TRUST) * np.minimum(1.0, best / SURE_EDGE)
+    trust = LEAST_TRUST + (1.0 - LEAST_TRUST) * np.minimum(1.0, best / SURE_EDGE)
+    return np.where(cues.silhouette.certain, trust, 0.0)

@@ -1,0 +1,123 @@
+"""Settings as TOML files: nested frozen dataclasses as tables, their docstrings as comments."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+import textwrap
+from collections.abc import Collection, Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from humanoid.errors import InputError
+from humanoid.files import read_bytes
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_WIDTH = 110
+_UNITS = r"(?: \[[^\]]*\])?"  # "turn_speed [rad/s]"
+
+
+def load_settings(path: str | Path) -> dict[str, Any]:
+    """The tables of a settings file, as `estimator.trackers.registry.settings_for` takes changes.
+
+    Raises
+    ------
+    InputError: the file cannot be read or is not TOML, with the line.
+    """
+    try:
+        return tomllib.loads(read_bytes(Path(path)).decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise InputError(path, "is not text") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        problem, place = _parted(str(error))
+        raise InputError(
+            path, f"is not TOML: {problem}", place=place, remedy="`kinemode settings` writes one"
+        ) from None
+
+
+def _parted(message: str) -> tuple[str, str]:
+    """The parser's problem and where it is."""
+    found = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", message, re.DOTALL)
+    return (found[1], found[2]) if found else (message, "")
+
+
+def settings_text(settings: Any, title: str, *, leave_out: Collection[str] = ()) -> str:
+    """Nested dataclasses as TOML, every group and setting with what its docstring says of it.
+
+    settings: a dataclass whose values are numbers, texts, truth values or such dataclasses. title: the first line.
+    leave_out: groups of the outermost one that are not wanted.
+    """
+    lines = [*_comment(title), *_comment("A line that is left out keeps the tracker's own value.")]
+    about = _described(settings)
+    for f in fields(settings):
+        if f.name not in leave_out:
+            lines += _table(getattr(settings, f.name), f.name, about.get(f.name))
+    return "\n".join(lines) + "\n"
+
+
+class _Entry(NamedTuple):
+    """What a docstring says of some settings: their names with units, and the text."""
+
+    names: tuple[str, ...]
+    heading: str
+    text: str
+
+
+def _table(group: Any, table: str, entry: _Entry | None) -> Iterator[str]:
+    about, told = _described(group), set()
+    yield ""
+    if entry is not None:
+        yield from _comment(f"{entry.heading}: {entry.text}")
+    yield from _comment(_summary(group))
+    yield f"[{table}]"
+    values = {f.name: getattr(group, f.name) for f in fields(group)}
+    for name, value in values.items():
+        if is_dataclass(value):
+            continue
+        found = about.get(name)
+        if found is not None and found not in told:
+            told.add(found)
+            yield from _comment(f"{found.heading}: {found.text}")
+        yield tomli_w.dumps({name: value}).rstrip()
+    for name, value in values.items():
+        if is_dataclass(value):
+            yield from _table(value, f"{table}.{name}", about.get(name))
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
+
+
+def _summary(group: Any) -> str:
+    return _entries(group)[0]
+
+
+def _described(group: Any) -> dict[str, _Entry]:
+    """What the group's docstring says of each of its settings."""
+    return {name: entry for entry in _entries(group)[1] for name in entry.names}
+
+
+def _entries(group: Any) -> tuple[str, list[_Entry]]:
+    """What a docstring says of the group, and of the settings it names: "a, b [m]: text. c: text."."""
+    text = (inspect.getdoc(type(group)) or "").partition("\n\nRaises")[0]
+    text = re.sub(r"(?<=\.)\s+Raises InputError[^.]*\.", "", " ".join(text.split()))
+    name = f"(?:{'|'.join(re.escape(f.name) for f in fields(group))}){_UNITS}"
+    heads = list(re.finditer(rf"(?:^|(?<=[.;:] ))({name}(?:, {name})*): ", text))
+    ends = [head.start() for head in heads[1:]] + [len(text)]
+    entries = [
+        _Entry(
+            tuple(re.sub(_UNITS.removesuffix("?"), "", head[1]).split(", ")),
+            head[1],
+            text[head.end() : end].strip().rstrip(";."),
+        )
+        for head, end in zip(heads, ends, strict=True)
+    ]
+    return text[: heads[0].start() if heads else len(text)].strip(), entries
