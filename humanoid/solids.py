@@ -1,4 +1,10 @@
-"""The solids of a body: its flesh, or the collision or visual geometry of a URDF without flesh, as coal shapes."""
+"""The solids of a body: its flesh, or the collision or visual geometry of a URDF without flesh, as coal shapes.
+
+Flesh is for the eye, solids are for distances, so a superquadric stands for something simpler: a limb for the capsule
+of `urdf_flesh.limb_capsule`, which leaves the joints at its ends free, any other part for the ellipsoid of its
+half-axes, which lies inside where the exponents are below 1. Exponents, taper and bend do not count. Parts with
+clearance="off" have no solid.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +18,7 @@ import pinocchio as pin
 from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import Flesh
+from humanoid.urdf_flesh import limb_capsule
 
 Geometry = Literal["auto", "flesh", "collision", "visual"]
 
@@ -54,7 +61,7 @@ def solids_of(body: Body, geometry: Geometry = "auto") -> tuple[Solid, ...]:
             str(geometry), "unknown kind of geometry", place="geometry", remedy="auto, flesh, collision or visual"
         )
     if geometry == "flesh" or (geometry == "auto" and body.subject.flesh):
-        return tuple(_flesh_solid(body.model, flesh) for flesh in body.subject.flesh)
+        return tuple(_flesh_solid(body.model, flesh) for flesh in body.subject.flesh if flesh.clearance)
     kind = pin.GeometryType.VISUAL if geometry == "visual" else pin.GeometryType.COLLISION
     return _urdf_solids(body, kind)
 
@@ -62,8 +69,9 @@ def solids_of(body: Body, geometry: Geometry = "auto") -> tuple[Solid, ...]:
 def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
     frame = model.frames[model.getFrameId(flesh.link, pin.FrameType.BODY)]
     placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(*flesh.rpy), np.array(flesh.xyz))
-    if flesh.shape == "capsule":
-        shape: Any = coal.Capsule(flesh.size[0], flesh.size[1])
+    capsule = flesh.size[:2] if flesh.shape == "capsule" else limb_capsule(flesh)
+    if capsule is not None:
+        shape: Any = coal.Capsule(*capsule)
     else:
         shape = coal.Ellipsoid(*flesh.size)
     return _solid(flesh.link, frame.parentJoint, shape, placement)

@@ -17,7 +17,9 @@ from humanoid.quiet import quiet
 from humanoid.urdf_check import check_urdf, natural_base
 from humanoid.urdf_document import Document, nearest, read_document
 from humanoid.urdf_edit import Meshes, add_link_landmarks, drop_mimic, lock_joints, resolve_meshes, set_base
-from humanoid.urdf_elements import Flesh, Landmark, Proportion, Stabiliser, Upright
+from humanoid.urdf_elements import Landmark, Proportion, Stabiliser, Upright
+from humanoid.urdf_flesh import Flesh
+from humanoid.urdf_reshape import reshape
 from humanoid.yourdfpy_check import check_with_yourdfpy
 
 __all__ = [
@@ -78,6 +80,16 @@ class Subject:
         """
         text = urdf_elements.scaled_urdf(self.urdf, self.source, scales)
         return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
+
+    def reshaped(self, shapes: Mapping[int | str, Sequence[float]]) -> Subject:
+        """This subject with other flesh on some parts; their places stay.
+
+        shapes: the nine parameters of `humanoid.superquadric`, by the part's index in `flesh`, or by the name of its
+        link if it is the only part there. Raises InputError for an unknown part, or parameters that are no surface.
+        """
+        document = read_document(self.urdf, self.source)
+        reshape(document, shapes)
+        return subject_from_text(document.text(), source=self.source, base=self.base, notes=self.notes)
 
     def write(self, path: str | Path) -> None:
         """Write the URDF; `load_subject(path)` gives the same subject. Raises InputError if it cannot be written."""

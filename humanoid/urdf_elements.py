@@ -3,7 +3,7 @@
 URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy and kinemode.
 
     <subject base="free|fixed"/>
-    <link ...><flesh shape="capsule" radius length xyz rpy/> or <flesh shape="ellipsoid" radii xyz rpy/></link>
+    <link ...><flesh .../></link>                     see `humanoid.urdf_flesh`
     <landmark name link xyz/>
     <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
     <stabiliser joint rest std/>                      rest position and standard deviation [rad or m]
@@ -23,14 +23,14 @@ import copy
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
-import pinocchio as pin
 
 from humanoid.errors import InputError
 from humanoid.urdf_check import ends_of
-from humanoid.urdf_document import PLAUSIBLE, Document, elements, nearest, read_document
+from humanoid.urdf_document import Document, elements, nearest, read_document
+from humanoid.urdf_flesh import Flesh, numbers_text, read_flesh, stretched, write_flesh
 
 T = TypeVar("T")
 
@@ -50,21 +50,6 @@ class Landmark:
     name: str
     link: str
     xyz: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Flesh:
-    """A simple solid on a link.
-
-    `size` is (radius, length of the cylindrical part along z, 0) for a capsule and the three radii for an ellipsoid,
-    all in metres; `xyz`, `rpy` place the solid's frame in the link's frame.
-    """
-
-    link: str
-    shape: Literal["capsule", "ellipsoid"]
-    size: tuple[float, float, float]
-    xyz: tuple[float, float, float]
-    rpy: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -137,7 +122,7 @@ def read_elements(document: Document) -> Elements:
         plain_urdf=ET.tostring(_plain(root), encoding="unicode"),
         landmarks=_each(document, "landmark", "name", lambda e: _landmark(document, e, links)),
         flesh=tuple(
-            _flesh(document, link.get("name", ""), e)
+            read_flesh(document, link.get("name", ""), e)
             for link in elements(root, "link")
             for e in elements(link, "flesh")
         ),
@@ -197,22 +182,6 @@ def _landmark(document: Document, e: ET.Element, links: set[str]) -> Landmark:
     if link not in links:
         raise document.fault(e, f"there is no link {link!r}", nearest(link, links, "links"))
     return Landmark(document.attribute(e, "name"), link, document.triple(e, "xyz"))
-
-
-def _flesh(document: Document, link: str, e: ET.Element) -> Flesh:
-    xyz, rpy = document.triple(e, "xyz"), document.triple(e, "rpy")
-    shape = document.attribute(e, "shape")
-    if shape == "capsule":
-        size = (document.number(e, "radius"), document.number(e, "length"), 0.0)
-        positive = size[0] > 0.0 and size[1] >= 0.0
-    elif shape == "ellipsoid":
-        size = document.triple(e, "radii", None)
-        positive = min(size) > 0.0
-    else:
-        raise document.fault(e, f"unknown shape {shape!r}", "shapes: capsule, ellipsoid")
-    if not positive or max(size) > PLAUSIBLE:
-        raise document.fault(e, "a size is not positive", "give radii and lengths in metres, above 0")
-    return Flesh(link, "capsule" if shape == "capsule" else "ellipsoid", size, xyz, rpy)
 
 
 def _joint_named(document: Document, e: ET.Element, name: str, joints: Mapping[str, ET.Element]) -> ET.Element:
@@ -290,22 +259,32 @@ def scaled_urdf(text: str, source: str, scales: Mapping[str, float]) -> str:
     links = {e.attrib["name"]: e for e in elements(document.root, "link")}
     for name, value in scales.items():
         scale = _checked_scale(source, proportions, name, value)
-        stretched: set[str] = set()
+        for link, offset in segments(document, proportions[name]).items():
+            for element in elements(links[link], "flesh"):
+                write_flesh(element, stretched(read_flesh(document, link, element), offset, scale))
         for joint in proportions[name].joints:
             origin = joints[joint].find("origin")
             assert origin is not None
-            offset = np.array(document.triple(origin, "xyz"))
-            origin.set("xyz", _text(offset * scale))
-            link = ends_of(joints[joint])[0]
-            if link not in stretched:  # neck and clavicles share the trunk, which is stretched once
-                stretched.add(link)
-                for flesh in elements(links[link], "flesh"):
-                    _stretch(document, flesh, offset, scale)
+            origin.set("xyz", numbers_text(np.array(document.triple(origin, "xyz")) * scale))
         for element in elements(document.root, "proportion"):
             if element.get("joint") == name:
                 for key in ("scale_min", "scale_max", "mean", "std"):
                     element.set(key, f"{document.number(element, key) / scale:.17g}")
     return document.text()
+
+
+def segments(document: Document, proportion: Proportion) -> dict[str, np.ndarray]:
+    """The links whose flesh a proportion stretches, each with the offset (3,) [m] of the first joint it scales there.
+
+    Neck and clavicles share the trunk, which is stretched once.
+    """
+    joints = {j.attrib["name"]: j for j in elements(document.root, "joint")}
+    found: dict[str, np.ndarray] = {}
+    for name in proportion.joints:
+        origin = joints[name].find("origin")
+        assert origin is not None
+        found.setdefault(ends_of(joints[name])[0], np.array(document.triple(origin, "xyz")))
+    return found
 
 
 def _checked_scale(source: str, proportions: Mapping[str, Proportion], name: str, value: float) -> float:
@@ -320,26 +299,3 @@ def _checked_scale(source: str, proportions: Mapping[str, Proportion], name: str
             source, f"scale {value:g} of {name!r} is out of range", place="scales", remedy=f"{low:g} to {high:g}"
         )
     return float(value)
-
-
-def _stretch(document: Document, flesh: ET.Element, offset: np.ndarray, scale: float) -> None:
-    """Move a solid's centre along the segment that was scaled, and lengthen the solid with it."""
-    axis = offset / np.linalg.norm(offset)
-    centre = np.array(document.triple(flesh, "xyz"))
-    flesh.set("xyz", _text(centre + axis * (axis @ centre) * (scale - 1.0)))
-    along = np.abs(_rotation(document.triple(flesh, "rpy")).T @ axis)  # the segment in the solid's own frame
-    if flesh.get("shape") == "capsule":
-        grown = document.number(flesh, "length") * (1.0 + (scale - 1.0) * along[2])
-        flesh.set("length", f"{grown:.17g}")
-    else:
-        radii = np.array(document.triple(flesh, "radii"))
-        radii[np.argmax(along)] *= scale
-        flesh.set("radii", _text(radii))
-
-
-def _rotation(rpy: tuple[float, float, float]) -> np.ndarray:
-    return np.array(pin.rpy.rpyToMatrix(*rpy))
-
-
-def _text(xyz: np.ndarray) -> str:
-    return " ".join(f"{v:.17g}" for v in xyz)

@@ -15,6 +15,7 @@ import yourdfpy
 from humanoid import Body, InputError, Subject, load_subject
 from humanoid.example_robots import PREFIX, installed
 from humanoid.subject import subject_from_text, subject_names
+from humanoid.urdf_flesh import limb_capsule
 
 SIZES = {  # nq, nv
     "human34": (35, 34),
@@ -181,7 +182,9 @@ def test_scaling_is_exact_tied_and_keeps_the_prior_in_metres() -> None:
     assert lengths(scaled.scaled({n: 1.0 / s for n, s in scales.items()})) == pytest.approx(before, rel=1e-12)
     assert same(subject_from_text(scaled.urdf, source="run"), scaled)
     thigh = {f.link: f for f in subject.flesh}["left_thigh"], {f.link: f for f in scaled.flesh}["left_thigh"]
-    assert thigh[1].size == pytest.approx((thigh[0].size[0], 1.13 * thigh[0].size[1], 0.0))
+    capsules = limb_capsule(thigh[0]), limb_capsule(thigh[1])
+    assert capsules[0] == pytest.approx((0.07, 0.27))
+    assert capsules[1] == pytest.approx((0.07, 1.13 * 0.27))
     assert "Adult of 1.70 m" in scaled.urdf  # the comment at the head stays
 
 
