@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,16 +15,19 @@ from threadpoolctl import threadpool_limits
 from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.imaging.camera import Camera
+from estimator.imaging.cues import CueReader
 from estimator.runner import run_into
 from estimator.smoothing import smooth_track
-from estimator.trackers.registry import Settings, make_tracker, settings_for
-from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, observable
+from estimator.trackers.registry import Settings, make_tracker
+from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, startable
 from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
+from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
+from kinemode.settings import read_settings
 
 FIT_CHOICES = ("auto", "off")
 SubjectLike = Subject | PathLike
@@ -46,15 +49,18 @@ def track(
     *,
     cameras: Cameras = None,
     keypoints: Named = None,
+    cues: str | Iterable[str] = "auto",
+    masks: Named = None,
+    background: Named = None,
     tracker: str = "css",
-    modes: int = 7,
+    modes: int | None = None,
     seed: int = 0,
     fit: str = "auto",
     out: PathLike | None = None,
     resume: bool = False,
     overwrite: bool = False,
     person: str | int = "auto",
-    settings: Mapping[str, Any] | None = None,
+    settings: Mapping[str, Any] | PathLike | None = None,
     progress: Reporter | None = None,
 ) -> Run:
     """Track a subject through one clip, or several synchronised ones, into a run file.
@@ -65,9 +71,14 @@ def track(
     clips: paths or `NAME=PATH` texts of videos or folders of images, or a mapping by name; none where the keypoints
         are enough. The name picks the camera, and is the file's stem by default.
     cameras: camera file, or cameras by name; the one camera of a single clip is guessed without it.
-    keypoints: 2D keypoint files, given as the clips are.
-    tracker, modes, settings: name of the tracker, hypotheses kept, and nested changes to its settings
-        (see `estimator.trackers.registry`).
+    keypoints: 2D keypoint files, given as the clips are; with cues those of one frame will do, tracking begins there.
+    cues: what is taken from the pictures: "off", or some of "edges", "flow" and "silhouette", as names or separated by
+        commas; "auto" takes them all where there are clips and less than half of the frames have keypoints.
+    masks, background: for the silhouette, given as the clips are: a video or folder of masks, white on the person; a
+        picture of the empty scene. Without them the background is learned from the clip.
+    tracker, modes: name of the tracker and how many hypotheses are kept, 7 unless the settings say otherwise.
+    settings: nested changes to the tracker's settings (see `estimator.trackers.registry`), or a TOML file of them as
+        `kinemode settings` writes it.
     seed: equal seeds give equal runs.
     fit: "auto" fits the proportions of an unchanged built-in subject from the first frames; any other subject is taken
         as measured. "off" takes every subject as it is.
@@ -80,35 +91,52 @@ def track(
     ------
     InputError: whatever is wrong with what was given.
     """
-    job = _Job(tracker, settings_for(tracker, modes=modes, changes=settings), _seed(seed), _fit_choice(fit), person)
-    with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
-        return _track(job, subject, clips, cameras, keypoints, out, resume, overwrite, progress or unreported)
-
-
-def _track(
-    job: _Job,
-    subject: SubjectLike,
-    clips: Named,
-    cameras: Cameras,
-    keypoints: Named,
-    out: PathLike | None,
-    resume: bool,
-    overwrite: bool,
-    progress: Reporter,
-) -> Run:
     path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
-    _check_out(path, resume, overwrite)
+    job = _Job(
+        tracker,
+        read_settings(tracker, settings, modes),
+        _seed(seed),
+        _fit_choice(fit),
+        person,
+        _Target(path, resume, overwrite),
+        progress or unreported,
+    )
+    choice = cue_choice(cues)
+    job.target.check()
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
-    inputs = _inputs(loaded, clips, keypoints, cameras, job.person)
-    if job.fit == "auto" and is_built_in(loaded):
-        stored = open_run(path) if resume and path.exists() else None
-        if stored is not None and stored.header.subject_source == loaded.source:
-            loaded = stored.subject  # fitted when the run began
-        else:
-            tuned = job.settings if job.tracker == "css" else None
-            loaded = fit_proportions(loaded, inputs.observations, job.seed, track_settings=tuned).subject
-    _track_into(path, resume, overwrite, _header(job, loaded, inputs), job, loaded, inputs, progress)
+    with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
+        inputs = load_inputs(
+            Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
+        )
+        _check_inputs(loaded, inputs)
+        _track(job, loaded, inputs, choice)
     return open_run(path)
+
+
+def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> None:
+    chosen = chosen_cues(choice, inputs, job.settings.cues)
+    if chosen is not None:
+        job = replace(job, settings=replace(job.settings, cues=chosen))
+    with opened_cues(inputs, chosen) as cues:
+        notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
+        if cues is not None:
+            notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))
+        for note in notes:
+            warnings.warn(note, InputWarning, stacklevel=4)
+        fitted = _fitted(job, subject, inputs)
+        _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
+
+
+def _fitted(job: _Job, subject: Subject, inputs: Inputs) -> Subject:
+    """The subject with the person's proportions, where they are to be fitted."""
+    if job.fit == "off" or not is_built_in(subject):
+        return subject
+    if job.target.resumed:
+        stored = open_run(job.target.path)
+        if stored.header.subject_source == subject.source:
+            return stored.subject  # fitted when the run began
+    tuned = job.settings if job.tracker == "css" else None
+    return fit_proportions(subject, inputs.observations, job.seed, track_settings=tuned).subject
 
 
 def fit(
@@ -130,8 +158,11 @@ def fit(
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
     if not loaded.proportions:
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
-    inputs = _inputs(loaded, clips, keypoints, cameras, person)
     with threadpool_limits(limits=1):
+        inputs = load_inputs(Body(loaded), clips, keypoints, cameras, person=person)
+        _check_inputs(loaded, inputs)
+        for note in (*loaded.notes, *inputs.notes):
+            warnings.warn(note, InputWarning, stacklevel=2)
         fitted = fit_proportions(loaded, inputs.observations, _seed(seed))
     if out is not None:
         fitted.subject.write(out)
@@ -144,73 +175,96 @@ def is_built_in(subject: Subject) -> bool:
 
 
 @dataclass(frozen=True)
+class _Target:
+    """Where the run goes, and what becomes of one that is there."""
+
+    path: Path
+    resume: bool
+    overwrite: bool
+
+    @property
+    def resumed(self) -> bool:
+        """Whether there is a run to go on with."""
+        return self.resume and self.path.exists()
+
+    def check(self) -> None:
+        """Say what is wrong with the output before an hour of work, not after."""
+        _check_folder(self.path)
+        if self.resume and self.overwrite:
+            raise InputError(self.path, "cannot be resumed and overwritten", remedy="choose one")
+        if self.path.exists() and not (self.resume or self.overwrite):
+            raise InputError(self.path, "exists already", remedy="--resume goes on with it, --overwrite replaces it")
+
+
+@dataclass(frozen=True)
 class _Job:
-    """How to track; with the subject and the inputs this decides the result."""
+    """How to track, which with the subject and the inputs decides the result; and where to, and who hears of it."""
 
     tracker: str
     settings: Settings
     seed: int
     fit: Literal["auto", "off"]
     person: str | int
+    target: _Target
+    progress: Reporter
 
 
-def _track_into(
-    path: Path,
-    resume: bool,
-    overwrite: bool,
-    header: RunHeader,
-    job: _Job,
-    subject: Subject,
-    inputs: Inputs,
-    progress: Reporter,
-) -> None:
+def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: CueReader | None) -> None:
+    observations, target = inputs.observations, job.target
     state: TrackState | None = None
     first = 0
-    if resume and path.exists():
-        writer, arrays, first = RunWriter.resume(path, header)
+    if target.resumed:
+        writer, arrays, first = RunWriter.resume(target.path, header)
         state = TrackState.from_arrays(arrays) if arrays else None
     else:
-        writer = RunWriter.create(path, header, overwrite=overwrite)
+        writer = RunWriter.create(target.path, header, overwrite=target.overwrite)
     with writer:
-        writer.put_observations(inputs.observations)
+        writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
-        observations = inputs.observations
-        with progress("tracking") as report:
-            run_into(writer, tracker, observations, job.seed, state=state, first=first, progress=report)
+        with job.progress("tracking") as report:
+            run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
         if job.settings.smooth.enabled:  # from the stored results, so that a resumed run has the same
-            results = list(open_run(path))
-            with progress("smoothing") as report:
-                smoothed = smooth_track(tracker.search, observations, results, job.settings.smooth, progress=report)
+            results = list(open_run(target.path))
+            with job.progress("smoothing") as report:
+                smoothed = smooth_track(
+                    tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
+                )
             writer.put_smoothed(smoothed)
         writer.finish()
 
 
-def _header(job: _Job, subject: Subject, inputs: Inputs) -> RunHeader:
+def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:
     cameras = inputs.observations[0].cameras
+    names = [camera.name for camera in cameras]
+    clips = _absolute(names, inputs.clips)
     return RunHeader(
         subject_urdf=subject.urdf,
         subject_source=subject.source,
         subject_base=subject.base,
         cameras=cameras,
-        clips={c.name: os.path.abspath(clip) if clip else None for c, clip in zip(cameras, inputs.clips, strict=True)},
+        clips={name: clips.get(name) for name in names},
         image_sizes={c.name: c.image_size for c in cameras},
         times=inputs.times,
         tracker=job.tracker,
         settings={**job.settings.to_dict(), "fit": job.fit, "person": job.person},
         seed=job.seed,
         version=__version__,
-        notes=(*subject.notes, *inputs.notes),
+        notes=notes,
+        cues=cues,
+        masks=_absolute(names, inputs.masks) if cues else {},
+        backgrounds=_absolute(names, inputs.backgrounds) if cues else {},
     )
 
 
-def _inputs(subject: Subject, clips: Named, keypoints: Named, cameras: Cameras, person: str | int) -> Inputs:
-    inputs = load_inputs(Body(subject), clips, keypoints, cameras, person=person)
-    if not any(observable(o) for o in inputs.observations):
+def _absolute(names: list[str], paths: tuple[Path | None, ...]) -> dict[str, str]:
+    """Where the files of some cameras lie."""
+    return {name: os.path.abspath(path) for name, path in zip(names, paths, strict=True) if path is not None}
+
+
+def _check_inputs(subject: Subject, inputs: Inputs) -> None:
+    if not any(startable(o) for o in inputs.observations):
         problem = f"no frame has {MIN_KEYPOINTS} or more of the subject's landmarks"
         raise InputError("keypoints", problem, remedy=f"landmarks: {', '.join(m.name for m in subject.landmarks)}")
-    for note in (*subject.notes, *inputs.notes):
-        warnings.warn(note, InputWarning, stacklevel=3)
-    return inputs
 
 
 def _seed(seed: int) -> int:
@@ -223,15 +277,6 @@ def _fit_choice(fit: str) -> Literal["auto", "off"]:
     if fit not in FIT_CHOICES:
         raise InputError("fit", f"{fit!r} is unknown", remedy=f"one of {', '.join(FIT_CHOICES)}")
     return "auto" if fit == "auto" else "off"
-
-
-def _check_out(path: Path, resume: bool, overwrite: bool) -> None:
-    """Say what is wrong with the output before an hour of work, not after."""
-    _check_folder(path)
-    if resume and overwrite:
-        raise InputError(path, "cannot be resumed and overwritten", remedy="choose one")
-    if path.exists() and not (resume or overwrite):
-        raise InputError(path, "exists already", remedy="--resume goes on with it, --overwrite replaces it")
 
 
 def _check_folder(path: Path) -> None:

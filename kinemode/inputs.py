@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,19 +59,22 @@ def _stem(path: Path) -> str:
     return path.name if path.is_dir() else path.stem
 
 
-def matched(names: Iterable[str], files: Mapping[str, Path], what: str, owner: str) -> dict[str, Path]:
-    """One file for each name; a single file serves a single name whatever it is called."""
+def matched(
+    names: Iterable[str], files: Mapping[str, Path], what: str, owner: str, *, every: bool = True
+) -> dict[str, Path]:
+    """One file for each name, or for some unless `every` one needs it; a single file serves a single name whatever it
+    is called."""
     names = list(names)
     if len(names) == 1 and len(files) == 1:
         return {names[0]: next(iter(files.values()))}
     for name, path in files.items():
         if name not in names:
-            remedy = f"{owner}s: {', '.join(names)}; choose with NAME={path}"
+            remedy = f"{owner}s: {', '.join(names) or 'none'}; choose with NAME={path}"
             raise InputError(path, f"there is no {owner} {name!r} for this {what}", remedy=remedy)
     for name in names:
-        if name not in files:
+        if every and name not in files:
             raise InputError(name, f"this {owner} has no {what}", remedy=f"add {name}=FILE")
-    return {name: files[name] for name in names}
+    return {name: files[name] for name in names if name in files}
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,7 @@ class Inputs:
     """What there is to track.
 
     observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
+    masks, backgrounds (C): of each camera where they are given, see `estimator.imaging.cues.CueReader`.
     notes: what the user should hear of.
     """
 
@@ -85,22 +90,31 @@ class Inputs:
     times: np.ndarray
     clips: tuple[Path | None, ...]
     notes: tuple[str, ...]
+    masks: tuple[Path | None, ...] = ()
+    backgrounds: tuple[Path | None, ...] = ()
 
 
 def load_inputs(
-    body: Body, clips: Named, keypoints: Named, cameras: PathLike | Mapping[str, Camera] | None, *, person: str | int
+    body: Body,
+    clips: Named,
+    keypoints: Named,
+    cameras: PathLike | Mapping[str, Camera] | None,
+    *,
+    person: str | int,
+    masks: Named = None,
+    backgrounds: Named = None,
 ) -> Inputs:
-    """Read everything a body is tracked from.
+    """Read everything a body is tracked from; of the pictures only what there is of them.
 
-    Raises InputError: no keypoints, files without a partner, no camera for one of several clips.
+    Raises InputError: no keypoints, files without a partner, no camera for one of several clips, too few masks.
     """
     clip_files, keypoint_files = named_paths(clips, "clip"), named_paths(keypoints, "keypoint file")
     if not keypoint_files:
-        raise InputError(
-            "keypoints", "are needed for now: image cues come with a later version", remedy=KEYPOINT_FORMATS
-        )
+        raise _no_keypoints(clip_files)
     if clip_files:
         keypoint_files = matched(clip_files, keypoint_files, "keypoint file", "clip")
+    mask_files = matched(clip_files, named_paths(masks, "mask"), "mask", "clip", every=False)
+    background_files = matched(clip_files, named_paths(backgrounds, "background"), "background", "clip", every=False)
     chosen = int(person) if isinstance(person, str) and person.isdigit() else person
     tracks = {name: load_keypoints(path, person=chosen) for name, path in keypoint_files.items()}
     videos = {name: Clip.open(path) for name, path in clip_files.items()}
@@ -111,8 +125,27 @@ def load_inputs(
     notes += [*time_notes, *assembly_notes(tracks, len(times))]
     for clip in videos.values():
         clip.close()
+    for path in mask_files.values():
+        _check_masks(path, len(times))
     observations = assemble(body, tracks, used, times, clip_sizes=sizes)
-    return Inputs(observations, times, tuple(clip_files.get(name) for name in tracks), tuple(notes))
+    by_camera = (tuple(files.get(name) for name in tracks) for files in (clip_files, mask_files, background_files))
+    of_clips, of_masks, of_backgrounds = by_camera
+    return Inputs(observations, times, of_clips, tuple(notes), of_masks, of_backgrounds)
+
+
+def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
+    clip = str(next(iter(clips.values()), "CLIP"))
+    remedy = f"click them: {shlex.join(['kinemode', 'annotate', clip])}; or give a detector's: {KEYPOINT_FORMATS}"
+    return InputError("keypoints", "are needed, of one frame at least, to find the first pose", remedy=remedy)
+
+
+def _check_masks(path: Path, count: int) -> None:
+    """Masks that end early are found before an hour of work, not after."""
+    masks = Clip.open(path)
+    read = masks.report.read
+    masks.close()
+    if read < count:
+        raise InputError(path, f"has masks of {read} frames, the clip has {count}")
 
 
 def _cameras(

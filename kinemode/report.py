@@ -15,6 +15,7 @@ from estimator.evaluation import Evaluation
 from estimator.fitting import Fit
 from estimator.formats.run_file import Run
 from humanoid.subject import subject_names
+from kinemode.explain import Explanation
 
 
 def console() -> Console:
@@ -81,6 +82,27 @@ def print_notes(notes: Sequence[str]) -> None:
     """What a run was told about its input: a guessed camera, say, leaves only errors after a similarity meaningful."""
     for note in notes:
         console().print(f"note: {note}")
+
+
+def print_explanation(explanation: Explanation) -> None:
+    """A frame's energy in its parts, and their sum beside the stored one."""
+    e = explanation
+    title = f"energy of frame {e.frame}, hypothesis {e.hypothesis} ({e.weight:.0%} of the weight; {e.status})"
+    made = table(title, "term", "energy", "share", "features", "mean distance [sd]")
+    total = e.total
+    for part in e.parts:
+        made.add_row(
+            f"{part.camera}: {part.name}".removeprefix(": "),
+            f"{part.energy:.3f}",
+            f"{part.energy / total:.1%}" if total else "-",
+            "" if part.count is None else str(part.count),
+            f"{part.distance:.2f}" if np.isfinite(part.distance) else "",
+        )
+    made.add_section()
+    made.add_row("sum", f"{total:.3f}")
+    made.add_row("as the run has it", f"{e.stored:.3f}")
+    console().print(made)
+    print_notes(e.notes)
 
 
 def print_subjects() -> None:

@@ -20,7 +20,10 @@ from kinemode import api
 from kinemode.inputs import named_paths
 from kinemode.progress import reported
 
-COMMANDS = ("demo", "track", "view", "overlay", "export", "evaluate", "subjects", "fit", "version")
+COMMANDS = (
+    "demo", "track", "annotate", "render", "view", "overlay", "explain", "export", "evaluate", "settings", "subjects",
+    "fit", "version",
+)  # fmt: skip
 FRAMES = 6
 
 
@@ -57,6 +60,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     (made / "cameras.json").write_text(json.dumps({"cameras": entries}))
     (made / "empty.json").write_text("")
+    (made / "clip").mkdir()
     return made
 
 
@@ -103,6 +107,23 @@ BAD = {
     "not a number": (["track", "--modes", "many", "--keypoints", "{left}", "--out", "{out}"], "modes"),
     "no such clip": (["track", "nothing.mp4", "--keypoints", "{left}", "--out", "{out}"], "nothing.mp4"),
     "no keypoints": (["track", "--out", "{out}"], "keypoints: are needed"),
+    "clip without keypoints": (["track", "{clip}", "--out", "{out}"], "kinemode annotate"),
+    "unknown cue": (["track", "--keypoints", "{left}", "--cues", "edge", "--out", "{out}"], "edges, flow, silhouette"),
+    "cues without clips": (["track", "--keypoints", "{left}", "--cues", "flow", "--out", "{out}"], "give the clips"),
+    "mask without a clip": (["track", "--keypoints", "{left}", "--mask", "{left}", "--out", "{out}"], "clips: none"),
+    "no such mask": (["track", "--keypoints", "{left}", "--mask", "m", "--out", "{out}"], "m: no such mask"),
+    "no such background": (
+        ["track", "--keypoints", "{left}", "--background", "b", "--out", "{out}"],
+        "no such background",
+    ),
+    "no such settings": (["track", "--keypoints", "{left}", "--settings", "s.toml", "--out", "{out}"], "s.toml"),
+    "settings that are none": (
+        ["track", "--keypoints", "{left}", "--settings", "{left}", "--out", "{out}"],
+        "not TOML",
+    ),
+    "settings of no tracker": (["settings", "--tracker", "cs"], "css"),
+    "explanation of no run": (["explain", "none.run", "--frame", "0"], "none.run"),
+    "explanation of no frame": (["explain", "none.run"], "--frame"),
     "no such keypoint file": (["track", "--keypoints", "none.json", "--out", "{out}"], "none.json"),
     "empty keypoint file": (["track", "--keypoints", "{folder}/empty.json", "--out", "{out}"], "is empty"),
     "bad NAME=": (["track", "--keypoints", "={left}", "--out", "{out}"], "NAME=PATH"),
@@ -133,7 +154,8 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_one_line_and_exit_code_2(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, expected = BAD[case]
-    places = {"folder": folder, "left": folder / "left.json", "right": folder / "right.json", "out": folder / "x.run"}
+    places = {name: folder / f"{name}.json" for name in ("left", "right")}
+    places |= {"folder": folder, "clip": folder / "clip", "out": folder / "x.run"}
     assert front.main([a.format(**places) for a in arguments]) == front.BAD_INPUT
     said = capsys.readouterr()
     errors = [line for line in said.err.splitlines() if not line.startswith("note:")]

@@ -11,6 +11,9 @@ from estimator.imaging.threads import length
 
 SIZE = 320  # longest side of the pictures motion is looked for in [px]
 _REACH = 6.0  # standard deviation of the window over which evenly coloured places take their outlines' motion [px]
+_GRAIN = 0.6  # squared slope of the sensor's noise [grey values per pixel, squared]
+_EVEN = 0.02  # texture; where there is less, nothing is seen to move
+_NOISE = 5.0  # grey values; less contrast may be noise
 _CELLS = 8  # the picture is cut into this many rows and columns to see whether the camera moves
 
 
@@ -27,6 +30,7 @@ def camera_moves(pictures: list[np.ndarray]) -> bool:
     corners: Any = cv2.goodFeaturesToTrack(reference, 600, 0.01, max(reference.shape) / 60)
     if corners is None:
         return False
+    corners = _textured(reference, corners)
     height, width = reference.shape
     cell = (corners[:, 0] * (_CELLS / width, _CELLS / height)).astype(int) @ (1, _CELLS)
     occupied, count = np.unique(cell, return_counts=True)
@@ -39,6 +43,14 @@ def camera_moves(pictures: list[np.ndarray]) -> bool:
         stays = (found[:, 0] > 0) & (np.linalg.norm(there - corners, axis=-1)[:, 0] < 0.7)
         shares.append(np.mean(np.bincount(cell, stays, _CELLS**2)[occupied] >= 0.5 * count))
     return bool(np.quantile(shares, 0.2) < 0.5)
+
+
+def _textured(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """The corners (N, 1, 2) that stand out of the sensor's noise: dark, even places have corners of noise."""
+    values = grey.astype(np.float32)
+    mean, square = (cv2.boxFilter(v, -1, (9, 9)) for v in (values, values * values))
+    x, y = corners[:, 0].astype(int).T
+    return np.asarray(corners[(square - mean * mean)[y, x] > _NOISE**2])
 
 
 def motion(pictures: list[np.ndarray], limit: float) -> list[np.ndarray]:
@@ -60,7 +72,7 @@ def motion(pictures: list[np.ndarray], limit: float) -> list[np.ndarray]:
 def _spread_out(moves: np.ndarray, grey: np.ndarray) -> np.ndarray:
     """Mean of `moves` in a Gaussian window, weighted by texture."""
     dx, dy = (cv2.Sobel(grey, cv2.CV_32F, *order, scale=0.125) for order in ((1, 0), (0, 1)))
-    energy = dx * dx + dy * dy
+    energy = np.maximum(dx * dx + dy * dy - np.float32(_GRAIN), np.float32(0.0))
     texture = energy / (energy + np.float32(4.0))  # half for a slope of 2 grey values a pixel
     moving, all_texture = (cv2.GaussianBlur(v, (0, 0), _REACH) for v in (texture * moves, texture))
-    return np.asarray(moving / (all_texture + np.float32(1e-3)))
+    return np.asarray(moving / (all_texture + np.float32(_EVEN)))

@@ -1,0 +1,154 @@
+"""The energy of a hypothesis, taken apart: its terms one by one, in each camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.cost.image.assigned import AssignedPoints, Assignments
+from estimator.cost.image.evidence import CameraEvidence, Evidence
+from estimator.cost.image.prediction import Prediction
+from estimator.cost.interpenetration import Interpenetration
+from estimator.cost.priors import Stabilisers, Transition
+from estimator.cost.term import Term
+from estimator.cost.upright import Upright
+from estimator.imaging.camera import Camera
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import EXCHANGED, ModeSearch
+from humanoid.body import PosedBody, points_in_world
+
+_PRIORS: dict[type, str] = {
+    Stabilisers: "stabilisers",
+    Upright: "upright",
+    Interpenetration: "interpenetration",
+    Transition: "transition",
+}
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of the energy.
+
+    name, camera: what it is of, the camera empty where it is of none. energy: its share of the sum. count: keypoints
+    or features assigned, None for what has none. distance: their mean distance in standard deviations, NaN for none.
+    """
+
+    name: str
+    camera: str
+    energy: float
+    count: int | None = None
+    distance: float = float("nan")
+
+
+class Case(NamedTuple):
+    """A hypothesis and all that its energy is computed from.
+
+    parent: where the body was in the frame before; None where its hypothesis has no parent, or the tracker pays for no
+    change. dt [s]: since then. predicted: where its velocity would carry the parent, which the flow is looked for from.
+    """
+
+    search: ModeSearch
+    observation: Observation
+    association: str
+    posed: PosedBody
+    parent: PosedBody | None
+    dt: float
+    predicted: PosedBody | None
+    evidence: Evidence | None
+
+
+def energy_parts(case: Case) -> Iterator[Part]:
+    """The terms of the energy, each evaluated alone; keypoints and image cues camera by camera."""
+    search, observation = case.search, case.observation
+    for c, camera in enumerate(observation.cameras):
+        yield _keypoints(case, c, camera.name)
+    if case.association == EXCHANGED:
+        yield Part("left and right exchanged", "", search.model.settings.exchange_penalty)
+    q_previous = None if case.parent is None else case.parent.q
+    cost = search.model.cost(search.term(observation, case.association), q_previous, case.dt)
+    for term in cost.terms:
+        if type(term) in _PRIORS:
+            yield Part(_PRIORS[type(term)], "", _energy(term, case.posed))
+    for camera_evidence in () if case.evidence is None else case.evidence.cameras:
+        yield from _image_parts(case, camera_evidence)
+
+
+def _keypoints(case: Case, c: int, name: str) -> Part:
+    one = slice(c, c + 1)
+    seen = case.observation
+    alone = replace(seen, cameras=seen.cameras[one], pixels=seen.pixels[one], confidence=seen.confidence[one])
+    term = case.search.term(alone, case.association)
+    distance = term.distances(case.posed)
+    known = distance[np.isfinite(distance)]
+    return Part("keypoints", name, _energy(term, case.posed), known.size, float(known.mean()) if known.size else np.nan)
+
+
+def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
+    """What one camera's picture costs, as `CameraEvidence.assigned` and `followed` add it up."""
+    name, prediction = evidence.cues.camera.name, evidence.predictor.predict(case.posed)
+    settings = evidence.model.settings
+    if evidence.cues.edges is not None and settings.edge_evidence > 0.0:
+        group, unassigned = evidence.edges(prediction)
+        yield _assigned_part("edges", case, evidence, term_of(evidence, prediction, group))
+        yield Part("contour without an edge, or hidden", name, unassigned)
+    if evidence.cues.silhouette is not None and settings.outline_evidence > 0.0:
+        for label, found in (("body to silhouette", evidence.outline), ("silhouette to body", evidence.outline_back)):
+            group, unassigned = found(prediction)
+            part = _assigned_part(label, case, evidence, term_of(evidence, prediction, group))
+            yield replace(part, energy=part.energy + unassigned)
+    if case.parent is not None:
+        for term in evidence.followed(case.parent, case.predicted):
+            yield _assigned_part("flow", case, evidence, term)
+    yield Part("nodes facing away or hidden", name, evidence._penalty(prediction))
+
+
+def term_of(evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> Term | None:
+    """The term of one kind of feature alone; None where there are none."""
+    if not len(group.point):
+        return None
+    contours = prediction.contours
+    return AssignedPoints(evidence.model.body, evidence.cues.camera, contours.joint, contours.local, [group])
+
+
+def _assigned_part(label: str, case: Case, evidence: CameraEvidence, term: Term | None) -> Part:
+    name = evidence.cues.camera.name
+    if term is None:
+        return Part(label, name, 0.0, 0)
+    found = assigned_features(term, evidence.cues.camera, case.posed)
+    mean = float(found.weight @ found.distance / max(found.weight.sum(), 1e-300))
+    return Part(label, name, _energy(term, case.posed), len(found.weight), mean)
+
+
+class Features(NamedTuple):
+    """Image features assigned to points of the body, at a pose.
+
+    joint (A,), local (A, 3): the points in their joints' frames [m]. pixels (A, 2): where they appear. target (A, 2):
+    where the features are. distance (A,): between these, in standard deviations. weight (A,): of each.
+    """
+
+    joint: np.ndarray
+    local: np.ndarray
+    pixels: np.ndarray
+    target: np.ndarray
+    distance: np.ndarray
+    weight: np.ndarray
+
+
+def assigned_features(term: Term, camera: Camera, posed: PosedBody) -> Features:
+    """The features of an `AssignedPoints` term, and where a pose has the points they are assigned to."""
+    assert isinstance(term, AssignedPoints)
+    point = np.repeat(np.arange(len(term._first) - 1), np.diff(term._first))
+    target, precision, weight = term._features[:3]
+    joint, local = term._joint[point], term._local[point]
+    pixels = camera.project(points_in_world(posed, joint, local))
+    x, y = (target - pixels).T
+    squared = precision[:, 0] * x * x + 2.0 * precision[:, 1] * x * y + precision[:, 2] * y * y
+    return Features(joint, local, pixels, target, np.sqrt(np.maximum(squared, 0.0)), weight)
+
+
+def _energy(term: Term, posed: PosedBody) -> float:
+    nv = len(posed.columns)
+    return float(term.accumulate(posed, np.zeros(nv), np.zeros((nv, nv))))

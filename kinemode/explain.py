@@ -1,0 +1,222 @@
+"""What the energy of a hypothesis is made of, term by term and camera by camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from estimator.cost.image.assigned import Assignments
+from estimator.cost.image.evidence import CameraEvidence
+from estimator.cost.image.prediction import Prediction
+from estimator.formats.run_file import Run
+from estimator.frame_result import FrameResult
+from estimator.imaging.camera import Camera
+from estimator.imaging.clip import Clip
+from estimator.imaging.cues import CueReader, scaled_camera
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.registry import Settings, make_tracker, settings_for
+from humanoid.body import Body, PosedBody, points_in_world
+from humanoid.errors import InputError
+from kinemode import __version__
+from kinemode.energy_parts import Case, Part, assigned_features, energy_parts, term_of
+from viz import palette
+from viz.cue_pictures import CueView, Links
+
+_JUMP = 1.0  # energy that is missing from the run's where a jump is likely
+_LARGEST = 960  # longer side of the pictures of a run without cues [px]
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The energy of one hypothesis, as far as it can be computed again.
+
+    file: the run's. frame, hypothesis: which, and status, weight, association: as stored (see `FrameResult`).
+    parts: of the energy. stored: the energy as the run has it. notes: why the parts may add up to something else.
+    views (C): what there is for pictures of each camera.
+    """
+
+    file: Path
+    frame: int
+    hypothesis: int
+    status: str
+    weight: float
+    association: str
+    parts: tuple[Part, ...]
+    stored: float
+    notes: tuple[str, ...]
+    views: tuple[CueView, ...]
+
+    @property
+    def total(self) -> float:
+        """Sum of the parts."""
+        return float(sum(part.energy for part in self.parts))
+
+
+def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
+    """The energy of a frame's hypothesis in its parts, and what pictures of it need.
+
+    run: finished or not. frame: its number. hypothesis: its place in the frame, 0 for the heaviest; the one on the best
+    path unless given.
+
+    Raises
+    ------
+    InputError: no such frame or hypothesis, a frame without an observation of its own, a clip that the run was made
+        from and that cannot be read any more.
+    """
+    k = _chosen(run, frame, hypothesis)
+    settings = _settings(run)
+    search = make_tracker(run.header.tracker, run.body, settings).search
+    observation = run.observation(frame)
+    if run.header.cues:
+        with closing(_reader(run, settings)) as reader:
+            observation = replace(observation, cues=reader.at(frame))
+    case = _case(run, settings, search, observation, k)
+    result = run.result(frame)
+    parts = tuple(energy_parts(case))
+    return Explanation(
+        run.file, frame, k, result.status, float(result.weight[k]), case.association, parts,
+        float(result.energy[k]), tuple(_notes(run, case, sum(p.energy for p in parts) - float(result.energy[k]))),
+        tuple(_view(run, case, c) for c in range(len(observation.cameras))),
+    )  # fmt: skip
+
+
+def _chosen(run: Run, frame: int, hypothesis: int | None) -> int:
+    if not 0 <= frame < len(run):
+        have = f"--frame 0 to {len(run) - 1}" if len(run) else "track with --resume first"
+        raise InputError(run.file, f"has no frame {frame}", remedy=have)
+    result = run.result(frame)
+    if len(result.q) == 0 or result.status == "unobserved":
+        seen = np.flatnonzero((run.status != "unobserved") & (np.arange(len(run)) < frame))
+        kept = f"its hypotheses are those of frame {seen[-1]}" if len(seen) else "it lies before the first pose"
+        remedy = f"--frame {seen[-1]}" if len(seen) else f"first pose: {_first_pose(run)}"
+        raise InputError(run.file, f"nothing was observed; {kept}", place=f"frame {frame}", remedy=remedy)
+    k = int(run.path[frame]) if hypothesis is None else hypothesis
+    if not 0 <= k < len(result.q):
+        remedy = f"--hypothesis 0 to {len(result.q) - 1}"
+        raise InputError(run.file, f"has no hypothesis {k}", place=f"frame {frame}", remedy=remedy)
+    return k
+
+
+def _first_pose(run: Run) -> str:
+    some = np.flatnonzero(run.status != "unobserved")
+    return f"--frame {some[0]}" if len(some) else "none yet"
+
+
+def _settings(run: Run) -> Settings:
+    changes: dict[str, Any] = {k: v for k, v in run.header.settings.items() if k not in ("fit", "person")}
+    return settings_for(run.header.tracker, changes=changes, source=run.file)
+
+
+def _reader(run: Run, settings: Settings) -> CueReader:
+    header = run.header
+    names = [camera.name for camera in header.cameras]
+    clips = [Path(header.clips[name] or "") for name in names]
+    masks, plates = ([Path(f[n]) if n in f else None for n in names] for f in (header.masks, header.backgrounds))
+    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates)
+
+
+def _case(run: Run, settings: Settings, search: ModeSearch, observation: Observation, k: int) -> Case:
+    result = run.result(observation.index)
+    before = run.result(observation.index - 1) if observation.index else None
+    tracked = settings.single_mode if run.header.tracker == "single-mode" else settings.css
+    parent = _parent(search.body, before, int(result.parent[k])) if tracked.transition else None
+    dt = 0.0 if before is None else observation.time - before.time
+    # the extent in the image that the search went by: that of the frame before, where there was one
+    about = result.q[0] if before is None or not len(before.q) else before.q[0]
+    evidence = search.evidence(observation, about)
+    predicted = None
+    if parent is not None and run.header.tracker != "single-mode":
+        step = settings.css.momentum * dt * _velocity(run, observation.index - 1, int(result.parent[k]))
+        predicted = search.body.at(search.body.integrate(parent.q, step))
+    posed = search.body.at(result.q[k])
+    return Case(search, observation, result.association[k], posed, parent, dt, predicted, evidence)
+
+
+def _velocity(run: Run, frame: int, k: int) -> np.ndarray:
+    """Tangent velocity (nv,) of hypothesis k at a frame: from its parent to it; zero without one."""
+    while frame > 0 and run.status[frame] == "unobserved":  # hypotheses carried over keep theirs
+        frame, k = frame - 1, int(run.mode_parent[frame, k])
+    parent = int(run.mode_parent[frame, k])
+    if frame == 0 or parent < 0:
+        return np.zeros(run.body.nv)
+    change = run.body.difference(run.mode_q[frame - 1, parent], run.mode_q[frame, k])
+    return np.asarray(change / max(run.time[frame] - run.time[frame - 1], 1e-3))
+
+
+def _parent(body: Body, before: FrameResult | None, k: int) -> PosedBody | None:
+    return body.at(before.q[k]) if before is not None and 0 <= k < len(before.q) else None
+
+
+def _notes(run: Run, case: Case, difference: float) -> Iterator[str]:
+    """Why the parts may add up to something else than the run has."""
+    if run.header.version != __version__:
+        yield f"the run is of kinemode {run.header.version}, this is {__version__}"
+    if abs(difference) < 1e-6:
+        return
+    if case.evidence is not None:
+        yield "the pictures' features are assigned anew at the pose; the search assigned them a little before it ended"
+    if case.parent is not None and difference > _JUMP and len(case.observation.cameras) == 1:
+        yield "a limb may have jumped to another depth, for which the run has a flat price, not this transition"
+
+
+def _view(run: Run, case: Case, c: int) -> CueView:
+    """What the pictures of one camera are drawn from."""
+    seen, body = case.search.read(case.observation, case.association), case.search.body
+    camera = seen.cameras[c]
+    cues = seen.cues[c] if seen.cues else None
+    small = scaled_camera(camera, min(1.0, _LARGEST / max(camera.image_size))) if cues is None else cues.camera
+    ratio = np.array(small.image_size) / np.array(camera.image_size)
+    keypoints = np.where(seen.confidence[c, :, None] > 0.0, (seen.pixels[c] + 0.5) * ratio - 0.5, np.nan)
+    landmarks = small.project(body.landmarks(case.posed))
+    view = CueView(small.name, _image(run, small, seen.index), body.landmark_names, keypoints, landmarks)
+    return view if case.evidence is None else _with_cues(view, case, case.evidence.cameras[c])
+
+
+def _image(run: Run, camera: Camera, frame: int) -> np.ndarray:
+    """The camera's picture at its size; a plain one where the run was made without."""
+    path = run.header.clips.get(camera.name)
+    if path is None or not (run.header.cues or Path(path).exists()):
+        return palette.plain(*camera.image_size)
+    clip = Clip.open(path)
+    try:
+        return np.asarray(cv2.resize(clip.frame(frame), camera.image_size, interpolation=cv2.INTER_AREA))
+    except IndexError:
+        raise InputError(path, "has no such frame any more", place=f"frame {frame}") from None
+    finally:
+        clip.close()
+
+
+def _with_cues(view: CueView, case: Case, evidence: CameraEvidence) -> CueView:
+    prediction = evidence.predictor.predict(case.posed)
+    groups = (evidence.edges(prediction)[0], evidence.outline(prediction)[0], evidence.outline_back(prediction)[0])
+    edges, outline, outline_back = (_links(case, evidence, prediction, group) for group in groups)
+    view = replace(
+        view, cues=evidence.cues, prediction=prediction, edges=edges, outline=outline, outline_back=outline_back
+    )
+    camera = evidence.cues.camera
+    if case.parent is None:
+        return view
+    for term in evidence.followed(case.parent, case.predicted):
+        found = assigned_features(term, camera, case.posed)
+        before = camera.project(points_in_world(case.parent, found.joint, found.local))
+        return replace(view, flow=Links(found.pixels, found.target, _relative(found.weight)), followed=before)
+    return view
+
+
+def _links(case: Case, evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> Links | None:
+    term = term_of(evidence, prediction, group)
+    if term is None:
+        return None
+    found = assigned_features(term, evidence.cues.camera, case.posed)
+    return Links(found.pixels, found.target, _relative(found.weight))
+
+
+def _relative(weight: np.ndarray) -> np.ndarray:
+    return weight / max(float(weight.max()), 1e-300)

@@ -1,0 +1,180 @@
+"""Pictures through the front door: which cues are used, what is refused, and that a stopped run goes on bit by bit."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import kinemode
+from estimator.formats.run_file import Run
+from estimator.imaging.clip import Clip
+from humanoid.errors import InputError
+from kinemode import api
+from kinemode.pictures import CUES, cue_choice
+from kinemode.render import RenderedClip
+from tests.tiny_clip import QUICK, named, tiny_clip
+
+FRAMES = 5
+ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "q", "path")
+pytestmark = pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
+    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
+
+
+@pytest.fixture(scope="module")
+def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run from the first frame's keypoints, everything else left to decide."""
+    out = tmp_path_factory.mktemp("run") / "a.run"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return track(clip, out=out, masks=clip.masks)
+
+
+def track(clip: RenderedClip, **changes: Any) -> Run:
+    return api.track("human34", **{"fit": "off", "settings": QUICK, **named(clip), **changes})
+
+
+def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C once so many frames are done."""
+    original = api.run_into
+
+    def stopping(*args: Any, **kwargs: Any) -> None:
+        def stop(done: int, total: int) -> None:
+            if done == frames:
+                raise KeyboardInterrupt
+
+        original(*args, **{**kwargs, "progress": stop})
+
+    monkeypatch.setattr(api, "run_into", stopping)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("auto", None),
+        ("off", ()),
+        ("flow,edges", ("edges", "flow")),
+        (" silhouette , flow ", ("flow", "silhouette")),
+        (["edges"], ("edges",)),
+        ([], ()),
+    ],
+)
+def test_choices(given: str | list[str], expected: tuple[str, ...] | None) -> None:
+    assert cue_choice(given) == expected
+
+
+def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tracked: Run) -> None:
+    assert tracked.complete
+    assert tracked.header.cues == CUES
+    assert set(tracked.status) <= {"tracked", "hard"}
+    assert np.isfinite(tracked.q).all()
+    assert tracked.header.masks == {name: str(path) for name, path in clip.masks.items()}
+    assert any(f"keypoints in 1 of {FRAMES} frames" in note for note in tracked.header.notes)
+    camera = tracked.header.cameras[0]
+    true = camera.project(np.load(clip.truth)["landmarks"][-1])
+    first, last = (np.linalg.norm(camera.project(tracked.landmarks[t]) - true, axis=-1).mean() for t in (0, -1))
+    assert last < 0.6 * first  # the pose has followed the motion; one camera sees little of its depth
+
+
+def test_a_stopped_run_goes_on_to_the_same_bits(
+    clip: RenderedClip, tracked: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "b.run"
+    stop_after(2, monkeypatch)
+    with pytest.raises(KeyboardInterrupt):
+        track(clip, out=out, masks=clip.masks)
+    monkeypatch.undo()
+    assert len(kinemode.open_run(out)) == 2
+    resumed = track(clip, out=out, masks=clip.masks, resume=True)
+    assert resumed.complete
+    for name in ARRAYS:
+        assert getattr(resumed, name).tobytes() == getattr(tracked, name).tobytes(), name
+    for changes, told in (
+        ({}, "cameras with masks"),
+        ({"masks": clip.masks, "cues": "silhouette"}, "cues"),
+        ({"masks": clip.masks, "background": clip.plates}, "cameras with a background"),
+    ):
+        with pytest.raises(InputError, match=told):
+            track(clip, out=out, resume=True, **changes)
+
+
+def test_keypoints_of_most_frames_leave_the_pictures_alone(clip: RenderedClip, tmp_path: Path) -> None:
+    run = track(clip, keypoints=clip.keypoints, masks=clip.masks, out=tmp_path / "a.run")
+    assert run.header.cues == ()
+    assert run.header.masks == {}
+    assert any("--cues" in note for note in run.header.notes)
+
+
+def test_background_from_a_picture_and_the_fit_from_one_frame(clip: RenderedClip, tmp_path: Path) -> None:
+    few = {**QUICK, "smooth": {"enabled": False}}
+    changes = {"cues": ["silhouette"], "background": clip.plates, "settings": few}
+    run = track(clip, out=tmp_path / "a.run", fit="auto", **changes)
+    assert run.header.cues == ("silhouette",)
+    assert run.header.backgrounds == {name: str(path) for name, path in clip.plates.items()}
+    assert not run.header.settings["cues"]["use_edges"]
+    assert run.subject.proportions != kinemode.load_subject("human34").proportions
+    assert np.isfinite(run.q).all()
+
+
+def test_what_the_reader_notes_is_passed_on(clip: RenderedClip, tmp_path: Path) -> None:
+    (tmp_path / "two").mkdir()
+    ((name, video),) = clip.videos.items()
+    for i in range(2):
+        cv2.imwrite(str(tmp_path / "two" / f"{i}.png"), Clip.open(video).frame(i))
+    with pytest.warns(api.InputWarning, match="the clip is too short, no background model"):
+        run = track(clip, clips={name: tmp_path / "two"}, out=tmp_path / "a.run", cues="silhouette")
+    assert any("too short" in note for note in run.header.notes)
+
+
+def test_a_silhouette_that_is_not_the_persons_is_said_to_be_none(
+    clip: RenderedClip, tracked: Run, tmp_path: Path
+) -> None:
+    ((name, masks),) = clip.masks.items()
+    (tmp_path / "corner").mkdir()
+    for path in masks.iterdir():
+        corner = np.zeros((120, 160), np.uint8)
+        corner[5:25, 5:25] = 255
+        cv2.imwrite(str(tmp_path / "corner" / path.name), corner)
+    few = {**QUICK, "smooth": {"enabled": False}}
+    run = track(clip, out=tmp_path / "a.run", masks={name: tmp_path / "corner"}, settings=few)
+    told = f"{name}: the silhouette of frame 0 has"
+    assert any(note.startswith(told) for note in run.header.notes)
+    assert not any(note.startswith(told) for note in tracked.header.notes)
+
+
+def test_what_cannot_be_is_refused_before_any_work(clip: RenderedClip, tmp_path: Path) -> None:
+    ((name, masks),) = clip.masks.items()
+    few = tmp_path / "few"
+    few.mkdir()
+    (few / "0.png").write_bytes(next(masks.iterdir()).read_bytes())
+    content = json.loads(clip.first_frame[name].read_text())
+    content["frames"][0]["keypoints"][3:] = [[0.0, 0.0, 0.0]] * len(content["frames"][0]["keypoints"][3:])
+    nobody = tmp_path / "nobody.json"
+    nobody.write_text(json.dumps(content))
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"keypoints": None}, "keypoints: are needed.*kinemode annotate"),
+        ({"keypoints": nobody}, "no frame has 4 or more of the subject's landmarks"),
+        ({"clips": None, "cues": "edges"}, "cues: edges need the pictures"),
+        ({"cues": "edges,colour"}, "no cue 'colour'.*edges, flow, silhouette"),
+        ({"cues": "flow", "masks": masks}, "is for the silhouette"),
+        ({"cues": "off", "background": clip.plates}, "is for the silhouette"),
+        ({"masks": few}, f"masks of 1 frames, the clip has {FRAMES}"),
+        ({"masks": {"elsewhere": masks, "here": masks}}, "no clip 'elsewhere' for this mask"),
+        ({"clips": None, "masks": masks}, "for this mask"),
+        ({"background": tmp_path / "none.png"}, "no such background"),
+        ({"background": clip.cameras}, "no image"),
+        ({"settings": tmp_path / "none.toml"}, "none.toml"),
+    ]
+    for changes, told in cases:
+        with pytest.raises(InputError, match=told):
+            track(clip, out=tmp_path / "a.run", **changes)
+    assert not (tmp_path / "a.run").exists()

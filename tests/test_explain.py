@@ -1,0 +1,161 @@
+"""What an explanation adds up to, and what can be seen of it."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.cost.image.visibility import OUTER
+from estimator.formats.run_file import Run
+from estimator.imaging.cues import CueReader
+from estimator.trackers.registry import make_tracker, settings_for
+from humanoid.errors import InputError
+from kinemode import __main__ as front
+from kinemode import api
+from kinemode.explain import explain
+from kinemode.render import RenderedClip
+from tests.tiny_clip import QUICK, named, tiny_clip
+from viz import palette
+from viz.cue_pictures import LONGEST, cue_pictures
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
+    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
+
+
+@pytest.fixture(scope="module")
+def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    """One run from keypoints alone, one from the pictures."""
+    folder = tmp_path_factory.mktemp("runs")
+    both = {"settings": {**QUICK, "smooth": {"enabled": False}}, "fit": "off"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return {
+            "keypoints": api.track(
+                "human34", None, cameras=clip.cameras, keypoints=clip.keypoints, out=folder / "k.run", **both
+            ),
+            "pictures": api.track("human34", **named(clip), masks=clip.masks, out=folder / "p.run", **both),
+        }
+
+
+def test_the_parts_of_a_run_from_keypoints_add_up_to_its_energies(runs: dict[str, Run]) -> None:
+    run = runs["keypoints"]
+    for t in range(FRAMES):
+        for k in range(len(run.result(t).weight)):
+            found = explain(run, t, k)
+            assert found.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
+            assert found.notes == ()
+            assert ("transition" in [p.name for p in found.parts]) == (t > 0)
+            assert all(p.energy >= 0.0 for p in found.parts)
+    (keypoints,) = [p for p in explain(run, 1).parts if p.name == "keypoints"]
+    assert keypoints.count == np.count_nonzero(run.confidence[1])
+    assert 0.0 < keypoints.distance < 3.0
+
+
+def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[str, Run]) -> None:
+    """Their sum is the energy that the cost model itself assembles of edges, outline, flow and penalties at once."""
+    run, t = runs["pictures"], 2
+    settings = settings_for("css", changes=QUICK)
+    search = make_tracker("css", run.body, settings).search
+    ((name, video),) = clip.videos.items()
+    reader = CueReader([video], run.header.cameras, settings.cues, masks=[clip.masks[name]])
+    observation = replace(run.observation(t), cues=reader.at(t))
+    reader.close()
+    result, before, first = run.result(t), run.result(t - 1), run.result(t - 2)
+    parent = int(result.parent[0])
+    velocity = run.body.difference(first.q[before.parent[parent]], before.q[parent])  # in one frame's time
+    predicted = run.body.integrate(before.q[parent], settings.css.momentum * velocity)
+    evidence = search.evidence(observation, before.q[0])
+    assert evidence is not None
+    posed = run.body.at(result.q[0])
+    terms = [*evidence.assigned(posed), *evidence.followed(run.body.at(before.q[parent]), run.body.at(predicted))]
+    whole = search.model.cost(
+        search.term(observation, result.association[0]), before.q[parent], run.time[t] - run.time[t - 1], terms
+    )
+    found = explain(run, t, 0)
+    assert found.total == pytest.approx(whole.of(posed).value, rel=1e-9)
+    assert found.total == pytest.approx(run.mode_energy[t, 0], rel=0.05)  # features assigned where the search ended
+    parts = {p.name: p for p in found.parts}
+    for name in ("edges", "body to silhouette", "silhouette to body", "flow"):
+        assert parts[name].count
+        assert 0.0 < parts[name].distance < 5.0
+
+
+def test_pictures_show_the_body_where_it_is(runs: dict[str, Run]) -> None:
+    (view,) = explain(runs["pictures"], 1).views
+    assert view.prediction is not None
+    assert view.cues is not None
+    assert view.cues.silhouette is not None
+    outer = np.round(view.prediction.contours.pixels[view.prediction.contours.state == OUTER]).astype(int)
+    assert np.abs(view.cues.silhouette.distance[outer[:, 1], outer[:, 0]]).mean() < 3.0
+    pictures = dict(cue_pictures(view))
+    assert set(pictures) == {"keypoints", "visibility", "edges", "motion_boundaries", "flow", "silhouette"}
+    for picture in pictures.values():
+        assert LONGEST <= max(picture.shape) <= LONGEST + 40
+    assert (np.abs(pictures["silhouette"].astype(int) - palette.bgr(palette.GOOD)).sum(axis=2) < 30).sum() > 200
+
+
+def test_command_prints_the_table_and_writes_the_pictures(
+    runs: dict[str, Run], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for run, count in ((runs["keypoints"], 1), (runs["pictures"], 6)):
+        out = tmp_path / run.file.stem
+        assert front.main(["explain", str(run.file), "--frame", "1", "--out", str(out)]) == 0
+        said = capsys.readouterr().out
+        assert all(word in said for word in ("keypoints", "transition", "sum", "as the run has it"))
+        assert ("edges" in said) == (count > 1)
+        written = sorted(out.iterdir())
+        assert len(written) == count
+        assert all(cv2.imread(str(path)) is not None for path in written)
+
+
+def test_what_there_is_not(clip: RenderedClip, runs: dict[str, Run], tmp_path: Path) -> None:
+    run = runs["pictures"]
+    for frame in (-1, FRAMES):
+        with pytest.raises(InputError, match=f"has no frame {frame}.*0 to {FRAMES - 1}"):
+            explain(run, frame)
+    with pytest.raises(InputError, match=r"no hypothesis 9.*--hypothesis 0 to"):
+        explain(run, 1, 9)
+    (tmp_path / "file").touch()
+    assert front.main(["explain", str(run.file), "--frame", "1", "--out", str(tmp_path / "file" / "x")]) == 2
+    ((name, video),) = clip.videos.items()
+    away = video.rename(video.with_suffix(".away"))
+    try:
+        with pytest.raises(InputError, match=f"{name}.mp4"):
+            explain(run, 1)
+        assert explain(runs["keypoints"], 1).total > 0.0
+    finally:
+        away.rename(video)
+
+
+def test_frames_without_an_observation_of_their_own(clip: RenderedClip, tmp_path: Path) -> None:
+    late = write_late(clip, tmp_path / "late.json")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = api.track(
+            "human34", None, cameras=clip.cameras, keypoints=late, fit="off", settings=QUICK, out=tmp_path / "l.run"
+        )
+    assert run.status.tolist() == ["unobserved", "tracked", "unobserved", "tracked"]
+    with pytest.raises(InputError, match=r"before the first pose.*--frame 1"):
+        explain(run, 0)
+    with pytest.raises(InputError, match=r"those of frame 1.*--frame 1"):
+        explain(run, 2)
+    assert explain(run, 3, 0).total == pytest.approx(run.mode_energy[3, 0], abs=1e-9)  # its parents were carried over
+
+
+def write_late(clip: RenderedClip, path: Path) -> Path:
+    """Keypoints of every other frame, the first without."""
+    (source,) = clip.keypoints.values()
+    content = json.loads(source.read_text())
+    content["frames"] = [frame if i % 2 else None for i, frame in enumerate(content["frames"])]
+    path.write_text(json.dumps(content))
+    return path

@@ -1,0 +1,25 @@
+"""A rendered clip small enough to be tracked in a test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from estimator.synthesis import DetectorSettings, ViewSettings
+from kinemode.render import RenderedClip, render_clip
+
+QUICK: dict[str, Any] = {"css": {"samples": 2, "flips": 0, "modes": 2}, "cues": {"working_size": 160}}
+"""Changes to the settings that make a search short."""
+
+
+def tiny_clip(folder: Path, *, frames: int = 5) -> RenderedClip:
+    """human34 reaching, 160 x 120 pixels, one camera, with masks and the empty scene."""
+    view = ViewSettings(image_size=(160, 120))
+    detector = DetectorSettings(noise_px=0.6, outlier_fraction=0.0, missing_fraction=0.0)
+    seconds = frames / 5.0
+    return render_clip(folder, "reach", view=view, detector=detector, fps=5.0, seconds=seconds, seed=3, masks=True)
+
+
+def named(clip: RenderedClip) -> dict[str, Any]:
+    """The clip as `kinemode.track` takes it, with keypoints of its first frame alone."""
+    return {"clips": clip.videos, "cameras": clip.cameras, "keypoints": clip.first_frame}
