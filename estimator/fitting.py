@@ -16,7 +16,7 @@ from estimator.search.box_step import solve_box
 from estimator.search.covariance import free_directions
 from estimator.search.seek import Seeker, SeekSettings
 from estimator.trackers.registry import Settings, make_tracker
-from estimator.trackers.tracker import observable
+from estimator.trackers.tracker import startable
 from humanoid.body import Body
 from humanoid.proportions import ProportionedBody
 from humanoid.subject import Subject
@@ -39,19 +39,55 @@ class FitSettings:
 
 
 @dataclass(frozen=True)
+class ShapeFit:
+    """The flesh that was fitted, part by part (CSS section 5, second and third stage).
+
+    parts (G): names of the parts, one for both where sides mirror each other. factors (G, 2): of the half-axes a and b
+    of the sections, relative to the given subject. tapers (G, 2): changes of the tapers along a and b. std (G, 4):
+    standard deviations of girth (log of both factors), flatness (half the log of their ratio) and the tapers; zero where
+    a part has no such parameter. frames: indices of the frames whose pictures were looked at. poses (F, nq),
+    covariance (F, nv, nv): the body in these frames, and how uncertain it is with proportions and shape as uncertain as
+    they are. agreement: shares of the body's outline that lie on the pictures' before and after; NaN without silhouettes.
+    """
+
+    parts: tuple[str, ...]
+    factors: np.ndarray
+    tapers: np.ndarray
+    std: np.ndarray
+    frames: tuple[int, ...]
+    poses: np.ndarray
+    covariance: np.ndarray
+    agreement: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Fit:
     """Outcome of a fit.
 
-    subject: the subject with the fitted lengths. names (P): proportions by joint. scales, std (P,): estimate relative
-    to the given subject and its standard deviation. frames: indices of the frames used; empty if none were usable, and
-    the subject is then the given one.
+    subject: the subject with the fitted lengths, and the fitted flesh if there is a `shape`. names (P): proportions by
+    joint. scales (P,): estimate relative to the given subject. covariance (P, P): of the scales. observations (F): the
+    frames used, in the readings that were chosen of them; none if none were usable, and the subject is then the given
+    one. poses (F, nq): of the subject with the fitted lengths, in these frames. shape: of the flesh, None where it was
+    not fitted.
     """
 
     subject: Subject
     names: tuple[str, ...]
     scales: np.ndarray
-    std: np.ndarray
-    frames: tuple[int, ...]
+    covariance: np.ndarray
+    observations: tuple[Observation, ...]
+    poses: np.ndarray
+    shape: ShapeFit | None = None
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the scales (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Indices of the frames used."""
+        return tuple(o.index for o in self.observations)
 
 
 def fit_proportions(
@@ -66,18 +102,22 @@ def fit_proportions(
     body = ProportionedBody(subject)
     used = chosen_frames(observations, settings)
     scales = np.clip(body.mean, body.low, body.high)
-    std = body.std.copy()
-    if not used or not body.names:
-        return Fit(subject, body.names, np.ones(len(body.names)), std, ())
+    if not used:
+        return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), np.zeros((0, body.base.nq)))
+    if not body.names:
+        poses, seen = _poses(subject, used, seed, track_settings)
+        return Fit(subject, (), np.zeros(0), np.zeros((0, 0)), tuple(seen), np.array(poses))
     for _ in range(settings.rounds):
         poses, seen = _poses(subject.scaled(body.scales(scales)), used, seed, track_settings)
-        scales, std = _refine(body, poses, seen, scales, settings, track_settings)
-    return Fit(subject.scaled(body.scales(scales)), body.names, scales, std, tuple(o.index for o in seen))
+        scales, covariance, poses = _refine(body, poses, seen, scales, settings, track_settings)
+    return Fit(
+        subject.scaled(body.scales(scales)), body.names, scales, covariance, tuple(seen), np.array(poses)
+    )
 
 
 def chosen_frames(observations: Sequence[Observation], settings: FitSettings) -> list[Observation]:
     """Usable frames, evenly spread over the first seconds."""
-    usable = [o for o in observations if observable(o)]
+    usable = [o for o in observations if startable(o)]
     usable = [o for o in usable if o.time <= usable[0].time + settings.seconds]
     if len(usable) <= settings.frames:
         return usable
@@ -105,8 +145,11 @@ def _refine(
     scales: np.ndarray,
     settings: FitSettings,
     track_settings: Settings | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Damped Newton on the energy minimised over the poses (variable projection), bounded by the hard range."""
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Damped Newton on the energy minimised over the poses (variable projection), bounded by the hard range.
+
+    Returns the scales, their covariance and the poses at their minima.
+    """
     problem = _Profile(body, observations, track_settings.cost if track_settings else CostSettings(), settings)
     here = problem.at(scales, poses)
     damping = 1e-3
@@ -128,7 +171,7 @@ def _refine(
             damping *= 10.0
             if damping > 1e6:
                 break
-    return scales, np.sqrt(np.diag(np.linalg.inv(here[2])))
+    return scales, np.linalg.inv(here[2]), here[3]
 
 
 class _Profile:

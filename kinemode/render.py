@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +33,7 @@ def render_clip(
     *,
     subject: str | Subject | None = None,
     proportions: Mapping[str, float] | None = None,
+    shape: Mapping[int | str, Sequence[float]] | None = None,
     scene: SceneSettings | None = None,
     view: ViewSettings | None = None,
     detector: DetectorSettings | None = None,
@@ -50,7 +51,7 @@ def render_clip(
     ----------
     motion: "reach", "arm", "pivot", "turn_reach" or a BVH file.
     subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
-    proportions: scales of its lengths, see `Subject.scaled`.
+    proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
     scene, view, detector: looks, cameras and keypoint errors; unless given those that suit the motion.
     fps: frames per second. seconds: only so much of the motion.
     unit: metres in one unit of a BVH file, see `estimator.synthesis.mocap.load_mocap`.
@@ -63,7 +64,7 @@ def render_clip(
     """
     in_range("fps", fps, 1.0, 1000.0)
     keyed = None if _is_file(motion) else motion_named(str(motion))
-    body = Body(_subject(subject, keyed, proportions))
+    body = Body(_subject(subject, keyed, proportions, shape))
     q, times = _configurations(body, keyed, motion, fps, seconds, unit)
     scene, view = scene or SceneSettings(background=background_of(motion)), view or ViewSettings()
     if keyed and view.azimuth is None:
@@ -92,7 +93,10 @@ def _is_file(motion: str | Path) -> bool:
 
 
 def _subject(
-    given: str | Subject | None, keyed: KeyedMotion | None, proportions: Mapping[str, float] | None
+    given: str | Subject | None,
+    keyed: KeyedMotion | None,
+    proportions: Mapping[str, float] | None,
+    shape: Mapping[int | str, Sequence[float]] | None,
 ) -> Subject:
     if isinstance(given, Subject):
         subject = given
@@ -100,7 +104,8 @@ def _subject(
         subject = load_subject(keyed.subject if keyed else "human34", lock=keyed.lock if keyed else ())
     else:
         subject = load_subject(given)
-    return subject.scaled(proportions) if proportions else subject
+    subject = subject.scaled(proportions) if proportions else subject
+    return subject.reshaped(shape) if shape else subject
 
 
 def _configurations(

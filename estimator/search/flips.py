@@ -19,14 +19,17 @@ LARGEST_TURN = 0.8  # rad a step
 DAMPING = 1e-3  # m^2: of the limb's inverse kinematics
 TWISTS = (0.0, 1.5, -1.5)  # rad
 CLOSE, REACHED = 0.04, 0.06  # m; good enough to stop, and to be refined by the mode search
+ROUGHLY = 0.25  # m; where a limb that takes another's place may start its search from
 SAME = 0.10  # m; flips nearer than this to the pose they come from say nothing new
 
 
 class Limb(NamedTuple):
-    """landmarks (3,): root, middle and end of the limb. dofs (n,): what turns it about its root."""
+    """landmarks (3,): root, middle and end of the limb. dofs (n,): what turns it about its root. lengths: of its two
+    segments [m]."""
 
     landmarks: np.ndarray
     dofs: np.ndarray
+    lengths: tuple[float, float]
 
 
 class Flips:
@@ -41,15 +44,22 @@ class Flips:
         names = body.landmark_names
         support = body.landmark_support
         self.limbs: list[Limb] = []
-        for side in ("left", "right"):
-            for chain in CHAINS:
+        at_rest = body.landmarks(body.at(body.neutral))
+        self.pairs: list[tuple[Limb, Limb]] = []
+        for chain in CHAINS:
+            sides = []
+            for side in ("left", "right"):
                 points = [f"{side}_{p}" for p in chain]
                 if all(p in names for p in points):
                     a, b, c = (names.index(p) for p in points)
                     turning = _moves(body, a)
                     dofs = np.flatnonzero((support[b] | support[c]) & ~turning)
+                    lengths = tuple(float(x) for x in np.linalg.norm(np.diff(at_rest[[a, b, c]], axis=0), axis=1))
                     if len(dofs):
-                        self.limbs.append(Limb(np.array([a, b, c]), dofs))
+                        sides.append(Limb(np.array([a, b, c]), dofs, (lengths[0], lengths[1])))
+            self.limbs += sides
+            if len(sides) == 2:
+                self.pairs.append((sides[0], sides[1]))
 
     def of(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
         """Every configuration (nq,) with one limb of q (nq,) at another depth that its joints can reach."""
@@ -66,7 +76,26 @@ class Flips:
         targets = _targets(self.body.landmarks(self.body.at(q)), limb, camera)
         return self._reach(q, limb, targets[rng.integers(len(targets))]) if targets else None
 
-    def _reach(self, q: np.ndarray, limb: Limb, targets: np.ndarray) -> np.ndarray | None:
+    def exchange(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
+        """q (nq,) with a left and a right limb on each other's rays: limbs that pass are taken for one another.
+
+        Which pair of limbs, and which of the depths their segments can have there, is random; None where they cannot.
+        """
+        if not self.pairs:
+            return None
+        pair = self.pairs[rng.integers(len(self.pairs))]
+        points = self.body.landmarks(self.body.at(q))
+        found: np.ndarray | None = q
+        for limb, other in (pair, pair[::-1]):
+            there = points.copy()
+            there[limb.landmarks[1:]] = points[other.landmarks[1:]]
+            places = _places(there, limb, camera)
+            found = self._reach(found, limb, places[rng.integers(len(places))], ROUGHLY)
+            if found is None:
+                return None
+        return found
+
+    def _reach(self, q: np.ndarray, limb: Limb, targets: np.ndarray, near: float = REACHED) -> np.ndarray | None:
         """Inverse kinematics of the limb's own joints towards its middle and end (2, 3), limits kept; None if it
         cannot. The limb is first twisted, since a straight pull often ends at a limit."""
         best, least = None, np.inf
@@ -78,7 +107,7 @@ class Flips:
                 best, least = found, error
             if least < CLOSE:
                 break
-        return best if least < REACHED else None
+        return best if least < near else None
 
     def _pull(self, q: np.ndarray, limb: Limb, targets: np.ndarray) -> tuple[np.ndarray, float]:
         """Damped Gauss-Newton steps of the limb's joints; the pose and its largest error [m]."""
@@ -150,11 +179,16 @@ def _moves(body: Body, landmark: int) -> np.ndarray:
 
 def _targets(points: np.ndarray, limb: Limb, camera: Camera) -> list[np.ndarray]:
     """Places (2, 3) [m] of the limb's middle and end on their rays, except where they are already."""
+    now = points[limb.landmarks[1:]]
+    return [p for p in _places(points, limb, camera) if np.linalg.norm(p - now, axis=1).max() > SAME]
+
+
+def _places(points: np.ndarray, limb: Limb, camera: Camera) -> list[np.ndarray]:
+    """Places (2, 3) [m] that the limb's middle and end can have on their rays."""
     a, b, c = points[limb.landmarks]
     eye = camera.centre_world
-    upper, lower = float(np.linalg.norm(b - a)), float(np.linalg.norm(c - b))
-    pairs = [np.stack([m, e]) for m in _depths(eye, b, a, upper) for e in _depths(eye, c, m, lower)]
-    return [p for p in pairs if np.linalg.norm(p - np.stack([b, c]), axis=1).max() > SAME]
+    upper, lower = limb.lengths
+    return [np.stack([m, e]) for m in _depths(eye, b, a, upper) for e in _depths(eye, c, m, lower)]
 
 
 def _depths(o: np.ndarray, p: np.ndarray, centre: np.ndarray, radius: float) -> list[np.ndarray]:

@@ -30,9 +30,11 @@ class LimbProposal:
     Pictures are matched to a hypothesis from nearby, so a limb that has lost its image is found again only by trying it
     elsewhere: one limb at a time, since a sample of all joints at once is nowhere near the image (partitioned sampling,
     MacCormick and Isard 2000).
+
+    least, most [rad]: standard deviation of the joints' change; less than `least` is what a search finds by itself.
     """
 
-    def __init__(self, body: Body, least: float = 0.1, most: float = 1.2) -> None:
+    def __init__(self, body: Body, least: float = 0.3, most: float = 1.2) -> None:
         self.body = body
         self._spread = np.log([least, most])  # rad, of the joints' change
         free = body.subject.base == "free"

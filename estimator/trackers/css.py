@@ -29,7 +29,8 @@ class CssSettings:
     a frame in which one limb jumps to another depth along its rays (one camera only); flip_penalty: energy of a jump,
     paid once instead of the transition's price. momentum: share of its velocity that carries a parent to where pictures
     are looked at too. limb_samples: poses a frame with one limb elsewhere that are looked at where there are pictures,
-    the best limb_searches of them are searched from, at the price limb_penalty.
+    the best limb_searches of them are searched from, at the price limb_penalty. exchanges: hypotheses a frame in
+    which two limbs change places in the image, at the same price.
     """
 
     modes: int = 7
@@ -44,6 +45,7 @@ class CssSettings:
     limb_penalty: float = 8.0
     limb_samples: int = 40
     limb_searches: int = 5
+    exchanges: int = 4
 
 
 PAPER = CssSettings(samples=70, flips=0, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False)
@@ -80,6 +82,7 @@ class CovarianceScaledSampling:
         if evidence is not None:
             limbs = self._limbs(rng, state.mixture, names, dt)
             hypotheses += self.search.screened(limbs, readings, self.settings.limb_searches, dt, evidence)
+            hypotheses += self._exchanged(rng, state.mixture, names, observation, dt)
         found = self.search.best_modes(hypotheses, readings, self.settings.modes, dt, evidence)  # 2-4
         if not self.settings.transition:
             found = self._matched(state.mixture, found)  # 5, 6; with a transition the parent is known
@@ -118,6 +121,21 @@ class CovarianceScaledSampling:
             q = self._limb_proposal.sample(rng, mode.q)
             h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
             hypotheses.append(_jumped(h, self.settings.limb_penalty))
+        return hypotheses
+
+    def _exchanged(
+        self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation, dt: float
+    ) -> list[Hypothesis]:
+        camera = only_camera(observation)
+        if camera is None:
+            return []
+        hypotheses = []
+        for i in rng.choice(len(prior.modes), size=self.settings.exchanges, p=prior.weights):
+            mode = prior.modes[i]
+            q = self.search.flips.exchange(rng, mode.q, camera)
+            if q is not None:
+                h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
+                hypotheses.append(_jumped(h, self.settings.limb_penalty))
         return hypotheses
 
     def _flips(

@@ -17,7 +17,7 @@ MAY_BE_ZERO = {
     "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch",
     "forgetting", "samples", "flips", "flip_penalty", "spare", "decrease_tolerance", "exact_below", "tolerance",
     "distinct", "edge_evidence", "outline_evidence", "flow_evidence", "visibility_evidence", "motion_boundary",
-    "flow_share", "finest_scale", "momentum", "limb_samples", "limb_searches",
+    "flow_share", "finest_scale", "momentum", "limb_samples", "exchanges", "limb_searches",
 }  # fmt: skip
 AT_MOST = {"motion_boundary": 1.0}  # beyond, an edge's weight 1 - k S_p is negative
 _KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}
