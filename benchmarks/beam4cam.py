@@ -1,19 +1,20 @@
-"""Errors on the real clip beam4cam: each camera alone and all four, proportions fitted from the clip itself."""
+"""Errors on the real clip beam4cam: each camera alone and all four, proportions fitted from the clip itself; and what
+the pictures add to the keypoints of one camera."""
 
 from __future__ import annotations
 
-import tempfile
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, beam_folder, nested, save, start
+from benchmarks.common import Changes, Several, beam_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
 from estimator.evaluation import Reference
+from humanoid.errors import InputError
 from kinemode import report
 
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")
@@ -21,6 +22,43 @@ LEARNED = {"cam01": (102.0, 77.0), "cam02": (232.0, 126.0), "cam03": (124.0, 84.
 LEARNED_MEAN = (144.1, 92.4)
 TOGETHER = "four"
 TOGETHER_TARGET = 35.0
+ALONE, ALL = "keypoints alone", "all together"
+CUES = {ALONE: "off", "silhouette": "silhouette", "edges": "edges", "flow": "flow", ALL: "edges,flow,silhouette"}
+
+
+Result = tuple[Scores, float]
+"""Errors, and frames per second."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run: of a view, with the pictures for some of `CUES`.
+
+    folder, keypoints: of the clip, and of its keypoints there. work: where the run goes. how: arguments of
+    `timed_track`.
+    """
+
+    view: str
+    cues: str
+    seed: int
+    folder: Path
+    keypoints: str
+    work: Path
+    how: dict[str, Any]
+
+
+def tracked(task: Task) -> Result:
+    names = CAMERAS if task.view == TOGETHER else (task.view,)
+    files = {name: task.folder / task.keypoints / f"{name}.json" for name in names}
+    pictures = CUES[task.cues] != "off"
+    clips = {name: task.folder / "videos" / f"{name}.mp4" for name in names} if pictures else None
+    out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.seed}.run"
+    run, times = timed_track(
+        files, task.folder / "calibration.json", out, clips=clips, cues=CUES[task.cues], seed=task.seed, **task.how
+    )
+    scores = score(run, Reference.load(task.folder / "reference3d.npz"))
+    tell(f"{task.view}, {task.cues}, seed {task.seed}: {scores.mpjpe:.1f} mm, {times.rate:.1f} frames a second")
+    return scores, times.rate
 
 
 def main(
@@ -28,10 +66,13 @@ def main(
     data: Path | None = None,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     views: Annotated[tuple[str, ...], Several] = (*CAMERAS, TOGETHER),
+    cues: Annotated[bool, Parameter(negative="")] = False,
     tracker: str = "css",
     modes: int = 7,
     keypoints: str = "keypoints",
     changes: Changes = (),
+    jobs: int = 1,
+    work: Path | None = None,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
     """Track beam4cam from each camera alone and from all four, against its reference.
@@ -44,33 +85,52 @@ def main(
         Seeds of the tracker.
     views
         Cameras to track from alone, and "four" for all together.
+    cues
+        Track from each camera alone with keypoints, with one cue of the pictures besides, and with all of them.
     tracker, modes
         As in `kinemode track`.
     keypoints
         keypoints, or keypoints_multicrop for the cleaner ones.
     changes
         Changes to the settings, as cost.nu=8 css.scale=4.
+    jobs
+        Runs at a time, each in a process of its own.
+    work
+        Folder that keeps the runs.
     json
         Also write the figures here.
     """
     folder, settings = beam_folder(data), nested(changes)
-    reference = Reference.load(folder / "reference3d.npz")
-    found: dict[str, list[tuple[Scores, float]]] = {}
-    with tempfile.TemporaryDirectory() as temporary:
-        for view in views:
-            names = CAMERAS if view == TOGETHER else (view,)
-            files = {name: folder / keypoints / f"{name}.json" for name in names}
-            for seed in seeds:
-                run, times = timed_track(
-                    files, folder / "calibration.json", Path(temporary) / "one.run", tracker=tracker, seed=seed,
-                    modes=modes, settings=settings,
-                )  # fmt: skip
-                found.setdefault(view, []).append((score(run, reference), times.rate))
-    print_table(found, seeds)
-    save(json, figures(found, seeds, tracker, settings))
+    how = {"tracker": tracker, "modes": modes, "settings": settings}
+    shown = [view for view in known(views) if not (cues and view == TOGETHER)]
+    with work_folder(work) as kept:
+        tasks = [
+            Task(view, cue, seed, folder, keypoints, kept, how)
+            for cue in (CUES if cues else (ALONE,))
+            for view in shown
+            for seed in seeds
+        ]
+        results = in_processes(tracked, tasks, jobs)
+    found: dict[str, dict[str, list[Result]]] = {}
+    for task, result in zip(tasks, results, strict=True):
+        found.setdefault(task.cues, {}).setdefault(task.view, []).append(result)
+    if cues:
+        print_cues(found, seeds)
+        save(json, {"measure": "beam4cam cues", "cues": {c: figures(f, seeds, how) for c, f in found.items()}})
+    else:
+        print_table(found[ALONE], seeds)
+        save(json, {"measure": "beam4cam", **figures(found[ALONE], seeds, how)})
 
 
-def print_table(found: dict[str, list[tuple[Scores, float]]], seeds: tuple[int, ...]) -> None:
+def known(views: tuple[str, ...]) -> tuple[str, ...]:
+    """The views, checked."""
+    for view in views:
+        if view not in (*CAMERAS, TOGETHER):
+            raise InputError("--views", f"there is no {view!r}", remedy=f"some of {', '.join((*CAMERAS, TOGETHER))}")
+    return views
+
+
+def print_table(found: dict[str, list[Result]], seeds: tuple[int, ...]) -> None:
     made = report.table(f"beam4cam, {len(seeds)} seed(s), means over seeds", "view", *COLUMNS, "learned", "PA   ")
     for view, results in found.items():
         learned = [f"{x:.0f}" for x in LEARNED.get(view, ())] or ["", ""]
@@ -91,14 +151,31 @@ def print_table(found: dict[str, list[tuple[Scores, float]]], seeds: tuple[int, 
         out.print(f"four cameras: {worst:.1f} mm in the worst seed, target at most {TOGETHER_TARGET:.0f} mm")
 
 
-def figures(
-    found: dict[str, list[tuple[Scores, float]]], seeds: tuple[int, ...], tracker: str, settings: dict[str, Any]
-) -> dict[str, Any]:
+def print_cues(found: dict[str, dict[str, list[Result]]], seeds: tuple[int, ...]) -> None:
+    """MPJPE and PA-MPJPE of every camera, with each cue beside the keypoints."""
+    means = {
+        cue: {view: mean_scores(s for s, _ in results) for view, results in of.items()} for cue, of in found.items()
+    }
+    views = list(means[ALONE])
+    title = f"beam4cam, {len(seeds)} seed(s), one camera: MPJPE, PA-MPJPE [mm], frames per second"
+    made = report.table(title, "keypoints and", *views, "mean", "fps")
+    for cue, of in means.items():
+        mean = mean_scores(of.values())
+        rate = float(np.median([r for results in found[cue].values() for _, r in results]))
+        made.add_row(cue, *(f"{s.mpjpe:.1f}, {s.pa:.1f}" for s in (*of.values(), mean)), f"{rate:.1f}")
+    out = report.console()
+    out.print(made)
+    out.print("over the 12 limb joints; MPJPE: hips aligned; PA: after the best similarity")
+    for field, name in (("mpjpe", "MPJPE"), ("pa", "PA-MPJPE")):
+        better = sum(getattr(means[ALL][v], field) < getattr(means[ALONE][v], field) for v in views)
+        out.print(f"{ALL} is better than {ALONE} in {better} of {len(views)} cameras by {name}")
+
+
+def figures(found: dict[str, list[Result]], seeds: tuple[int, ...], how: dict[str, Any]) -> dict[str, Any]:
     alone = [s for view, results in found.items() if view != TOGETHER for s, _ in results]
     return {
-        "measure": "beam4cam",
-        "tracker": tracker,
-        "settings": settings,
+        "tracker": how["tracker"],
+        "settings": how["settings"],
         "seeds": seeds,
         "views": {
             view: [{"seed": seed, "fps": rate, **asdict(s)} for seed, (s, rate) in zip(seeds, results, strict=True)]

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import sys
+import tempfile
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import cyclopts
 import numpy as np
@@ -16,7 +20,10 @@ from cyclopts import Parameter
 
 from humanoid.errors import InputError
 from kinemode.api import InputWarning
+from kinemode.render_files import made_folder
 
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 ROOT = Path(__file__).resolve().parent.parent
 Several = Parameter(consume_multiple=True, negative="")
 Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True, negative="")]
@@ -24,12 +31,46 @@ Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=Tr
 
 def start(main: Callable[..., None]) -> None:
     """Run a measure with the command line as its arguments; bad input is one line and exit code 2."""
-    warnings.simplefilter("ignore", InputWarning)
+    _quiet()
     try:
         cyclopts.run(main)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+
+
+def _quiet() -> None:
+    warnings.simplefilter("ignore", InputWarning)
+
+
+def tell(text: str) -> None:
+    """A line of progress."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> list[Result]:
+    """What `work`, a function of a module, makes of each task, in their order; so many of them at a time."""
+    if jobs < 1:
+        raise InputError("--jobs", f"is {jobs}", remedy="1 or more")
+    if min(jobs, len(tasks)) < 2:
+        return [work(task) for task in tasks]
+    spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
+    with ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _quiet) as pool:
+        try:
+            return list(pool.map(work, tasks))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+@contextmanager
+def work_folder(given: Path | None) -> Iterator[Path]:
+    """The given folder, made if it is not there, or a temporary one."""
+    if given is not None:
+        yield made_folder(given)
+        return
+    with tempfile.TemporaryDirectory(prefix="kinemode-") as folder:
+        yield Path(folder)
 
 
 def data_folder(given: Path | None) -> Path | None:

@@ -12,8 +12,11 @@ import pinocchio as pin
 from cyclopts import Parameter
 
 from benchmarks.common import save, start
+from benchmarks.surface import Frame, hypotheses, rendered_frame
+from estimator.cost.image.assigned import AssignedPoints
+from estimator.cost.image.evidence import CameraEvidence, ImageModel
 from estimator.cost.interpenetration import Interpenetration
-from estimator.cost.model import CostModel, CostSettings
+from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cost.potentials import POTENTIALS
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
@@ -25,7 +28,7 @@ from estimator.search.qp import StepSolver
 from estimator.search.seek import Found, Seeker
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.trackers.registry import make_tracker
-from humanoid.body import Body
+from humanoid.body import Body, PosedBody
 from humanoid.clearance import Clearance
 from humanoid.proportions import ProportionedBody
 from humanoid.subject import load_subject
@@ -115,6 +118,41 @@ def term_errors(body: Body, clearance: Clearance, poses: int, rng: np.random.Gen
                 numeric = central_difference(lambda x, c=cost: np.array(c.at(x).value), body, q, step)  # type: ignore[misc]
                 errors.values.append(relative(gradient, numeric))
     return found
+
+
+def image_errors(body: Body, frame: Frame, poses: int, rng: np.random.Generator) -> dict[str, Errors]:
+    """Features of a rendered frame, assigned at hypotheses around the truth and then kept, cue by cue and camera by
+    camera."""
+    model = ImageModel(body)
+    found: dict[str, Errors] = {}
+    before = body.at(frame.q_before)
+    for cues in frame.cues:
+        points = cues.camera.project(body.landmarks(body.at(frame.q)))
+        evidence = CameraEvidence(model, cues, image_extent(points, np.ones(len(points))))
+        for q in hypotheses(body, frame.q, poses, rng):
+            for name, term in image_terms(evidence, before, body.at(q)).items():
+                cost = Cost(body, [term])
+                numeric = central_difference(lambda x, c=cost: np.array(c.at(x).value), body, q, 1e-4)  # type: ignore[misc]
+                found.setdefault(name, Errors()).values.append(relative(cost.at(q).gradient, numeric))
+    return found
+
+
+def image_terms(evidence: CameraEvidence, before: PosedBody, posed: PosedBody) -> dict[str, Term]:
+    """What each cue says around a pose, and all of them together."""
+    body, camera = evidence.model.body, evidence.cues.camera
+    prediction = evidence.predictor.predict(posed)
+    contours = prediction.contours
+    groups = {
+        "edges": evidence.edges(prediction)[0],
+        "outline, from the model": evidence.outline(prediction)[0],
+        "outline, from the image": evidence.outline_back(prediction)[0],
+    }
+    made: dict[str, Term] = {
+        name: AssignedPoints(body, camera, contours.joint, contours.local, [group]) for name, group in groups.items()
+    }
+    (made["flow"],) = evidence.followed(before, posed)
+    (made["edges and outline"],) = evidence.assigned(posed)
+    return made
 
 
 def clearance_errors(body: Body, clearance: Clearance, poses: int, rng: np.random.Generator) -> Errors:
@@ -251,7 +289,7 @@ def main(
     Parameters
     ----------
     poses
-        Random poses of each term, and pairs of the clearance.
+        Random poses of each term, of the image's over both cameras, and pairs of the clearance.
     searches
         Single searches on the tracker's energy.
     frames
@@ -265,6 +303,7 @@ def main(
     body = Body(load_subject("human34"))
     clearance = Clearance(body)
     errors = term_errors(body, clearance, poses, rng)
+    errors |= image_errors(body, rendered_frame(body, rng, cameras=2), max(1, poses // 2), rng)
     errors["clearance, each pair"] = clearance_errors(body, clearance, 5 * poses, rng)
     errors["landmarks by proportions"] = proportion_errors(max(1, poses // 4), rng)
     rows = {name: e.row() for name, e in errors.items()}

@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 
-from estimator.evaluation import Reference, evaluate, evaluate_points, largest_penetration, limit_violations
+from benchmarks.tracking import Times
+from estimator.evaluation import (
+    HIPS,
+    LIMB_JOINTS,
+    Reference,
+    evaluate,
+    evaluate_points,
+    largest_penetration,
+    limit_violations,
+    mpjpe,
+    pa_mpjpe,
+)
 from estimator.formats.run_file import Run
+from estimator.imaging.camera import Camera
 from estimator.search.seek import SeekSettings
+
+FAR_MM, FAR_PX = 250.0, 15.0  # a frame beyond either is lost
+TRAJECTORIES = ("smoothed", "filtered", "best of K")
 
 
 @dataclass(frozen=True)
@@ -101,4 +117,86 @@ LEGEND = (
     "limits: frames with a limit violated by any hypothesis. overlap: deepest interpenetration [mm], of the best"
     " hypothesis and of all modes; >1 cm: frames where the best overlaps more.\n"
     "conv.: modes with a KKT residual below 1e-6; KKT: the largest residual of those."
+)
+
+
+@dataclass(frozen=True)
+class TrackErrors:
+    """One trajectory of limb joints against the exact truth.
+
+    mean, worst: of the mean joint error, over the frames and in the worst one [mm], in the world: nothing is aligned.
+    pixels: mean distance of the joints from the true ones in the image, in the worst frame [px].
+    lost: the first frame where the joint error is above 250 mm or that distance above 15 px, or that has no pose; None
+    where every frame is within. aligned, pa: mean error with the hips aligned, NaN for a body without hips, and after
+    the best similarity of each frame [mm].
+    """
+
+    mean: float
+    worst: float
+    pixels: float
+    lost: int | None
+    aligned: float
+    pa: float
+
+
+def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, camera: Camera) -> TrackErrors:
+    """Errors of points (T, L, 3), NaN in frames without a pose, against truth (T, L, 3) [m]; names (L)."""
+    error = 1e3 * np.linalg.norm(points - truth, axis=-1).mean(axis=-1)
+    pixels = np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1).mean(axis=-1)
+    lost = np.flatnonzero(~((error <= FAR_MM) & (pixels <= FAR_PX)))  # NaN is beyond
+    hips = [names.index(hip) for hip in HIPS] if set(HIPS) <= set(names) else None
+    return TrackErrors(
+        mean=float(error.mean()),
+        worst=float(error.max()),
+        pixels=float(pixels.max()),
+        lost=int(lost[0]) if len(lost) else None,
+        aligned=1e3 * float(mpjpe(points, truth, hips).mean()) if hips else float("nan"),
+        pa=1e3 * float(pa_mpjpe(points, truth).mean()),
+    )
+
+
+def trajectories(run: Run, truth: Reference) -> dict[str, TrackErrors]:
+    """Errors of a run from one camera, by `TRAJECTORIES`: smoothed; the best of each frame as it was tracked; of each
+    frame's hypotheses and the smoothed pose the one whose joints are nearest."""
+    names = tuple(j for j in LIMB_JOINTS if j in run.body.landmark_names and j in truth.names)
+    ours, theirs = ([list(have).index(j) for j in names] for have in (run.body.landmark_names, truth.names))
+    true = truth.points[run.index][:, theirs]
+    poses = np.concatenate([run.mode_landmarks, run.landmarks[:, None]], axis=1)[:, :, ours]
+    distance = mpjpe(poses, true[:, None])
+    nearest = np.where(np.isnan(distance), np.inf, distance).argmin(axis=1)
+    chosen = (poses[:, -1], poses[:, 0], poses[np.arange(len(poses)), nearest])
+    (camera,) = run.header.cameras
+    return {name: track_errors(names, points, true, camera) for name, points in zip(TRAJECTORIES, chosen, strict=True)}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A run on a rendered clip: errors by trajectory, frames per second, and what the user was told of the input."""
+
+    errors: dict[str, TrackErrors]
+    fps: float
+    notes: tuple[str, ...]
+
+
+def outcome(run: Run, times: Times, truth: Path) -> Outcome:
+    """Measure a run against the truth that was rendered."""
+    return Outcome(trajectories(run, Reference.load(truth)), times.rate, run.header.notes)
+
+
+TRACK_COLUMNS = ("mean", "worst frame", "image, worst [px]", "first lost")
+
+
+def track_cells(errors: TrackErrors) -> list[str]:
+    """A row under `TRACK_COLUMNS`."""
+    lost = "none" if errors.lost is None else str(errors.lost)
+    return [f"{errors.mean:.1f}", f"{errors.worst:.1f}", f"{errors.pixels:.1f}", lost]
+
+
+TRACK_LEGEND = (
+    "[mm] mean over the limb joints, in the world: nothing is aligned.\n"
+    "smoothed: best hypothesis, along the path back and smoothed; filtered: best of each frame as tracked; best of K:"
+    " the nearest of each frame.\n"
+    f"first lost: the first frame with a joint error over {FAR_MM:.0f} mm or a distance over {FAR_PX:.0f} px in the"
+    " image.\n"
+    "fps: tracking and smoothing, without start and fit."
 )

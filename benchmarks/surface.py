@@ -23,6 +23,7 @@ from estimator.cost.image.settings import ImageSettings
 from estimator.cost.kernels import see_points
 from estimator.cost.model import image_extent
 from estimator.cost.reprojection import pack_cameras
+from estimator.cost.term import Term
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.edges import EdgeSettings, edge_map
 from estimator.imaging.flow import FlowSettings, flow_field
@@ -76,13 +77,16 @@ class Case:
         self.evidence = CameraEvidence(ImageModel(body, settings), cues, extent)
         self.surface = self.evidence.model.surface
         count = len(self.surface.joint)
-        self._view = tuple(a[0] for a in pack_cameras((cues.camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((cues.camera,)))
         self._seen = np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count), np.empty((count, 2))
 
     def floor(self, q: np.ndarray) -> None:
         """Kinematics with its Jacobians, and every node's place, pixel and facing."""
-        s = self.surface
-        see_points(self.body.at(q).placements, s.joint, s.local, s.normal, *self._view, *self._seen)
+        s, (world, pixels, depth, facing, normals) = self.surface, self._seen
+        see_points(
+            self.body.at(q).placements, s.joint, s.local, s.normal, self._intrinsics, self._distortion, self._R,
+            self._t, world, pixels, depth, facing, normals,
+        )  # fmt: skip
 
     def whole(self, q: np.ndarray) -> None:
         """Pose, predict, assign, sum."""
@@ -115,7 +119,7 @@ class Case:
             FROZEN: lambda: self._sum(term, self.body.at(q)),
         }
 
-    def _sum(self, term: AssignedPoints, posed: PosedBody, exact: bool = False) -> None:
+    def _sum(self, term: Term, posed: PosedBody, exact: bool = False) -> None:
         gradient, hessian = np.zeros(self.body.nv), np.zeros((self.body.nv, self.body.nv))
         term.accumulate(posed, gradient, hessian, exact)
 

@@ -35,13 +35,17 @@ def timed_track(
     cameras: Path,
     out: Path,
     *,
-    subject: Subject | str = "human34",
+    clips: Mapping[str, Path] | None = None,
+    cues: str = "off",
+    background: Mapping[str, Path] | None = None,
+    subject: Subject | Path | str = "human34",
+    fit: str = "auto",
     tracker: str = "css",
     seed: int = 0,
     modes: int = 7,
     settings: Mapping[str, Any] | None = None,
 ) -> tuple[Run, Times]:
-    """Track from keypoints alone."""
+    """Track from keypoints, and from the pictures where clips are given and cues are not off."""
     marks = [time.perf_counter()]
 
     @contextmanager
@@ -50,12 +54,15 @@ def timed_track(
 
     run = api.track(
         subject,
-        None,
+        clips,
         cameras=cameras,
         keypoints=keypoints,
+        cues=cues,
+        background=background,
         tracker=tracker,
         seed=seed,
         modes=modes,
+        fit=fit,
         settings=settings,
         out=out,
         overwrite=True,

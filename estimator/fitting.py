@@ -44,10 +44,10 @@ class ShapeFit:
 
     parts (G): names of the parts, one for both where sides mirror each other. factors (G, 2): of the half-axes a and b
     of the sections, relative to the given subject. tapers (G, 2): changes of the tapers along a and b. std (G, 4):
-    standard deviations of girth (log of both factors), flatness (half the log of their ratio) and the tapers; zero where
-    a part has no such parameter. frames: indices of the frames whose pictures were looked at. poses (F, nq),
-    covariance (F, nv, nv): the body in these frames, and how uncertain it is with proportions and shape as uncertain as
-    they are. agreement: shares of the body's outline that lie on the pictures' before and after; NaN without silhouettes.
+    standard deviations of girth (the log of both factors), flatness (half the log of their ratio) and the tapers, zero
+    where a part has no such parameter. frames: indices of the frames whose pictures were looked at. poses (F, nq),
+    covariance (F, nv, nv): the body in these frames, and how uncertain it is with proportions and shape as uncertain
+    as they are. agreement: shares of the body's outline that lie on the silhouettes' before and after, NaN without any.
     """
 
     parts: tuple[str, ...]
@@ -110,9 +110,7 @@ def fit_proportions(
     for _ in range(settings.rounds):
         poses, seen = _poses(subject.scaled(body.scales(scales)), used, seed, track_settings)
         scales, covariance, poses = _refine(body, poses, seen, scales, settings, track_settings)
-    return Fit(
-        subject.scaled(body.scales(scales)), body.names, scales, covariance, tuple(seen), np.array(poses)
-    )
+    return Fit(subject.scaled(body.scales(scales)), body.names, scales, covariance, tuple(seen), np.array(poses))
 
 
 def chosen_frames(observations: Sequence[Observation], settings: FitSettings) -> list[Observation]:

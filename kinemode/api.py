@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from threadpoolctl import threadpool_limits
 
@@ -16,6 +16,7 @@ from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.imaging.camera import Camera
 from estimator.imaging.cues import CueReader
+from estimator.initialisation.stages import fit_subject
 from estimator.runner import run_into
 from estimator.smoothing import smooth_track
 from estimator.trackers.registry import Settings, make_tracker
@@ -29,7 +30,8 @@ from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, note
 from kinemode.progress import Reporter, unreported
 from kinemode.settings import read_settings
 
-FIT_CHOICES = ("auto", "off")
+FIT_CHOICES = ("auto", "proportions", "off")
+FitChoice = Literal["auto", "proportions", "off"]
 SubjectLike = Subject | PathLike
 Cameras = PathLike | Mapping[str, Camera] | None
 
@@ -80,8 +82,9 @@ def track(
     settings: nested changes to the tracker's settings (see `estimator.trackers.registry`), or a TOML file of them as
         `kinemode settings` writes it.
     seed: equal seeds give equal runs.
-    fit: "auto" fits the proportions of an unchanged built-in subject from the first frames; any other subject is taken
-        as measured. "off" takes every subject as it is.
+    fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
+        and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
+        measured. "proportions" leaves the flesh as it is, "off" every subject.
     out: the run file; a temporary one if not given.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
@@ -123,12 +126,12 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> No
             notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))
         for note in notes:
             warnings.warn(note, InputWarning, stacklevel=4)
-        fitted = _fitted(job, subject, inputs)
+        fitted = _fitted(job, subject, inputs, cues)
         _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
 
 
-def _fitted(job: _Job, subject: Subject, inputs: Inputs) -> Subject:
-    """The subject with the person's proportions, where they are to be fitted."""
+def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: CueReader | None) -> Subject:
+    """The subject with the person's proportions and flesh, where they are to be fitted."""
     if job.fit == "off" or not is_built_in(subject):
         return subject
     if job.target.resumed:
@@ -136,7 +139,14 @@ def _fitted(job: _Job, subject: Subject, inputs: Inputs) -> Subject:
         if stored.header.subject_source == subject.source:
             return stored.subject  # fitted when the run began
     tuned = job.settings if job.tracker == "css" else None
-    return fit_proportions(subject, inputs.observations, job.seed, track_settings=tuned).subject
+    return _fit(subject, inputs, job.seed, cues if job.fit == "auto" else None, tuned).subject
+
+
+def _fit(subject: Subject, inputs: Inputs, seed: int, cues: CueReader | None, settings: Settings | None) -> Fit:
+    """All that the input allows: without pictures the proportions alone."""
+    if cues is None:
+        return fit_proportions(subject, inputs.observations, seed, track_settings=settings)
+    return fit_subject(subject, inputs.observations, cues, seed, track_settings=settings)
 
 
 def fit(
@@ -145,33 +155,48 @@ def fit(
     *,
     cameras: Cameras = None,
     keypoints: Named = None,
+    cues: str | Iterable[str] = "auto",
+    masks: Named = None,
+    background: Named = None,
     seed: int = 0,
     person: str | int = "auto",
     out: PathLike | None = None,
 ) -> Fit:
-    """Fit a subject's proportions to the first frames of a clip; `out` is written as a URDF that loads again.
+    """Fit a subject to the person in the first frames of a clip; `out` is written as a URDF that loads again.
 
-    The other arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
+    Proportions are fitted to the keypoints, and where edges or silhouettes are looked at the flesh to them. The
+    arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
     """
+    choice = cue_choice(cues)
     if out is not None:
         _check_folder(Path(out))
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
     if not loaded.proportions:
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
-        inputs = load_inputs(Body(loaded), clips, keypoints, cameras, person=person)
+        inputs = load_inputs(
+            Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
+        )
         _check_inputs(loaded, inputs)
-        for note in (*loaded.notes, *inputs.notes):
-            warnings.warn(note, InputWarning, stacklevel=2)
-        fitted = fit_proportions(loaded, inputs.observations, _seed(seed))
+        chosen = chosen_cues(choice, inputs, Settings().cues)
+        with opened_cues(inputs, chosen) as reader:
+            notes = (*loaded.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
+            if reader is not None:
+                notes += (*reader.notes, *notes_on_silhouettes(reader, inputs))
+            for note in notes:
+                warnings.warn(note, InputWarning, stacklevel=2)
+            fitted = _fit(loaded, inputs, _seed(seed), reader, None)
     if out is not None:
         fitted.subject.write(out)
     return fitted
 
 
 def is_built_in(subject: Subject) -> bool:
-    """Whether this is a built-in subject with the proportions it was shipped with, nobody's yet."""
-    return subject.source in BUILT_IN and subject.proportions == load_subject(subject.source).proportions
+    """Whether this is a built-in subject with the proportions and the flesh it was shipped with, nobody's yet."""
+    if subject.source not in BUILT_IN:
+        return False
+    shipped = load_subject(subject.source)
+    return (subject.proportions, subject.flesh) == (shipped.proportions, shipped.flesh)
 
 
 @dataclass(frozen=True)
@@ -203,7 +228,7 @@ class _Job:
     tracker: str
     settings: Settings
     seed: int
-    fit: Literal["auto", "off"]
+    fit: FitChoice
     person: str | int
     target: _Target
     progress: Reporter
@@ -273,10 +298,10 @@ def _seed(seed: int) -> int:
     return seed
 
 
-def _fit_choice(fit: str) -> Literal["auto", "off"]:
+def _fit_choice(fit: str) -> FitChoice:
     if fit not in FIT_CHOICES:
         raise InputError("fit", f"{fit!r} is unknown", remedy=f"one of {', '.join(FIT_CHOICES)}")
-    return "auto" if fit == "auto" else "off"
+    return cast(FitChoice, fit)
 
 
 def _check_folder(path: Path) -> None:

@@ -75,7 +75,7 @@ def track(
     tracker: str = "css",
     modes: int | None = None,
     seed: int = 0,
-    fit: Literal["auto", "off"] = "auto",
+    fit: Literal["auto", "proportions", "off"] = "auto",
     person: str = "auto",
     out: Path,
     resume: Flag = False,
@@ -120,7 +120,8 @@ def track(
     seed
         Seed of the tracker's random numbers; the same seed gives the same run.
     fit
-        auto fits the proportions of a built-in subject from the first frames; a file is taken as measured.
+        auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
+        silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
     person
         Which of several people: auto (largest, then continuity) or an id of the keypoint file.
     out
@@ -325,13 +326,20 @@ def fit(
     subject: str = "human34",
     cameras: Path | None = None,
     keypoints: Files = None,
+    cues: str = "auto",
+    mask: Files = None,
+    background: Files = None,
     seed: int = 0,
     person: str = "auto",
     out: Path,
 ) -> None:
-    """Fit a subject's proportions to the first frames of a clip and write the result as a URDF.
+    """Fit a subject's proportions, and with pictures its flesh, to the first frames of a clip; write it as a URDF.
 
-    Example: kinemode fit cam01.mp4 --cameras calibration.json --keypoints cam01.json --out me.urdf
+    Examples:
+
+    kinemode fit cam01.mp4 --cameras calibration.json --keypoints cam01.json --out me.urdf
+
+    kinemode fit walk.mp4 --keypoints clicks.json --background empty.png --out me.urdf
 
     Parameters
     ----------
@@ -343,6 +351,12 @@ def fit(
         JSON with K, distortion, R, t of each camera; one camera without it is guessed.
     keypoints
         2D keypoint files or folders.
+    cues
+        What the flesh is fitted to, see `track`: off, or some of edges,silhouette.
+    mask
+        Videos or folders of masks, white on the person.
+    background
+        Pictures of the empty scene.
     seed
         Seed of the random numbers.
     person
@@ -352,7 +366,18 @@ def fit(
     """
     from kinemode import api, report
 
-    fitted = api.fit(subject, clips, cameras=cameras, keypoints=keypoints, seed=seed, person=person, out=out)
+    fitted = api.fit(
+        subject,
+        clips,
+        cameras=cameras,
+        keypoints=keypoints,
+        cues=cues,
+        masks=mask,
+        background=background,
+        seed=seed,
+        person=person,
+        out=out,
+    )
     report.print_fit(fitted, out)
 
 
@@ -419,6 +444,7 @@ def render(
     motion: str = "reach",
     out: Path,
     subject: str | None = None,
+    girth: float = 1.0,
     background: Literal["room", "pillar", "black", "moving"] | None = None,
     cameras: int = 1,
     azimuth: float | None = None,
@@ -451,6 +477,8 @@ def render(
         Folder for the files.
     subject
         The body in the pictures: a built-in name or a URDF file; the one the motion is made for unless given.
+    girth
+        Factor on the cross-sections of its limbs.
     background
         What is behind the person; what suits the motion unless given.
     cameras
@@ -497,6 +525,7 @@ def render(
         out,
         motion,
         subject=subject,
+        girth=girth,
         scene=scene,
         view=ViewSettings(count=cameras, azimuth=azimuth),
         detector=DetectorSettings(keypoint_noise, outliers, missing),

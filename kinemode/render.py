@@ -20,10 +20,13 @@ from estimator.synthesis.settings import in_range
 from humanoid.body import Body, points_in_world
 from humanoid.subject import Subject, load_subject
 from humanoid.surface import surface_of
+from humanoid.urdf_flesh import limb_capsule
+from humanoid.urdf_reshape import mirror_parts
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import RenderedClip, clip_files, made_folder, write_clip_keypoints, write_pictures
 
 _FIXED_FLOOR = -1.1  # [m] of the floor under a body with a fixed trunk
+_GIRTHS = (0.5, 1.6)
 _FRAMING_STEP = 0.1  # [s] between the poses that the cameras are placed by
 
 
@@ -34,6 +37,7 @@ def render_clip(
     subject: str | Subject | None = None,
     proportions: Mapping[str, float] | None = None,
     shape: Mapping[int | str, Sequence[float]] | None = None,
+    girth: float = 1.0,
     scene: SceneSettings | None = None,
     view: ViewSettings | None = None,
     detector: DetectorSettings | None = None,
@@ -52,6 +56,7 @@ def render_clip(
     motion: "reach", "arm", "pivot", "turn_reach" or a BVH file.
     subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
     proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
+    girth: factor on the cross-sections of its limbs, after all that.
     scene, view, detector: looks, cameras and keypoint errors; unless given those that suit the motion.
     fps: frames per second. seconds: only so much of the motion.
     unit: metres in one unit of a BVH file, see `estimator.synthesis.mocap.load_mocap`.
@@ -63,8 +68,9 @@ def render_clip(
     InputError: a choice that does not exist, a body that the motion does not suit, a folder that cannot be written.
     """
     in_range("fps", fps, 1.0, 1000.0)
+    in_range("girth", girth, *_GIRTHS)
     keyed = None if _is_file(motion) else motion_named(str(motion))
-    body = Body(_subject(subject, keyed, proportions, shape))
+    body = Body(_with_girth(_subject(subject, keyed, proportions, shape), girth))
     q, times = _configurations(body, keyed, motion, fps, seconds, unit)
     scene, view = scene or SceneSettings(background=background_of(motion)), view or ViewSettings()
     if keyed and view.azimuth is None:
@@ -106,6 +112,15 @@ def _subject(
         subject = load_subject(given)
     subject = subject.scaled(proportions) if proportions else subject
     return subject.reshaped(shape) if shape else subject
+
+
+def _with_girth(subject: Subject, girth: float) -> Subject:
+    """The subject with thicker or thinner limbs: parts with a capsule for their solid that come in pairs."""
+    mirror = mirror_parts([f.link for f in subject.flesh])
+    limbs = [k for k, f in enumerate(subject.flesh) if mirror[k] != k and limb_capsule(f) is not None]
+    if girth == 1.0:
+        return subject
+    return subject.reshaped({k: (subject.flesh[k].parameters * [girth, girth, *[1.0] * 7]).tolist() for k in limbs})
 
 
 def _configurations(

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.evaluation import Evaluation
-from estimator.fitting import Fit
+from estimator.fitting import Fit, ShapeFit
 from estimator.formats.run_file import Run
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
@@ -115,12 +115,33 @@ def print_subjects() -> None:
 
 
 def print_fit(fitted: Fit, out: object) -> None:
-    """Fitted proportions relative to the given subject."""
+    """Fitted proportions and flesh relative to the given subject."""
     made = table("proportions relative to the given subject", "joint", "scale", "std")
     for name, scale, std in zip(fitted.names, fitted.scales, fitted.std, strict=True):
         made.add_row(name, f"{scale:.3f}", f"{std:.3f}")
     console().print(made)
+    if fitted.shape is not None:
+        _print_shape(fitted.shape)
+    else:
+        console().print("flesh as given: it is fitted where edges or silhouettes show it")
     console().print(f"fitted on {len(fitted.frames)} frames; subject written to {out}", soft_wrap=True)
+
+
+def _print_shape(shape: ShapeFit) -> None:
+    columns = "depth", "width", "std", "taper of depth", "taper of width", "std"
+    made = table("cross-sections relative to the given subject", "part", *columns)
+    for part, (a, b), tapers, (girth, _, *of_tapers) in zip(
+        shape.parts, shape.factors, shape.tapers, shape.std, strict=True
+    ):
+        free = np.max(of_tapers) > 0.0
+        changes = [f"{t:+.3f}" for t in tapers] if free else ["", ""]
+        spread = f"{np.max(of_tapers):.3f}" if free else ""
+        made.add_row(part.replace("_", " "), f"{a:.3f}", f"{b:.3f}", f"{girth:.3f}", *changes, spread)
+    console().print(made)
+    frames = ", ".join(map(str, shape.frames))
+    before, after = shape.agreement
+    found = "" if np.isnan(after) else f"; outline on the silhouettes {before:.0%} before, {after:.0%} after"
+    console().print(f"cross-sections from the pictures of frames {frames}{found}", soft_wrap=True)
 
 
 def _mm(metres: float) -> str:

@@ -1,1 +1,1 @@
-"""The person's own body from the first frames with pictures: shape after proportions (CSS section 5, stages two and three)."""
+"""The person's own body from the first frames with pictures: flesh after proportions (CSS section 5)."""

@@ -32,7 +32,7 @@ class Gaussian(NamedTuple):
 
 
 class BodyEnergy:
-    """Energy of frames with the pictures' features as they are assigned at some unknowns; the assignment does not change.
+    """Energy of frames with the pictures' features as they are assigned at some unknowns, and stay.
 
     Keypoints, priors of poses, proportions and shape, parts kept apart with their solids as they were, edges and
     outlines. A contour point moves as the nodes that it lies between do (CSS section 5, second and third stage).

@@ -48,7 +48,7 @@ class ContourPoints:
         order = np.argsort(inverse, kind="stable")
         self._first = np.searchsorted(inverse[order], np.arange(len(used) + 1))
         self._features = tuple(np.ascontiguousarray(feature[order]) for feature in features)
-        self._view = tuple(a[0] for a in pack_cameras((camera,)))
+        self._view = pack_cameras((camera,))
         self.joint, self.nodes, self.share = contours.joint[used], contours.nodes[used], contours.share[used]
         self._rise = contours.local[used] - self.between(node_places)
 
@@ -61,9 +61,10 @@ class ContourPoints:
         """Energy of the assigned features with the nodes at `node_places` (., 3) in the frames of their joints [m]."""
         local = np.ascontiguousarray(self.between(node_places) + self._rise)
         target, precision, weight, potential, nu = self._features
+        intrinsics, distortion, R, t = self._view
         points, force, load = (np.empty((len(local), *size)) for size in ((3,), (3,), (3, 3)))
         value = assigned_loads(
-            posed.placements, self.joint, local, *self._view, self._first, target, precision, weight, potential, nu,
-            False, points, force, load,
+            posed.placements, self.joint, local, intrinsics[0], distortion[0], R[0], t[0], self._first, target,
+            precision, weight, potential, nu, False, points, force, load,
         )  # fmt: skip
         return PointLoads(float(value), points, force, load)

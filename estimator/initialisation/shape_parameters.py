@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -28,8 +29,9 @@ class ShapeParameters:
     half-axes become a exp(g + f) and b exp(g - f); c is left to the proportions. Capsules and ellipsoids stay as they
     are. A middle part that lies across the body has no tapers of its own: they would make its sides differ.
 
-    parts (G): names of the parts. group (S,) int, kind (S,) int: what each parameter belongs to, in `parts` and OF_PART.
-    precision (S, S): inverse covariance of the Gaussian prior about zero; all girths share a part, as fat and clothes do.
+    parts (G): names of the parts. group (S,) int, kind (S,) int: what each parameter belongs to, in `parts`, OF_PART.
+    precision (S, S): inverse covariance of the Gaussian prior about zero; girths have a share in common, as fat and
+        clothes do.
     low, high (S,): hard range, in which every part is a surface and stays on its side of the rule of `limb_capsule`:
         a limb's solid must not become an ellipsoid that fills its joints, nor the trunk's a thinner capsule.
     """
@@ -73,12 +75,12 @@ class ShapeParameters:
     def subject(self, subject: Subject, shape: np.ndarray) -> Subject:
         """The subject with the flesh of shape parameters (S,); parts whose parameters are zero stay as written."""
         parameters, moved = self.of_parts(shape), np.unique(self.group[shape != 0.0])
-        return subject.reshaped({k: parameters[k] for g in moved for k in self._members[g]})
+        return subject.reshaped({k: parameters[k].tolist() for g in moved for k in self._members[g]})
 
 
 def _names(links: Sequence[str], paired: Sequence[bool]) -> tuple[str, ...]:
     """Links without their side where both sides are meant, numbered where a link has several parts."""
-    plain = [link.replace("left_", "").replace("right_", "") if two else link for link, two in zip(links, paired, strict=True)]
+    plain = [re.sub("left_|right_", "", link) if two else link for link, two in zip(links, paired, strict=True)]
     earlier = [plain[:k].count(name) for k, name in enumerate(plain)]
     return tuple(name if count == 0 else f"{name} {count + 1}" for name, count in zip(plain, earlier, strict=True))
 

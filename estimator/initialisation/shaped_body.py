@@ -13,7 +13,7 @@ from humanoid.surface_shape import SurfaceShape
 
 
 class Unknowns(NamedTuple):
-    """What is found of some frames: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
+    """What is found: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
 
     poses: np.ndarray
     scales: np.ndarray

@@ -161,7 +161,7 @@ class CameraEvidence:
             silhouette.boundary[chosen[point]],
             _across(normals, precision),
             each * self._trust[chosen[point]],
-            LORENTZIAN,
+            LECLERC,
             s.outline_nu,
         )
         return group, 0.0

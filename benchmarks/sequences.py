@@ -1,0 +1,139 @@
+"""Stand-ins for the sequences of CSS section 6: one camera, joints given in the first frame, then pictures alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from cyclopts import Parameter
+
+from benchmarks.common import Changes, Several, in_processes, nested, save, start, tell, work_folder
+from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
+from benchmarks.tracking import timed_track
+from estimator.synthesis.motion_keys import motion_named
+from kinemode import report
+from kinemode.pictures import CUES, cue_choice
+from kinemode.render import render_clip
+
+FPS = {"arm": 25.0, "pivot": 25.0, "turn_reach": 50.0}
+TARGET_MM = {"arm": 40.0, "pivot": 90.0, "turn_reach": 90.0}
+Motion = Literal["arm", "pivot", "turn_reach"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One clip to render and track: the motion, the clip's seed, where to, and how.
+
+    seconds: only so much of the motion. plate: whether the empty scene is given. how: arguments of `timed_track`.
+    """
+
+    motion: str
+    clip_seed: int
+    seconds: float | None
+    plate: bool
+    folder: Path
+    how: dict[str, Any]
+
+
+def tracked(task: Task) -> Outcome:
+    """Render and track; the subject is the body in the pictures."""
+    label = f"{task.motion}, clip seed {task.clip_seed}"
+    longest = motion_named(task.motion).seconds
+    seconds = None if task.seconds is None else min(task.seconds, longest)
+    clip = render_clip(task.folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed)
+    tell(f"{label}: rendered")
+    run, times = timed_track(
+        clip.first_frame, clip.cameras, task.folder / "track.run", clips=clip.videos, subject=clip.subject, fit="off",
+        background=clip.plates if task.plate else None, **task.how,
+    )  # fmt: skip
+    found = outcome(run, times, clip.truth)
+    tell(f"{label}: {len(run)} frames tracked at {found.fps:.1f} a second, {found.errors['smoothed'].mean:.1f} mm")
+    return found
+
+
+def main(
+    *,
+    motions: Annotated[tuple[Motion, ...], Several] = ("arm", "pivot", "turn_reach"),
+    seeds: Annotated[tuple[int, ...], Several] = (1,),
+    seconds: float | None = None,
+    cues: str = ",".join(CUES),
+    background: Literal["learned", "plate"] = "learned",
+    seed: int = 0,
+    modes: int = 7,
+    changes: Changes = (),
+    jobs: int = 1,
+    work: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Track the rendered arm, pivoting body and turning body from the joints of their first frames and the pictures.
+
+    Parameters
+    ----------
+    motions
+        Which of them.
+    seeds
+        Seeds of the clips: room, clothes and noise.
+    seconds
+        Only so much of each.
+    cues
+        Some of edges, flow and silhouette, separated by commas.
+    background
+        Learned from the clip, or a picture of the empty scene is given.
+    seed
+        Seed of the tracker.
+    modes
+        As in `kinemode track`.
+    changes
+        Changes to the settings, as cost.nu=8 css.scale=4.
+    jobs
+        Clips tracked at a time, each in a process of its own.
+    work
+        Folder that keeps clips and runs.
+    json
+        Also write the figures here.
+    """
+    chosen = cue_choice(cues) or ()
+    how = {"cues": ",".join(chosen) or "off", "seed": seed, "modes": modes, "settings": nested(changes)}
+    plate = background == "plate" and "silhouette" in chosen
+    with work_folder(work) as folder:
+        tasks = [Task(m, s, seconds, plate, folder / f"{m}_{s}", how) for m in motions for s in seeds]
+        outcomes = in_processes(tracked, tasks, jobs)
+    found: dict[str, dict[int, Outcome]] = {}
+    for task, one in zip(tasks, outcomes, strict=True):
+        found.setdefault(task.motion, {})[task.clip_seed] = one
+    show(found, f"stand-ins, {how['cues']}, background {background}")
+    save(json, {"measure": "sequences", "background": background, "how": how, "target_mm": TARGET_MM,
+                "clips": {m: {s: asdict(o) for s, o in of.items()} for m, of in found.items()}})  # fmt: skip
+
+
+def show(found: dict[str, dict[int, Outcome]], title: str) -> None:
+    made = report.table(title, "clip, seed: trajectory", *TRACK_COLUMNS, "fps")
+    out = report.console()
+    for motion, by_seed in found.items():
+        for number, one in by_seed.items():
+            for name in TRAJECTORIES:
+                made.add_row(f"{motion}, {number}: {name}", *track_cells(one.errors[name]), f"{one.fps:.1f}")
+        made.add_section()
+    out.print(made)
+    out.print(TRACK_LEGEND)
+    for motion, by_seed in found.items():
+        for number, one in by_seed.items():
+            for note in one.notes:
+                out.print(f"{motion}, {number}: {note}")
+        out.print(verdict(motion, [one.errors["smoothed"] for one in by_seed.values()]))
+
+
+def verdict(motion: str, errors: list[TrackErrors]) -> str:
+    """The smoothed trajectories of all seeds beside the targets."""
+    means = [one.mean for one in errors]
+    lost = sum(one.lost is not None for one in errors)
+    return (
+        f"{motion}, smoothed, {len(errors)} seed(s): mean {np.mean(means):.1f}, worst seed {max(means):.1f} mm,"
+        f" target at most {TARGET_MM[motion]:.0f}; lost in {lost} of {len(errors)}, target none"
+    )
+
+
+if __name__ == "__main__":
+    start(main)
