@@ -206,7 +206,7 @@ def test_outer_contours_lie_on_the_outline(name: str, pose: str) -> None:
         return np.asarray(mask[y.clip(0, len(mask) - 1), x.clip(0, mask.shape[1] - 1)])
 
     assert np.mean(covered(pixels - 1.5 * cell * normals)) > 0.97
-    assert np.mean(covered(pixels + 1.5 * cell * normals)) < 0.08
+    assert np.mean(covered(pixels + 1.5 * cell * normals)) < 0.2  # a crease between two parts has both behind it
 
 
 def contours_by_rays(v: View, reach: float) -> np.ndarray:
@@ -233,7 +233,8 @@ def test_states_of_contours_are_those_of_rays(name: str, pose: str) -> None:
     cells = [contours_by_rays(v, share * v.seen.frame[2]) for share in (0.8, 1.5)]
     assert np.mean((cells[0] != state) & (cells[1] != state)) < 0.05
     for kind in (OUTER, HIDDEN):
-        assert np.mean(cells[1][state == kind] == kind) > 0.9
+        own = state == kind
+        assert np.mean((cells[0][own] == kind) | (cells[1][own] == kind)) > 0.95
     assert (state == INNER).any()
 
 
@@ -281,8 +282,9 @@ def test_the_contour_of_a_sphere_is_a_circle_of_rays(distortion: tuple[float, ..
 def test_what_is_not_in_the_picture_is_not_seen() -> None:
     body, made = surface("human34")
     posed = body.at(body.neutral)
-    at_feet = camera_at(0.0, distance=1.2, height=-0.4, aim=(0.0, 0.0, -0.9))
+    at_feet = camera_at(0.0, distance=1.2, height=-0.4, aim=(0.0, -0.4, -0.9))
     seen = Predictor(made, at_feet).predict(posed)
+    assert (seen.pixels[seen.state == VISIBLE, 0] > at_feet.image_size[1]).any()
     width, height = at_feet.image_size
     inside = ((seen.pixels >= -0.5) & (seen.pixels <= [width - 0.5, height - 0.5])).all(axis=1)
     assert 0.1 < inside.mean() < 0.9

@@ -21,6 +21,9 @@ from humanoid.clearance import Clearance
 from humanoid.landmarks import landmark_spread
 
 
+ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as detected: COCO's limbs
+
+
 @dataclass(frozen=True)
 class CostSettings:
     """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
@@ -95,9 +98,9 @@ class CostModel:
         if self._image is None:
             self._image = ImageModel(self.body, self.settings.image)
         points = self.body.landmarks(posed)
-        return self._image.evidence(
-            observation.cues, [image_extent(c.camera.project(points), np.ones(len(points))) for c in observation.cues]
-        )
+        extents = [image_extent(c.camera.project(points), np.ones(len(points))) for c in observation.cues]
+        detected = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
+        return self._image.evidence(observation.cues, extents, detected)
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
         """Standard deviation (C, L) [px] of the keypoints of a frame."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.cost.image.matching import group_by_point
 from estimator.cost.kernels import assigned_loads
 from estimator.cost.points import accumulate_points
 from estimator.cost.reprojection import pack_cameras
@@ -50,13 +51,11 @@ class AssignedPoints:
     ) -> None:
         parts = [np.concatenate(columns) for columns in zip(*groups, strict=True)]
         point = parts[0]
-        used, inverse = np.unique(point, return_inverse=True)
-        order = np.argsort(inverse, kind="stable")
-        self._first = np.searchsorted(inverse[order], np.arange(len(used) + 1))
-        self._features = tuple(np.ascontiguousarray(part[order]) for part in parts[1:])
+        used, self._first, order = group_by_point(point, len(joint))
+        self._features = tuple(part[order] for part in parts[1:])
         self._body, self._constant = body, float(constant)
         self._view = tuple(a[0] for a in pack_cameras((camera,)))
-        self._joint, self._local = np.ascontiguousarray(joint[used]), np.ascontiguousarray(local[used])
+        self._joint, self._local = joint[used], local[used]
         count = len(used)
         self._points, self._force = np.empty((count, 3)), np.empty((count, 3))
         self._load = np.empty((count, 3, 3))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.cost.image.assigned import AssignedPoints, Assignments
-from estimator.cost.image.matching import nearest_contour, nearest_outline, search_edges
+from estimator.cost.image.matching import nearest_contour, nearest_outline, search_edges, take_candidates
 from estimator.cost.image.prediction import Prediction, Predictor
 from estimator.cost.image.settings import ImageSettings
 from estimator.cost.image.visibility import HIDDEN, OUTER
@@ -43,9 +43,12 @@ class ImageModel:
             self._predictors[key] = Predictor(self.surface, cues.camera, self.settings.fineness)
         return self._predictors[key]
 
-    def evidence(self, cues: Sequence[ImageCues], extents: Sequence[float]) -> Evidence:
-        """The evidence of one instant; extents: the subject's extent in each camera's cues [px]."""
-        return Evidence(tuple(CameraEvidence(self, c, e) for c, e in zip(cues, extents, strict=True)))
+    def evidence(self, cues: Sequence[ImageCues], extents: Sequence[float], detected: float = 0.0) -> Evidence:
+        """The evidence of one instant.
+
+        extents: the subject's extent in each camera's cues [px]. detected: how far keypoints see the person too, 0 to 1.
+        """
+        return Evidence(tuple(CameraEvidence(self, c, e, detected) for c, e in zip(cues, extents, strict=True)))
 
 
 class Evidence:
@@ -72,10 +75,12 @@ class Evidence:
 class CameraEvidence:
     """The evidence of one instant in one camera."""
 
-    def __init__(self, model: ImageModel, cues: ImageCues, extent: float) -> None:
+    def __init__(self, model: ImageModel, cues: ImageCues, extent: float, detected: float = 0.0) -> None:
         self.model, self.cues, self.extent = model, cues, float(extent)
         self.predictor = model.predictor(cues)
         self._trust = _outline_trust(cues)
+        s = model.settings
+        self._outline_evidence = s.outline_evidence * (1.0 - detected * (1.0 - s.beside_keypoints))
         silhouette = cues.silhouette
         self._distance = _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
 
@@ -126,17 +131,14 @@ class CameraEvidence:
             max(2.0, s.edge_window * self.extent), 2.0 * self._sigma(s.edge_noise), s.edge_candidates, 2.0 * self._sigma(s.edge_noise), s.motion_boundary,
             target, share, trust,
         )  # fmt: skip
-        point, candidate = np.nonzero(share)
-        each = s.edge_evidence / count
-        precision = trust[point, candidate] / self._sigma(s.edge_noise) ** 2
-        group = _group(
-            point,
-            target[point, candidate],
-            _across(contours.normals[point], precision),
-            each * share[point, candidate],
-            LECLERC,
-            s.edge_nu,
-        )
+        each, size = s.edge_evidence / count, share.size
+        point, place, shares = np.empty(size, dtype=np.int64), np.empty((size, 2)), np.empty(size)
+        weights = np.empty((size, 3))
+        taken = take_candidates(
+            target, share, trust, contours.normals, each, 1.0 / self._sigma(s.edge_noise) ** 2, point, place, weights,
+            shares,
+        )  # fmt: skip
+        group = _group(point[:taken], place[:taken], weights[:taken], shares[:taken], LECLERC, s.edge_nu)
         seen = contours.state != HIDDEN
         missing = np.count_nonzero(seen) - share[seen].sum()
         hidden = count - np.count_nonzero(seen)
@@ -154,7 +156,7 @@ class CameraEvidence:
         )  # fmt: skip
         point = np.flatnonzero(chosen >= 0)
         normals = silhouette.normal[chosen[point]]
-        each = 0.5 * s.outline_evidence / len(contours.state)
+        each = 0.5 * self._outline_evidence / len(contours.state)
         precision = np.full(len(point), 1.0 / self._sigma(s.outline_noise) ** 2)
         group = _group(
             point,
@@ -178,7 +180,7 @@ class CameraEvidence:
             samples, normals, contours.pixels, contours.normals, contours.state, 0.2 * self.extent, chosen
         )
         known = np.flatnonzero(chosen >= 0)
-        each = 0.5 * s.outline_evidence / len(samples)
+        each = 0.5 * self._outline_evidence / len(samples)
         precision = np.full(len(known), 1.0 / self._sigma(s.outline_noise) ** 2)
         group = _group(
             chosen[known],
@@ -188,7 +190,9 @@ class CameraEvidence:
             LORENTZIAN,
             s.outline_nu,
         )
-        return group, 0.0
+        lost = self._trust[::stride][chosen < 0].sum()  # all, where no contour of the model is in the picture
+        far = s.outline_nu * np.log1p((self.extent / self._sigma(s.outline_noise)) ** 2 / s.outline_nu)
+        return group, each * 0.5 * far * float(lost)
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """See `Evidence.agreement`; empty without a foreground."""

@@ -33,13 +33,19 @@ def search_edges(  # type: ignore[no-untyped-def]
         if state[i] != OUTER and state[i] != INNER:
             continue
         for k in range(2 * reach + 3):
-            x = int(pixels[i, 0] + (k - reach - 1) * normals[i, 0] + 0.5)
-            y = int(pixels[i, 1] + (k - reach - 1) * normals[i, 1] + 0.5)
+            u = pixels[i, 0] + (k - reach - 1) * normals[i, 0]
+            v = pixels[i, 1] + (k - reach - 1) * normals[i, 1]
             found[k] = 0.0
-            if 0 <= x < width and 0 <= y < height:
-                along = abs(direction[y, x, 0] * normals[i, 0] + direction[y, x, 1] * normals[i, 1])
-                if along > _STRAIGHT:
-                    found[k] = strength[y, x] * along
+            if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+                continue
+            x, y = int(u + 0.5), int(v + 0.5)
+            along = abs(direction[y, x, 0] * normals[i, 0] + direction[y, x, 1] * normals[i, 1])
+            if along > _STRAIGHT:
+                x, y = int(u), int(v)
+                a, b = u - x, v - y
+                upper = (1.0 - a) * strength[y, x] + a * strength[y, x + 1]
+                lower = (1.0 - a) * strength[y + 1, x] + a * strength[y + 1, x + 1]
+                found[k] = ((1.0 - b) * upper + b * lower) * along
         total = _UNSURE
         for k in range(1, 2 * reach + 2):
             s = found[k]
@@ -65,6 +71,50 @@ def search_edges(  # type: ignore[no-untyped-def]
                     break
         for c in range(most):
             share[i, c] /= total
+
+
+@jit
+def take_candidates(target, share, trust, normals, each, precision, point, place, weights, shares):  # type: ignore[no-untyped-def]
+    """Make assignments of the candidates of `search_edges`, measured along the normals; returns how many.
+
+    Fills point (A,), place (A, 2), weights (A, 3): trust times `precision` [1/px^2] along the normal, as xx, xy, yy;
+    shares (A,): `each` times the candidate's share.
+    """
+    count = 0
+    for i in range(share.shape[0]):
+        x, y = normals[i, 0], normals[i, 1]
+        for c in range(share.shape[1]):
+            if share[i, c] <= 0.0:
+                break
+            w = trust[i, c] * precision
+            point[count], place[count, 0], place[count, 1] = i, target[i, c, 0], target[i, c, 1]
+            weights[count, 0], weights[count, 1], weights[count, 2] = w * x * x, w * x * y, w * y * y
+            shares[count] = each * share[i, c]
+            count += 1
+    return count
+
+
+@jit
+def group_by_point(point, count):  # type: ignore[no-untyped-def]
+    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
+    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
+    at = np.zeros(count + 1, np.int64)
+    for p in point:
+        at[p + 1] += 1
+    used, first, order = np.empty(count, np.int64), np.empty(count + 1, np.int64), np.empty(len(point), np.int64)
+    users, total = 0, 0
+    for p in range(count):
+        many = at[p + 1]
+        if many > 0:
+            used[users], first[users] = p, total
+            users += 1
+        at[p] = total
+        total += many
+    first[users] = total
+    for a in range(len(point)):
+        order[at[point[a]]] = a
+        at[point[a]] += 1
+    return used[:users], first[: users + 1], order
 
 
 @jit

@@ -19,7 +19,9 @@ class ImageSettings:
         in extents. edge_candidates: how many are kept (CSS eq. 8). edge_nu: Leclerc spread.
     motion_boundary: k of W = 1 - k S_p, 0.2 to 0.4 in CSS.
     outline_evidence, outline_noise, outline_nu: of the foreground's outline, half from the model's contour to the
-        outline, half the other way; Lorentzian.
+        outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way (Lorentzian).
+    beside_keypoints: factor of the outline's evidence where keypoints see the person too: a background model errs over
+        whole regions, which detectors do not.
     flow_evidence, flow_nu: of inside nodes (CSS eq. 9), Lorentzian. flow_noise [px], flow_share: standard deviation of
         the flow, and its part that grows with the flow's length.
     visibility_evidence: of the visibility penalties (CSS eqs. 5 to 7). back_facing: energy of a back-facing node, nu of
@@ -38,6 +40,7 @@ class ImageSettings:
     outline_evidence: float = 40.0
     outline_noise: float = 0.02
     outline_nu: float = 8.0
+    beside_keypoints: float = 0.4
     flow_evidence: float = 60.0
     flow_noise: float = 0.5
     flow_share: float = 0.1

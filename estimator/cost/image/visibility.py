@@ -109,7 +109,8 @@ def contour_points(edges, local, normal, depth, facing, points, normals, between
     `share` (M,) of the way.
 
     The point lies where the facing interpolated along the edge is zero, lifted off the chord towards the smooth surface
-    by the tangent planes at the edge's ends (as in Phong tessellation, Boubekeur and Alexa 2008).
+    by the tangent planes at the edge's ends (as in Phong tessellation, Boubekeur and Alexa 2008): by half, which is
+    exact to second order in the edge's length.
     """
     count = 0
     chord, normal_here = np.zeros(3), np.zeros(3)
@@ -129,7 +130,7 @@ def contour_points(edges, local, normal, depth, facing, points, normals, between
         length = max(math.sqrt(square), 1e-9)
         for k in range(3):
             lifted = (1.0 - s) * over_a * normal[a, k] + s * over_b * normal[b, k]
-            points[count, k] = chord[k] - 0.75 * lifted
+            points[count, k] = chord[k] - 0.5 * lifted
             normals[count, k] = normal_here[k] / length
         between[count, 0], between[count, 1], share[count] = a, b, s
         count += 1
@@ -153,7 +154,7 @@ def classify_contours(  # type: ignore[no-untyped-def]
         u, v = pixels[i, 0], pixels[i, 1]
         if depth[i] <= 0.0 or not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
             continue
-        reach = 1.5 * cell
+        reach = 0.8 * cell  # more than half a cell's diagonal: never in the point's own cells
         xo = int((u + reach * image_normals[i, 0] - left) / cell + 0.5)
         yo = int((v + reach * image_normals[i, 1] - top) / cell + 0.5)
         xi = min(max(int((u - reach * image_normals[i, 0] - left) / cell + 0.5), 0), columns - 1)
