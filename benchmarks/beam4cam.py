@@ -102,7 +102,7 @@ def main(
     """
     folder, settings = beam_folder(data), nested(changes)
     how = {"tracker": tracker, "modes": modes, "settings": settings}
-    shown = [view for view in known(views) if not (cues and view == TOGETHER)]
+    shown = checked(views, CAMERAS if cues else (*CAMERAS, TOGETHER))
     with work_folder(work) as kept:
         tasks = [
             Task(view, cue, seed, folder, keypoints, kept, how)
@@ -122,12 +122,15 @@ def main(
         save(json, {"measure": "beam4cam", **figures(found[ALONE], seeds, how)})
 
 
-def known(views: tuple[str, ...]) -> tuple[str, ...]:
-    """The views, checked."""
-    for view in views:
-        if view not in (*CAMERAS, TOGETHER):
-            raise InputError("--views", f"there is no {view!r}", remedy=f"some of {', '.join((*CAMERAS, TOGETHER))}")
-    return views
+def checked(views: tuple[str, ...], valid: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the views that are valid here; raises InputError for an unknown one, or if none is left."""
+    unknown = [view for view in views if view not in (*CAMERAS, TOGETHER)]
+    found = tuple(view for view in views if view in valid)
+    if unknown or not found:
+        raise InputError(
+            "--views", f"there is no {', '.join(unknown) or TOGETHER}", remedy=f"some of {', '.join(valid)}"
+        )
+    return found
 
 
 def print_table(found: dict[str, list[Result]], seeds: tuple[int, ...]) -> None:

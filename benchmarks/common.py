@@ -56,11 +56,7 @@ def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: in
         return [work(task) for task in tasks]
     spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
     with ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _quiet) as pool:
-        try:
-            return list(pool.map(work, tasks))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        return list(pool.map(work, tasks))
 
 
 @contextmanager

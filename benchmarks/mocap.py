@@ -50,8 +50,8 @@ class Task:
 def person() -> Subject:
     """The body in the pictures: human34 with the lengths of the demonstration's person and thicker limbs."""
     subject = demo.demo_subject()
-    thicker: dict[int | str, np.ndarray] = {
-        i: part.parameters * np.array([GIRTH, GIRTH, 1, 1, 1, 1, 1, 1, 1])
+    thicker: dict[int | str, list[float]] = {
+        i: (part.parameters * np.array([GIRTH, GIRTH, 1, 1, 1, 1, 1, 1, 1])).tolist()
         for i, part in enumerate(subject.flesh)
         if part.link.endswith(LIMBS)
     }

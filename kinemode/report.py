@@ -124,12 +124,13 @@ def print_fit(fitted: Fit, out: object) -> None:
         _print_shape(fitted.shape)
     else:
         console().print("flesh as given: it is fitted where edges or silhouettes show it")
-    console().print(f"fitted on {len(fitted.frames)} frames; subject written to {out}", soft_wrap=True)
+    used = len(fitted.frames)
+    console().print(f"fitted on {used} frame{'s' * (used != 1)}; subject written to {out}", soft_wrap=True)
 
 
 def _print_shape(shape: ShapeFit) -> None:
-    columns = "depth", "width", "std", "taper of depth", "taper of width", "std"
-    made = table("cross-sections relative to the given subject", "part", *columns)
+    columns = "half-axis a", "half-axis b", "std", "taper of a", "taper of b", "std"
+    made = table("cross-sections relative to the given subject (tapers: change)", "part", *columns)
     for part, (a, b), tapers, (girth, _, *of_tapers) in zip(
         shape.parts, shape.factors, shape.tapers, shape.std, strict=True
     ):
@@ -138,10 +139,10 @@ def _print_shape(shape: ShapeFit) -> None:
         spread = f"{np.max(of_tapers):.3f}" if free else ""
         made.add_row(part.replace("_", " "), f"{a:.3f}", f"{b:.3f}", f"{girth:.3f}", *changes, spread)
     console().print(made)
-    frames = ", ".join(map(str, shape.frames))
+    frames = ("frame " if len(shape.frames) == 1 else "frames ") + ", ".join(map(str, shape.frames))
     before, after = shape.agreement
     found = "" if np.isnan(after) else f"; outline on the silhouettes {before:.0%} before, {after:.0%} after"
-    console().print(f"cross-sections from the pictures of frames {frames}{found}", soft_wrap=True)
+    console().print(f"cross-sections from the pictures of {frames}{found}", soft_wrap=True)
 
 
 def _mm(metres: float) -> str:

@@ -74,6 +74,17 @@ def test_the_person_is_where_plate_and_picture_differ(clip: RenderedClip) -> Non
         assert 0.5 < np.ptp(rows) / 120 < 0.75
 
 
+def test_the_body_is_the_one_that_was_asked_for(tmp_path: Path) -> None:
+    own, shape = load_subject("human34"), {"torso": (0.12, 0.16, 0.22, 0.65, 0.85, 0.08, 0.18, 0.0, 0.0)}
+    made = render_clip(tmp_path, "reach", shape=shape, girth=1.1, view=SMALL, seconds=0.1, videos=False)
+    for was, flesh in zip(own.flesh, load_subject(made.subject).flesh, strict=True):
+        thick = 1.1 if flesh.link.endswith(("thigh", "shank", "arm")) else 1.0
+        if flesh.link == "torso":
+            assert np.array_equal(flesh.parameters, shape["torso"])
+        elif not flesh.link.endswith(("foot", "clavicle")):
+            assert np.allclose(flesh.parameters, was.parameters * [thick, thick, *[1.0] * 7], rtol=1e-12)
+
+
 def test_the_shutter_is_open_around_the_frame() -> None:
     body = Body(load_subject("arm8"))
     q = body.neutral + 0.01 * np.square(np.arange(5))[:, None]
@@ -114,6 +125,7 @@ def test_the_command_renders_any_scene(background: str, tmp_path: Path) -> None:
         (["--seconds", "9"], "seconds: is 9"),
         (["--fps", "0"], "fps: is 0"),
         (["--noise", "-1"], "noise: is -1"),
+        (["--girth", "3"], "girth: is 3"),
         (["--cameras", "0"], "cameras: is 0"),
     ],
 )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.image.evidence import CameraEvidence, ImageModel
+from estimator.cost.image.evidence import CameraEvidence, Evidence, ImageModel
+from estimator.cost.image.settings import ImageSettings
 from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.imaging.observation import Observation
 from estimator.initialisation.contour_points import ContourPoints, PointLoads
@@ -34,15 +35,16 @@ class Gaussian(NamedTuple):
 class BodyEnergy:
     """Energy of frames with the pictures' features as they are assigned at some unknowns, and stay.
 
-    Keypoints, priors of poses, proportions and shape, parts kept apart with their solids as they were, edges and
-    outlines. A contour point moves as the nodes that it lies between do (CSS section 5, second and third stage).
+    Keypoints, priors of poses, proportions and shape, parts kept apart, edges and outlines. A contour point moves as
+    the nodes that it lies between do (CSS section 5, second and third stage).
 
     features: how many contour points have any.
 
     Parameters
     ----------
     observations (F): with cues. assigned_at: where contours are predicted and features assigned to them.
-    share: what each frame counts. on_scales: prior of the proportions' scales.
+    on_scales: prior of the proportions' scales. share: what each frame counts.
+    clearance: keeps parts apart, with solids that do not follow the shape; None lets them be.
     """
 
     def __init__(
@@ -52,15 +54,15 @@ class BodyEnergy:
         assigned_at: Unknowns,
         cost: CostSettings,
         on_scales: Gaussian,
-        share: float,
+        share: float = 1.0,
+        clearance: Clearance | None = None,
     ) -> None:
         self._shaped, self._observations, self._cost = shaped, observations, cost
-        self._on_scales, self._share = on_scales, share
-        self._clearance = Clearance(Body(shaped.at(assigned_at))) if cost.interpenetration_weight > 0.0 else None
-        body = shaped.proportions.at(assigned_at.scales)
-        surface = shaped.surface.at(shaped.shape.of_parts(assigned_at.shape), assigned_at.scales)
-        image = ImageModel(body, cost.image, surface)
-        self._contours = [_contours(image, o, body.at(q)) for o, q in zip(observations, assigned_at.poses, strict=True)]
+        self._on_scales, self._share, self._clearance = on_scales, share, clearance
+        self._contours = [
+            [_assigned(camera, posed) for camera in evidence.cameras]
+            for posed, evidence in seen_at(shaped, observations, assigned_at, cost.image)
+        ]
         self.features = sum(len(points.joint) for frame in self._contours for points in frame)
 
     def at(self, x: Unknowns) -> Expansion:
@@ -110,17 +112,23 @@ class BodyEnergy:
         return found._replace(value=own.value)
 
 
-def _contours(image: ImageModel, observation: Observation, posed: PosedBody) -> list[ContourPoints]:
-    landmarks = image.body.landmarks(posed)
-    extents = [image_extent(c.camera.project(landmarks), np.ones(len(landmarks))) for c in observation.cues]
-    evidence = image.evidence(observation.cues, extents)
-    return [_assigned(camera, posed, image.surface.local) for camera in evidence.cameras]
+def seen_at(
+    shaped: ShapedBody, observations: Sequence[Observation], x: Unknowns, settings: ImageSettings
+) -> Iterator[tuple[PosedBody, Evidence]]:
+    """The body in every frame at some unknowns, and what the frame's pictures say of it."""
+    body = shaped.proportions.at(x.scales)
+    image = ImageModel(body, settings, shaped.surface.at(shaped.shape.of_parts(x.shape), x.scales))
+    for observation, q in zip(observations, x.poses, strict=True):
+        posed = body.at(q)
+        landmarks = body.landmarks(posed)
+        extents = [image_extent(c.camera.project(landmarks), np.ones(len(landmarks))) for c in observation.cues]
+        yield posed, image.evidence(observation.cues, extents)
 
 
-def _assigned(camera: CameraEvidence, posed: PosedBody, nodes: np.ndarray) -> ContourPoints:
+def _assigned(camera: CameraEvidence, posed: PosedBody) -> ContourPoints:
     prediction = camera.predictor.predict(posed)
     groups = [assign(prediction)[0] for assign in (camera.edges, camera.outline, camera.outline_back)]
-    return ContourPoints(camera.cues.camera, prediction.contours, nodes, groups)
+    return ContourPoints(camera.cues.camera, prediction.contours, camera.model.surface.local, groups)
 
 
 def _gathered(body: Body, posed: PosedBody, joint: np.ndarray, loads: PointLoads, own: np.ndarray) -> Expansion:

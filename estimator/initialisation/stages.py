@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimator.cost.model import CostModel, CostSettings
+from estimator.cost.model import CostSettings
 from estimator.fitting import Fit, FitSettings, ShapeFit, fit_proportions
 from estimator.imaging.observation import Observation
-from estimator.initialisation.body_energy import BodyEnergy, Gaussian
+from estimator.initialisation.body_energy import BodyEnergy, Gaussian, seen_at
 from estimator.initialisation.descent import DescentSettings, covariance_at, descend
 from estimator.initialisation.shape_parameters import OF_PART
 from estimator.initialisation.shaped_body import ShapedBody, Unknowns
@@ -87,15 +87,13 @@ def fit_shape(
     start = Unknowns(first.poses[picks], first.scales, np.zeros(len(stages.shaped.shape.low)))
     if stages.energy(start).features == 0:
         return first
-    found = start
-    for free in stages.free:
-        for _ in range(settings.rounds):
-            found, _ = descend(stages.shaped, stages.energy(found), found, free, settings.descent)
-    return stages.outcome(first, start, stages.apart(found))
+    second = stages.run(start, stages.shape, None)
+    third = stages.run(second, stages.everything, stages.clearance(second))
+    return stages.outcome(first, start, stages.apart(third))
 
 
 class _Stages:
-    """The later stages on some frames. free: what moves in the second stage and in the third."""
+    """The later stages on some frames. shape, everything: what moves in the second and in the third."""
 
     def __init__(
         self, shaped: ShapedBody, seen: Sequence[Observation], first: Fit, settings: ShapeSettings, cost: CostSettings
@@ -105,13 +103,23 @@ class _Stages:
         edge_noise, outline_noise = image.edge_noise * settings.edge_noise, image.outline_noise * settings.outline_noise
         self._sharper = replace(cost, image=replace(image, edge_noise=edge_noise, outline_noise=outline_noise))
         self._on_scales = _with_the_rest(shaped, first, len(seen))
-        shape = shaped.places(len(seen))[1]
-        self.free = shape, slice(0, shape.stop)
+        self.shape = shaped.places(len(seen))[1]
+        self.everything = slice(0, self.shape.stop)
 
-    def energy(self, assigned_at: Unknowns) -> BodyEnergy:
+    def energy(self, assigned_at: Unknowns, clearance: Clearance | None = None) -> BodyEnergy:
         """The frames' energy with features as they are assigned at some unknowns."""
         share = min(1.0, self._settings.effective_frames / len(self._seen))
-        return BodyEnergy(self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, share)
+        return BodyEnergy(self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, share, clearance)
+
+    def clearance(self, x: Unknowns) -> Clearance | None:
+        """Between the parts of some unknowns; None where they need not be kept apart."""
+        return Clearance(Body(self.shaped.at(x))) if self._cost.interpenetration_weight > 0.0 else None
+
+    def run(self, x: Unknowns, free: slice, clearance: Clearance | None) -> Unknowns:
+        """One stage: features assigned, the energy brought down, features assigned anew."""
+        for _ in range(self._settings.rounds):
+            x, _ = descend(self.shaped, self.energy(x, clearance), x, free, self._settings.descent)
+        return x
 
     def apart(self, x: Unknowns) -> Unknowns:
         """Unknowns with the shape drawn back as far as its parts' clearance needs.
@@ -119,15 +127,15 @@ class _Stages:
         At rest parts may not come to overlap so that their pair would be left out, nor in the poses found by more than
         is let be, or than with the given flesh.
         """
-        own = self._clearance(x._replace(shape=0.0 * x.shape))
+        own = self._overlap(x._replace(shape=0.0 * x.shape))
         limit = max(own[1], self._settings.overlap)
         for share in SHARES[:-1]:
-            pairs, overlap = self._clearance(x._replace(shape=share * x.shape))
+            pairs, overlap = self._overlap(x._replace(shape=share * x.shape))
             if pairs == own[0] and overlap <= limit:
                 return x._replace(shape=share * x.shape)
         return x._replace(shape=SHARES[-1] * x.shape)
 
-    def _clearance(self, x: Unknowns) -> tuple[tuple[tuple[str, str], ...], float]:
+    def _overlap(self, x: Unknowns) -> tuple[tuple[tuple[str, str], ...], float]:
         """Pairs that are kept apart, and the deepest overlap in the poses [m]."""
         body = Body(self.shaped.at(x))
         clearance = Clearance(body)
@@ -135,12 +143,8 @@ class _Stages:
 
     def agreement(self, x: Unknowns) -> float:
         """Share of the body's outline that lies on the silhouettes', mean of cameras and frames; NaN without any."""
-        model = CostModel(Body(self.shaped.at(x)), self._cost)
-        found: list[float] = []
-        for observation, q in zip(self._seen, x.poses, strict=True):
-            posed = model.body.at(q)
-            evidence = model.evidence(observation, posed)
-            found += [] if evidence is None else evidence.agreement(posed)
+        seen = seen_at(self.shaped, self._seen, x, self._cost.image)
+        found = [share for posed, evidence in seen for share in evidence.agreement(posed)]
         return float(np.mean(found)) if found else np.nan
 
     def outcome(self, first: Fit, start: Unknowns, found: Unknowns) -> Fit:
@@ -149,7 +153,7 @@ class _Stages:
         if after < max(self._settings.agreement, before - self._settings.worse):
             return first
         shaped, count, nv = self.shaped, len(found.poses), self.shaped.proportions.base.nv
-        covariance = covariance_at(shaped, self.energy(found).at(found), found)
+        covariance = covariance_at(shaped, self.energy(found, self.clearance(found)).at(found), found)
         of_scales, of_shape = shaped.places(count)
         values, std = np.zeros((2, len(shaped.shape.parts), len(OF_PART)))
         values[shaped.shape.group, shaped.shape.kind] = found.shape
