@@ -20,7 +20,6 @@ from humanoid.body import Body, PosedBody
 from humanoid.clearance import Clearance
 from humanoid.landmarks import landmark_spread
 
-
 ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as detected: COCO's limbs
 
 
@@ -123,7 +122,9 @@ class CostModel:
         image_terms: Sequence[Term] = (),
     ) -> Cost:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
-        terms: list[Term] = [*image_terms, *self._priors] if observed is None else [observed, *image_terms, *self._priors]
+        terms: list[Term] = (
+            [*image_terms, *self._priors] if observed is None else [observed, *image_terms, *self._priors]
+        )
         if observed is not None and self._has_upright:
             terms.append(self._upright(observed.cameras))
         if q_previous is not None:

@@ -39,10 +39,19 @@ def follow_points(
 
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Refined places (N, 2) of points led to `guess`, and how sure each is, (N,), zero where it was lost."""
-    options = {"winSize": WINDOW, "maxLevel": 1, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-    with one_thread():
-        found, there, _ = cv2.calcOpticalFlowPyrLK(flow.before, flow.now, points, guess.copy(), **options)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(flow.now, flow.before, found, points.copy(), **options)
+    found, there = _tracked(flow.before, flow.now, points, guess)
+    back, again = _tracked(flow.now, flow.before, found, points)
     missed = np.square(back - points).sum(axis=1)
-    kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.square(found - guess).sum(axis=1) < STRAY**2)
+    kept = there & again & (np.square(found - guess).sum(axis=1) < STRAY**2)
     return found, np.where(kept, 1.0 / (1.0 + missed), 0.0)
+
+
+def _tracked(
+    before: np.ndarray, now: np.ndarray, points: np.ndarray, guess: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (N, 2) of points and whether each was found, (N,) bool."""
+    with one_thread():
+        found, status, _ = cv2.calcOpticalFlowPyrLK(
+            before, now, points, guess.copy(), winSize=WINDOW, maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        )
+    return np.asarray(found), np.asarray(status)[:, 0] > 0

@@ -85,14 +85,15 @@ class Flips:
             return None
         pair = self.pairs[rng.integers(len(self.pairs))]
         points = self.body.landmarks(self.body.at(q))
-        found: np.ndarray | None = q
+        found = q
         for limb, other in (pair, pair[::-1]):
             there = points.copy()
             there[limb.landmarks[1:]] = points[other.landmarks[1:]]
             places = _places(there, limb, camera)
-            found = self._reach(found, limb, places[rng.integers(len(places))], ROUGHLY)
-            if found is None:
+            reached = self._reach(found, limb, places[rng.integers(len(places))], ROUGHLY)
+            if reached is None:
                 return None
+            found = reached
         return found
 
     def _reach(self, q: np.ndarray, limb: Limb, targets: np.ndarray, near: float = REACHED) -> np.ndarray | None:

@@ -29,8 +29,8 @@ AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
 class ModeSearchSettings:
     """How modes are found.
 
-    explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures. refine: search given to those kept. spare: how many more than asked for are
-    refined, since refined modes may coincide. distinct: two modes differ if some landmark is further apart than this
+    explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
+    refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may coincide. distinct: two modes differ if some landmark is further apart than this
     fraction of the body's size. exchange: also read every frame with left and right swapped (detectors do swap them).
     contact: what is done with modes whose parts overlap.
     """
@@ -222,7 +222,9 @@ class ModeSearch:
         before = c.hypothesis.q_previous
         return Mode(
             q=posed.q,
-            velocity=np.zeros(self.body.nv) if before is None else self.body.difference(before, posed.q) / max(dt, 1e-3),
+            velocity=np.zeros(self.body.nv)
+            if before is None
+            else self.body.difference(before, posed.q) / max(dt, 1e-3),
             covariance=mode_covariance(self.body, posed.q, c.found.quadratic.gradient, static.hessian),
             energy=c.energy,
             status=c.found.status,

@@ -54,7 +54,7 @@ class AssignedPoints:
         used, self._first, order = group_by_point(point, len(joint))
         self._features = tuple(part[order] for part in parts[1:])
         self._body, self._constant = body, float(constant)
-        self._view = tuple(a[0] for a in pack_cameras((camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((camera,)))
         self._joint, self._local = joint[used], local[used]
         count = len(used)
         self._points, self._force = np.empty((count, 3)), np.empty((count, 3))
@@ -64,8 +64,8 @@ class AssignedPoints:
         """See `estimator.cost.term.Term`."""
         target, precision, weight, potential, nu = self._features
         value: float = assigned_loads(
-            posed.placements, self._joint, self._local, *self._view, self._first, target, precision, weight, potential,
-            nu, exact, self._points, self._force, self._load,
+            posed.placements, self._joint, self._local, self._intrinsics, self._distortion, self._R, self._t,
+            self._first, target, precision, weight, potential, nu, exact, self._points, self._force, self._load,
         )  # fmt: skip
         accumulate_points(
             self._body, posed, self._joint, self._points, self._force, self._load, gradient, hessian, exact

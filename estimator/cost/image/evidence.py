@@ -46,7 +46,7 @@ class ImageModel:
     def evidence(self, cues: Sequence[ImageCues], extents: Sequence[float], detected: float = 0.0) -> Evidence:
         """The evidence of one instant.
 
-        extents: the subject's extent in each camera's cues [px]. detected: how far keypoints see the person too, 0 to 1.
+        extents: the subject's extent in each camera's cues [px]. detected: how far keypoints see the person, 0 to 1.
         """
         return Evidence(tuple(CameraEvidence(self, c, e, detected) for c, e in zip(cues, extents, strict=True)))
 
@@ -66,7 +66,6 @@ class Evidence:
         at `predicted`."""
         return [term for camera in self.cameras for term in camera.followed(parent, predicted)]
 
-
     def agreement(self, posed: PosedBody) -> list[float]:
         """For every camera with a foreground the share of the model's outline that lies on the foreground's."""
         return [share for camera in self.cameras for share in camera.agreement(posed)]
@@ -80,9 +79,11 @@ class CameraEvidence:
         self.predictor = model.predictor(cues)
         self._trust = _outline_trust(cues)
         s = model.settings
-        self._outline_evidence = s.outline_evidence * (1.0 - detected * (1.0 - s.beside_keypoints))
+        self._weight = 1.0 - detected * (1.0 - s.beside_keypoints)
         silhouette = cues.silhouette
-        self._distance = _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
+        self._distance = (
+            _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
+        )
 
     def assigned(self, posed: PosedBody) -> list[Term]:
         """See `Evidence.assigned`."""
@@ -112,7 +113,7 @@ class CameraEvidence:
         target, sure = follow_points(flow, prediction.pixels[point], guess)
         length = np.linalg.norm(target - prediction.pixels[point], axis=1)
         precision = 1.0 / np.square(s.flow_noise + s.flow_share * length)
-        weight = s.flow_evidence / len(point) * sure
+        weight = self._weight * s.flow_evidence / len(point) * sure
         group = _group(point, target, _isotropic(precision), weight, LORENTZIAN, s.flow_nu)
         return [AssignedPoints(self.model.body, self.cues.camera, surface.joint, surface.local, [group])]
 
@@ -128,12 +129,12 @@ class CameraEvidence:
             contours.pixels, contours.normals, contours.state, edges.strength, edges.direction,
             _NONE if self.cues.flow is None else self.cues.flow.boundary,
             self._distance,
-            max(2.0, s.edge_window * self.extent), 2.0 * self._sigma(s.edge_noise), s.edge_candidates, 2.0 * self._sigma(s.edge_noise), s.motion_boundary,
-            target, share, trust,
+            max(2.0, s.edge_window * self.extent), 2.0 * self._sigma(s.edge_noise), s.edge_candidates,
+            2.0 * self._sigma(s.edge_noise), s.motion_boundary, target, share, trust,
         )  # fmt: skip
-        each, size = s.edge_evidence / count, share.size
-        point, place, shares = np.empty(size, dtype=np.int64), np.empty((size, 2)), np.empty(size)
-        weights = np.empty((size, 3))
+        each, most = self._weight * s.edge_evidence / count, share.size
+        point, place, shares = np.empty(most, dtype=np.int64), np.empty((most, 2)), np.empty(most)
+        weights = np.empty((most, 3))
         taken = take_candidates(
             target, share, trust, contours.normals, each, 1.0 / self._sigma(s.edge_noise) ** 2, point, place, weights,
             shares,
@@ -156,7 +157,7 @@ class CameraEvidence:
         )  # fmt: skip
         point = np.flatnonzero(chosen >= 0)
         normals = silhouette.normal[chosen[point]]
-        each = 0.5 * self._outline_evidence / len(contours.state)
+        each = 0.5 * self._weight * s.outline_evidence / len(contours.state)
         precision = np.full(len(point), 1.0 / self._sigma(s.outline_noise) ** 2)
         group = _group(
             point,
@@ -176,11 +177,9 @@ class CameraEvidence:
         stride = max(1, len(silhouette.boundary) // OUTLINE_SAMPLES)
         samples, normals = silhouette.boundary[::stride], silhouette.normal[::stride]
         chosen = np.empty(len(samples), dtype=np.int64)
-        nearest_contour(
-            samples, normals, contours.pixels, contours.normals, contours.state, 0.2 * self.extent, chosen
-        )
+        nearest_contour(samples, normals, contours.pixels, contours.normals, contours.state, 0.2 * self.extent, chosen)
         known = np.flatnonzero(chosen >= 0)
-        each = 0.5 * self._outline_evidence / len(samples)
+        each = 0.5 * self._weight * s.outline_evidence / len(samples)
         precision = np.full(len(known), 1.0 / self._sigma(s.outline_noise) ** 2)
         group = _group(
             chosen[known],
@@ -201,14 +200,16 @@ class CameraEvidence:
         if silhouette is None or not len(silhouette.boundary) or not outer.any():
             return []
         x, y = np.round(contours.pixels[outer]).astype(int).T
-        distance = np.abs(silhouette.distance[y.clip(0, len(silhouette.mask) - 1), x.clip(0, silhouette.mask.shape[1] - 1)])
+        distance = np.abs(
+            silhouette.distance[y.clip(0, len(silhouette.mask) - 1), x.clip(0, silhouette.mask.shape[1] - 1)]
+        )
         return [float(np.mean(distance < AGREES * self._sigma(self.model.settings.outline_noise)))]
 
     def _penalty(self, prediction: Prediction) -> float:
         """Energy of back-facing and occluded nodes (CSS eq. 7)."""
         s = self.model.settings
         hidden = prediction.back_facing + s.occluded * prediction.occluded
-        return s.visibility_evidence * s.back_facing * hidden / len(prediction.state)
+        return self._weight * s.visibility_evidence * s.back_facing * hidden / len(prediction.state)
 
     def _sigma(self, noise: float) -> float:
         return max(LEAST_NOISE, noise * self.extent)
@@ -238,7 +239,8 @@ def _isotropic(precision: np.ndarray) -> np.ndarray:
 def _outline_trust(cues: ImageCues) -> np.ndarray:
     """How far each boundary pixel of the foreground is borne out by an edge of the picture along it, (M,), 0 to 1.
 
-    Outlines that no known background proves count nothing, and where a background model takes the place that a person has left for foreground, its outline lies on no edge.
+    Outlines that no known background proves count nothing, and where a background model takes the place that a
+    person has left for foreground, its outline lies on no edge.
     """
     if cues.silhouette is None:
         return np.zeros(0)

@@ -15,13 +15,28 @@ _UNSURE = 0.3  # strength of the unseen alternative that the candidates of a con
 
 @jit
 def search_edges(  # type: ignore[no-untyped-def]
-    pixels, normals, state, strength, direction, boundary, distance, window, wide, most, near, emphasis, target, share, trust
+    pixels,
+    normals,
+    state,
+    strength,
+    direction,
+    boundary,
+    distance,
+    window,
+    wide,
+    most,
+    near,
+    emphasis,
+    target,
+    share,
+    trust,
 ):
     """Edges along the normals of contour points (CSS eq. 8), up to `most` a point, strongest first.
 
     pixels, normals (M, 2), state (M,). strength (H, W), direction (H, W, 2): of the edges. boundary (H, W): S_p, or
     empty. distance (H, W): signed distance to the foreground's outline, or empty; edges further from it than about
-    `near` [px] count less for the body's outline, edges outside of it for contours within the body. window [px]: how far is looked; wide [px]: an edge this far off is half as likely.
+    `near` [px] count less for the body's outline, edges outside of it for contours within the body. window [px]: how
+    far is looked; wide [px]: an edge this far off is half as likely.
     Fills target (M, most, 2), share (M, most): each candidate's part of the point's evidence, zero where there is none,
     and trust (M, most): W = 1 - emphasis S_p.
     """
@@ -131,7 +146,7 @@ def nearest_outline(pixels, normals, state, nearest, boundary, normal, chosen): 
 
 @jit
 def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chosen):  # type: ignore[no-untyped-def]
-    """For each boundary sample (S, 2) the index of the OUTER contour point nearest in place and direction; fills chosen.
+    """For each boundary sample (S, 2) the index of the OUTER contour point nearest in place and direction: `chosen`.
 
     turn [px]: a normal at a right angle counts like this distance.
     """
@@ -147,4 +162,3 @@ def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chose
             d += (1.0 - sample_normals[s, 0] * normals[i, 0] - sample_normals[s, 1] * normals[i, 1]) * turn * turn
             if d < best:
                 best, chosen[s] = d, i
-

@@ -1,4 +1,4 @@
-"""What a camera should see of a posed body: nodes with their visibility, and occluding contours (CSS sections 2, 3.1)."""
+"""What a camera should see of a posed body: nodes with their visibility, and occluding contours (CSS 2, 3.1)."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Predictor:
     def __init__(self, surface: Surface, camera: Camera, fineness: int = FINENESS) -> None:
         self.surface, self.camera = surface, camera
         self._fineness = float(fineness)
-        self._view = tuple(a[0] for a in pack_cameras((camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((camera,)))
         self._edges = mesh_edges(surface.faces)
         self._capacity = max(64, len(self._edges) // 3)
 
@@ -112,9 +112,7 @@ class Predictor:
         joint, part = s.joint[nodes[:, 0]], s.part[nodes[:, 0]]
         pixels, there, _, image_normals = self._see(posed, joint, local, normal[:count])
         state = np.empty(count, dtype=np.int8)
-        classify_contours(
-            pixels, there, image_normals, part, frame, nearness, owner, width, height, GAP, JOINED, state
-        )
+        classify_contours(pixels, there, image_normals, part, frame, nearness, owner, width, height, GAP, JOINED, state)
         return Contours(joint, local, pixels, image_normals, state, nodes, share[:count])
 
     def _see(
@@ -124,7 +122,10 @@ class Predictor:
         count = len(joint)
         world, pixels, image_normals = np.empty((count, 3)), np.empty((count, 2)), np.empty((count, 2))
         depth, facing = np.empty(count), np.empty(count)
-        see_points(posed.placements, joint, local, normal, *self._view, world, pixels, depth, facing, image_normals)
+        see_points(
+            posed.placements, joint, local, normal, self._intrinsics, self._distortion, self._R, self._t, world, pixels,
+            depth, facing, image_normals,
+        )  # fmt: skip
         return pixels, depth, facing, image_normals
 
 

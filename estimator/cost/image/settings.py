@@ -10,8 +10,8 @@ class ImageSettings:
     """How pictures enter the energy.
 
     Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as `..._evidence` independent
-    measurements however fine the mesh is; 0 leaves the cue out. Noises are standard deviations; `..._noise` of edges and
-    outline is a fraction of the subject's extent in the image (root mean square distance of its landmarks from their
+    measurements however fine the mesh is; 0 leaves the cue out. Noises are standard deviations; `..._noise` of edges
+    and outline is a fraction of the subject's extent in the image (root mean square distance of its landmarks from their
     centre), never below half a pixel.
 
     nodes: surface nodes, about. fineness: cells of the depth buffer.
@@ -20,8 +20,8 @@ class ImageSettings:
     motion_boundary: k of W = 1 - k S_p, 0.2 to 0.4 in CSS.
     outline_evidence, outline_noise, outline_nu: of the foreground's outline, half from the model's contour to the
         outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way (Lorentzian).
-    beside_keypoints: factor of the outline's evidence where keypoints see the person too: a background model errs over
-        whole regions, which detectors do not.
+    beside_keypoints: factor of all this evidence where keypoints see the whole person too: both come from the same
+        pixels, and what is wrong with the body's shape or the background is wrong for every node at once.
     flow_evidence, flow_nu: of inside nodes (CSS eq. 9), Lorentzian. flow_noise [px], flow_share: standard deviation of
         the flow, and its part that grows with the flow's length.
     visibility_evidence: of the visibility penalties (CSS eqs. 5 to 7). back_facing: energy of a back-facing node, nu of
@@ -40,7 +40,7 @@ class ImageSettings:
     outline_evidence: float = 40.0
     outline_noise: float = 0.02
     outline_nu: float = 8.0
-    beside_keypoints: float = 0.4
+    beside_keypoints: float = 0.3
     flow_evidence: float = 60.0
     flow_noise: float = 0.5
     flow_share: float = 0.1
