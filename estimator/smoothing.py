@@ -64,8 +64,9 @@ def smooth_track(
 ) -> np.ndarray:
     """Smoothed configurations (T, nq) of the best path through the results, NaN where a frame has no hypothesis.
 
-    Each frame's keypoints are read as the path's mode reads them, `cues` are what its pictures show. Parts
-    that the smoothing pushed into each other are parted again (`estimator.search.contact`). `progress` is told how many frames of how many are done.
+    Each frame's keypoints are read as the path's mode reads them, `cues` are what its pictures show. Parts that the
+    smoothing pushed into each other are parted again (`estimator.search.contact`). `progress` is told how many frames
+    of how many are done.
     """
     body, path = search.body, backtrack_results(results)
     q = np.full((len(results), body.nq), np.nan)

@@ -184,8 +184,8 @@ def assigned_loads(  # type: ignore[no-untyped-def]
     """Value of assigned image points of one camera, 1/2 sum weight rho(e' W e) with e = target - projection.
 
     Point n has the assignments first[n] to first[n + 1] - 1: target (A, 2) [px], precision (A, 3) the entries xx, xy,
-    yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3), and gradient `force` (N, 3) and Hessian
-    `load` (N, 3, 3) of the value with respect to them.
+    yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3), and gradient `force` (N, 3) and
+    Hessian `load` (N, 3, 3) of the value with respect to them.
     """
     value = 0.0
     J = np.zeros((2, 3))

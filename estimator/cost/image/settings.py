@@ -11,8 +11,8 @@ class ImageSettings:
 
     Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as `..._evidence` independent
     measurements however fine the mesh is; 0 leaves the cue out. Noises are standard deviations; `..._noise` of edges
-    and outline is a fraction of the subject's extent in the image (root mean square distance of its landmarks from their
-    centre), never below half a pixel.
+    and outline is a fraction of the subject's extent in the image (root mean square distance of its landmarks from
+    their centre), never below half a pixel.
 
     nodes: surface nodes, about. fineness: cells of the depth buffer.
     edge_evidence, edge_noise: of the contour points' edges. edge_window: how far along the normal edges are looked for,
