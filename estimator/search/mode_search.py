@@ -31,7 +31,8 @@ class ModeSearchSettings:
 
     explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
     refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
-    coincide. distinct: two modes differ if some landmark is further apart than this fraction of the body's size. exchange: also read every frame with left and right swapped (detectors do swap them).
+    coincide. distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
+    exchange: also read every frame with left and right swapped (detectors do swap them).
     contact: what is done with modes whose parts overlap.
     """
 
