@@ -8,17 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.image.assigned import AssignedPoints, Assignments
+from estimator.cost.image.assigned import AssignedPoints, Assignments, Features
 from estimator.cost.image.evidence import CameraEvidence, Evidence
 from estimator.cost.image.prediction import Prediction
 from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.term import Term
 from estimator.cost.upright import Upright
-from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import EXCHANGED, ModeSearch
-from humanoid.body import PosedBody, points_in_world
+from humanoid.body import PosedBody
 
 _PRIORS: dict[type, str] = {
     Stabilisers: "stabilisers",
@@ -102,7 +101,7 @@ def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
     if case.parent is not None:
         for term in evidence.followed(case.parent, case.predicted):
             yield _assigned_part("flow", case, evidence, term)
-    yield Part("nodes facing away or hidden", name, evidence._penalty(prediction))
+    yield Part("nodes facing away or hidden", name, evidence.penalty(prediction))
 
 
 def term_of(evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> Term | None:
@@ -117,36 +116,15 @@ def _assigned_part(label: str, case: Case, evidence: CameraEvidence, term: Term 
     name = evidence.cues.camera.name
     if term is None:
         return Part(label, name, 0.0, 0)
-    found = assigned_features(term, evidence.cues.camera, case.posed)
+    found = assigned_features(term, case.posed)
     mean = float(found.weight @ found.distance / max(found.weight.sum(), 1e-300))
     return Part(label, name, _energy(term, case.posed), len(found.weight), mean)
 
 
-class Features(NamedTuple):
-    """Image features assigned to points of the body, at a pose.
-
-    joint (A,), local (A, 3): the points in their joints' frames [m]. pixels (A, 2): where they appear. target (A, 2):
-    where the features are. distance (A,): between these, in standard deviations. weight (A,): of each.
-    """
-
-    joint: np.ndarray
-    local: np.ndarray
-    pixels: np.ndarray
-    target: np.ndarray
-    distance: np.ndarray
-    weight: np.ndarray
-
-
-def assigned_features(term: Term, camera: Camera, posed: PosedBody) -> Features:
+def assigned_features(term: Term, posed: PosedBody) -> Features:
     """The features of an `AssignedPoints` term, and where a pose has the points they are assigned to."""
     assert isinstance(term, AssignedPoints)
-    point = np.repeat(np.arange(len(term._first) - 1), np.diff(term._first))
-    target, precision, weight = term._features[:3]
-    joint, local = term._joint[point], term._local[point]
-    pixels = camera.project(points_in_world(posed, joint, local))
-    x, y = (target - pixels).T
-    squared = precision[:, 0] * x * x + 2.0 * precision[:, 1] * x * y + precision[:, 2] * y * y
-    return Features(joint, local, pixels, target, np.sqrt(np.maximum(squared, 0.0)), weight)
+    return term.features(posed)
 
 
 def _energy(term: Term, posed: PosedBody) -> float:

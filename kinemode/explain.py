@@ -204,7 +204,7 @@ def _with_cues(view: CueView, case: Case, evidence: CameraEvidence) -> CueView:
     if case.parent is None:
         return view
     for term in evidence.followed(case.parent, case.predicted):
-        found = assigned_features(term, camera, case.posed)
+        found = assigned_features(term, case.posed)
         before = camera.project(points_in_world(case.parent, found.joint, found.local))
         return replace(view, flow=Links(found.pixels, found.target, _relative(found.weight)), followed=before)
     return view
@@ -214,7 +214,7 @@ def _links(case: Case, evidence: CameraEvidence, prediction: Prediction, group: 
     term = term_of(evidence, prediction, group)
     if term is None:
         return None
-    found = assigned_features(term, evidence.cues.camera, case.posed)
+    found = assigned_features(term, case.posed)
     return Links(found.pixels, found.target, _relative(found.weight))
 
 

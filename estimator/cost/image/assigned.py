@@ -12,7 +12,7 @@ from estimator.cost.kernels import assigned_loads
 from estimator.cost.points import accumulate_points
 from estimator.cost.reprojection import pack_cameras
 from estimator.imaging.camera import Camera
-from humanoid.body import Body, PosedBody
+from humanoid.body import Body, PosedBody, points_in_world
 
 
 class Assignments(NamedTuple):
@@ -28,6 +28,21 @@ class Assignments(NamedTuple):
     weight: np.ndarray
     potential: np.ndarray
     nu: np.ndarray
+
+
+class Features(NamedTuple):
+    """Image features assigned to points of the body, at a pose.
+
+    joint (A,), local (A, 3): the points in their joints' frames [m]. pixels (A, 2): where they appear. target (A, 2):
+    where the features are. distance (A,): between these, in standard deviations. weight (A,): of each.
+    """
+
+    joint: np.ndarray
+    local: np.ndarray
+    pixels: np.ndarray
+    target: np.ndarray
+    distance: np.ndarray
+    weight: np.ndarray
 
 
 class AssignedPoints:
@@ -53,12 +68,22 @@ class AssignedPoints:
         point = parts[0]
         used, self._first, order = group_by_point(point, len(joint))
         self._features = tuple(part[order] for part in parts[1:])
-        self._body, self._constant = body, float(constant)
+        self._body, self._camera, self._constant = body, camera, float(constant)
         self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((camera,)))
         self._joint, self._local = joint[used], local[used]
         count = len(used)
         self._points, self._force = np.empty((count, 3)), np.empty((count, 3))
         self._load = np.empty((count, 3, 3))
+
+    def features(self, posed: PosedBody) -> Features:
+        """The assigned features one by one, and where a pose has the points they are assigned to."""
+        point = np.repeat(np.arange(len(self._first) - 1), np.diff(self._first))
+        target, precision, weight = self._features[:3]
+        joint, local = self._joint[point], self._local[point]
+        pixels = self._camera.project(points_in_world(posed, joint, local))
+        x, y = (target - pixels).T
+        squared = precision[:, 0] * x * x + 2.0 * precision[:, 1] * x * y + precision[:, 2] * y * y
+        return Features(joint, local, pixels, target, np.sqrt(np.maximum(squared, 0.0)), weight)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.cost.term.Term`."""

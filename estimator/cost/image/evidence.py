@@ -89,7 +89,7 @@ class CameraEvidence:
         """See `Evidence.assigned`."""
         prediction = self.predictor.predict(posed)
         contours = prediction.contours
-        groups, constant = [], self._penalty(prediction)
+        groups, constant = [], self.penalty(prediction)
         for group, unassigned in (self.edges(prediction), self.outline(prediction), self.outline_back(prediction)):
             groups.append(group)
             constant += unassigned
@@ -205,7 +205,7 @@ class CameraEvidence:
         )
         return [float(np.mean(distance < AGREES * self._sigma(self.model.settings.outline_noise)))]
 
-    def _penalty(self, prediction: Prediction) -> float:
+    def penalty(self, prediction: Prediction) -> float:
         """Energy of back-facing and occluded nodes (CSS eq. 7)."""
         s = self.model.settings
         hidden = prediction.back_facing + s.occluded * prediction.occluded
