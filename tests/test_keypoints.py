@@ -11,7 +11,7 @@ import pytest
 
 from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
 from estimator.imaging.camera import guessed_camera
-from estimator.imaging.sequence import assemble, assembly_notes
+from estimator.imaging.sequence import assemble, assembly_notes, keypoint_jitter
 from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.landmarks import COCO17, FORMATS, landmark_name, landmark_spread, mirror_index
@@ -254,3 +254,14 @@ def test_real_keypoints(shared_data: Path) -> None:
     assert track.fps == 60.0
     assert track.pixels.shape == (100, 33, 2)
     assert (track.confidence > 0).any(axis=1).all()
+
+
+def test_jitter_is_what_trembles_not_what_moves() -> None:
+    rng, times = np.random.default_rng(5), np.arange(90)[:, None, None] / 30.0
+    smooth = 300.0 + 150.0 * np.sin(np.array([2.0, 3.0]) * times + rng.uniform(0.0, 6.0, (1, 17, 1)))
+    assert keypoint_jitter(smooth) < 0.8  # a swing of 150 px, accelerating
+    noisy = smooth + rng.normal(0.0, 4.0, smooth.shape)
+    noisy[rng.random(noisy.shape[:2]) < 0.05] += 60.0
+    noisy[rng.random(noisy.shape[:2]) < 0.1] = np.nan
+    assert keypoint_jitter(noisy) == pytest.approx(4.0, rel=0.25)  # each outlier spoils three differences
+    assert keypoint_jitter(noisy[:2]) == 0.0

@@ -102,9 +102,11 @@ class CostModel:
         return self._image.evidence(observation.cues, extents, detected)
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
-        """Standard deviation (C, L) [px] of the keypoints of a frame."""
+        """Standard deviation (C, L) [px] of the keypoints of a frame; what trembles in the clip's is added."""
         extent = np.array([image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)])
         sigma: np.ndarray = self.settings.keypoint_noise * extent[:, None] * self._spread[None, :]
+        if observation.jitter:
+            sigma = np.hypot(sigma, np.array(observation.jitter)[:, None])
         return np.maximum(sigma, 0.5)
 
     def _upright(self, cameras: tuple[Camera, ...]) -> Upright:

@@ -83,7 +83,17 @@ class RunWriter:
         InputError: naming the first frame whose keypoints differ.
         """
         rows = [
-            (i, pack({"pixels": o.pixels, "confidence": o.confidence, "given": np.array(o.given)}))
+            (
+                i,
+                pack(
+                    {
+                        "pixels": o.pixels,
+                        "confidence": o.confidence,
+                        "given": np.array(o.given),
+                        "jitter": np.array(o.jitter),
+                    }
+                ),
+            )
             for i, o in enumerate(observations)
         ]
         with run_store.translated(self.path):

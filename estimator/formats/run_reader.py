@@ -93,7 +93,9 @@ class Run:
             raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
         a = self._unpacked(row[0], f"keypoints of frame {i}")
         given = bool(a.get("given", False))
-        return Observation(i, float(self.header.times[i]), self.header.cameras, a["pixels"], a["confidence"], given)
+        jitter = tuple(a["jitter"].tolist()) if "jitter" in a else ()
+        time = float(self.header.times[i])
+        return Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
 
     def __iter__(self) -> Iterator[FrameResult]:
         return (self.result(i) for i in range(self.frame_count))

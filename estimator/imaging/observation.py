@@ -19,6 +19,7 @@ class Observation:
     cameras (C): the cameras, in the order of the arrays.
     pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
     confidence (C, L): 0 to 1; 0 where missing.
+    jitter (C,): how much the keypoints of the whole clip tremble from frame to frame, as a standard deviation [px].
     given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
     cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
     """
@@ -28,6 +29,7 @@ class Observation:
     cameras: tuple[Camera, ...]
     pixels: np.ndarray
     confidence: np.ndarray
+    jitter: tuple[float, ...] = ()
     given: bool = False
     cues: tuple[ImageCues, ...] = ()
 

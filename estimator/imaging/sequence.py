@@ -14,6 +14,7 @@ from humanoid.errors import InputError
 
 GIVEN = "landmarks"  # layout of points that a person gave, by the subject's own names
 _FEWEST_LANDMARKS = 4
+_FEWEST_DIFFERENCES = 50
 
 
 def assemble(
@@ -44,11 +45,25 @@ def assemble(
         count = min(len(times), track.frame_count)
         pixels[:count, c, here] = track.pixels[:count, there]
         confidence[:count, c, here] = track.confidence[:count, there]
+    jitter = tuple(keypoint_jitter(pixels[:, c]) for c in range(len(used)))
     given = all(track.layout == GIVEN for track in tracks.values())
     return [
-        Observation(i, float(t), tuple(used), pixels[i], confidence[i], given)
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i], jitter, given)
         for i, t in enumerate(np.asarray(times).tolist())
     ]
+
+
+def keypoint_jitter(pixels: np.ndarray) -> float:
+    """Standard deviation [px] of what trembles in a track of keypoints, pixels (T, L, 2) with NaN where missing.
+
+    From the median size of the second differences in time: bodies move smoothly, errors of detectors do not, and
+    outliers do not reach a median. Errors that last for several frames are seen in part. Zero for a track too short.
+    """
+    second = np.abs(np.diff(pixels, n=2, axis=0)) if len(pixels) > 2 else np.zeros(0)
+    second = second[np.isfinite(second)]
+    if second.size < _FEWEST_DIFFERENCES:
+        return 0.0
+    return float(np.median(second) / (0.6745 * np.sqrt(6.0)))  # of a normal distribution; 1, -2, 1 squared add to 6
 
 
 def assembly_notes(tracks: Mapping[str, KeypointTrack], frame_count: int) -> tuple[str, ...]:
