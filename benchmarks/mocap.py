@@ -22,7 +22,7 @@ from kinemode import demo, report
 from kinemode.pictures import CUES
 from kinemode.render import render_clip
 
-DEFAULT = ("walk_straight_07_01", "walk_turn_26_01", "bend_scoop_lift_02_06", "punch_02_05", "wave_hello_fair1")
+DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")
 FPS = 30.0
 DETECTOR = DetectorSettings(noise_px=5.0, outlier_fraction=0.05, missing_fraction=0.1)
 LIMBS = ("upper_arm", "forearm", "thigh", "shank")
