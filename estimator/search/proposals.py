@@ -37,9 +37,8 @@ class LimbProposal:
     def __init__(self, body: Body, least: float = 0.3, most: float = 1.2) -> None:
         self.body = body
         self._spread = np.log([least, most])  # rad, of the joints' change
-        free = body.subject.base == "free"
-        self._first = [int(v) for v in body.bounded_v if v >= (6 if free else 0)]
-        self._behind = [np.flatnonzero([self._moves(d, e) for e in range(body.nv)]) for d in self._first]
+        first = range(6 if body.subject.base == "free" else 0, body.nv)  # a free root is no limb
+        self._behind = [np.flatnonzero([self._moves(d, e) for e in range(body.nv)]) for d in first]
 
     def _moves(self, dof: int, other: int) -> bool:
         """Whether `other` is `dof` or lies behind it."""
@@ -49,7 +48,9 @@ class LimbProposal:
 
     def sample(self, rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
         """q (nq,) with the joints behind a random one changed by a spread drawn evenly in its logarithm."""
-        dofs = self._behind[int(rng.integers(len(self._first)))]
+        if not self._behind:
+            return q
+        dofs = self._behind[int(rng.integers(len(self._behind)))]
         step = np.zeros(self.body.nv)
         step[dofs] = np.exp(rng.uniform(*self._spread)) * rng.standard_normal(len(dofs))
         return self.body.integrate(q, step)
