@@ -40,7 +40,7 @@ class ImageSettings:
     outline_evidence: float = 40.0
     outline_noise: float = 0.02
     outline_nu: float = 8.0
-    beside_keypoints: float = 0.3
+    beside_keypoints: float = 0.15
     flow_evidence: float = 60.0
     flow_noise: float = 0.5
     flow_share: float = 0.1
