@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.image.assigned import AssignedPoints, Assignments, Features
+from estimator.cost.image.assigned import AssignedPoints, Assignments
 from estimator.cost.image.evidence import CameraEvidence, Evidence
 from estimator.cost.image.prediction import Prediction
 from estimator.cost.interpenetration import Interpenetration
@@ -104,7 +104,7 @@ def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
     yield Part("nodes facing away or hidden", name, evidence.penalty(prediction))
 
 
-def term_of(evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> Term | None:
+def term_of(evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> AssignedPoints | None:
     """The term of one kind of feature alone; None where there are none."""
     if not len(group.point):
         return None
@@ -112,19 +112,13 @@ def term_of(evidence: CameraEvidence, prediction: Prediction, group: Assignments
     return AssignedPoints(evidence.model.body, evidence.cues.camera, contours.joint, contours.local, [group])
 
 
-def _assigned_part(label: str, case: Case, evidence: CameraEvidence, term: Term | None) -> Part:
+def _assigned_part(label: str, case: Case, evidence: CameraEvidence, term: AssignedPoints | None) -> Part:
     name = evidence.cues.camera.name
     if term is None:
         return Part(label, name, 0.0, 0)
-    found = assigned_features(term, case.posed)
+    found = term.features(case.posed)
     mean = float(found.weight @ found.distance / max(found.weight.sum(), 1e-300))
     return Part(label, name, _energy(term, case.posed), len(found.weight), mean)
-
-
-def assigned_features(term: Term, posed: PosedBody) -> Features:
-    """The features of an `AssignedPoints` term, and where a pose has the points they are assigned to."""
-    assert isinstance(term, AssignedPoints)
-    return term.features(posed)
 
 
 def _energy(term: Term, posed: PosedBody) -> float:

@@ -25,7 +25,7 @@ from estimator.trackers.registry import Settings, make_tracker, settings_for
 from humanoid.body import Body, PosedBody, points_in_world
 from humanoid.errors import InputError
 from kinemode import __version__
-from kinemode.energy_parts import Case, Part, assigned_features, energy_parts, term_of
+from kinemode.energy_parts import Case, Part, energy_parts, term_of
 from viz import palette
 from viz.cue_pictures import CueView, Links
 
@@ -204,7 +204,7 @@ def _with_cues(view: CueView, case: Case, evidence: CameraEvidence) -> CueView:
     if case.parent is None:
         return view
     for term in evidence.followed(case.parent, case.predicted):
-        found = assigned_features(term, case.posed)
+        found = term.features(case.posed)
         before = camera.project(points_in_world(case.parent, found.joint, found.local))
         return replace(view, flow=Links(found.pixels, found.target, _relative(found.weight)), followed=before)
     return view
@@ -214,7 +214,7 @@ def _links(case: Case, evidence: CameraEvidence, prediction: Prediction, group: 
     term = term_of(evidence, prediction, group)
     if term is None:
         return None
-    found = assigned_features(term, case.posed)
+    found = term.features(case.posed)
     return Links(found.pixels, found.target, _relative(found.weight))
 
 

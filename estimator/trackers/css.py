@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.filtering.merge import bhattacharyya
 from estimator.filtering.mixture import Mixture, mixture_of
 from estimator.frame_result import FrameResult
+from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.search.flips import only_camera
 from estimator.search.mode_search import Hypothesis, ModeSearch
@@ -52,6 +56,19 @@ PAPER = CssSettings(samples=70, flips=0, scale=8.0**0.5, forgetting=1.0, transit
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
+class _Parents(NamedTuple):
+    """What a frame's hypotheses come from.
+
+    prior: the mixture of the frame before. readings: how many this frame has. own (K): the reading that continues each
+    mode's. predicted (K): where each mode's velocity takes it, None where that is not asked for.
+    """
+
+    prior: Mixture
+    readings: int
+    own: list[int]
+    predicted: Sequence[np.ndarray | None]
+
+
 class CovarianceScaledSampling:
     """The recipe: numbers in comments are the steps of Figure 6."""
 
@@ -74,83 +91,90 @@ class CovarianceScaledSampling:
         readings = self.search.readings(observation)
         evidence = self.search.evidence(observation, state.mixture.modes[0].q)
         dt = observation.time - state.time
-        hypotheses = self._kept(state.mixture, len(readings), dt) if self.settings.keep else []
-        hypotheses += self._predicted(state.mixture, dt) if evidence is not None else []
-        names = [r.name for r in readings]
-        hypotheses += self._samples(rng, state.mixture, names, dt)
-        hypotheses += self._flips(rng, state.mixture, names, observation, dt)
+        parents = self._parents(state.mixture, [r.name for r in readings], dt if evidence is not None else None)
+        hypotheses = self._kept(parents) if self.settings.keep else []
+        hypotheses += self._carried_on(parents)
+        hypotheses += self._samples(rng, parents)
+        camera = only_camera(observation)
+        hypotheses += self._flips(rng, parents, camera)
         if evidence is not None:
-            limbs = self._limbs(rng, state.mixture, names, dt)
+            limbs = self._limbs(rng, parents)
             hypotheses += self.search.screened(limbs, readings, self.settings.limb_searches, dt, evidence)
-            hypotheses += self._exchanged(rng, state.mixture, names, observation, dt)
+            hypotheses += self._exchanged(rng, parents, camera)
         found = self.search.best_modes(hypotheses, readings, self.settings.modes, dt, evidence)  # 2-4
         if not self.settings.transition:
             found = self._matched(state.mixture, found)  # 5, 6; with a transition the parent is known
         return judged(self.search, observation, found)
 
-    def _hypothesis(self, prior: Mixture, i: int, q: np.ndarray, reading: int, dt: float) -> Hypothesis:
+    def _parents(self, prior: Mixture, readings: list[str], dt: float | None) -> _Parents:
+        """`dt`: seconds since the parents; None where no pictures are looked at, and no prediction is needed."""
+        # the first reading where the frame has not that of the parent
+        own = [readings.index(m.association) if m.association in readings else 0 for m in prior.modes]
+        if dt is None or not self.settings.transition:
+            return _Parents(prior, len(readings), own, [None] * len(own))
+        step = self.settings.momentum * dt
+        return _Parents(prior, len(readings), own, [self.body.integrate(m.q, step * m.velocity) for m in prior.modes])
+
+    def _hypothesis(self, parents: _Parents, i: int, q: np.ndarray, reading: int) -> Hypothesis:
         if not self.settings.transition:
             return Hypothesis(q, reading, i)
-        m = prior.modes[i]
-        predicted = self.body.integrate(m.q, self.settings.momentum * dt * m.velocity)
-        return Hypothesis(q, reading, i, self.settings.forgetting * prior.log_scores[i], m.q, predicted)
+        score = self.settings.forgetting * parents.prior.log_scores[i]
+        return Hypothesis(q, reading, i, score, parents.prior.modes[i].q, parents.predicted[i])
 
-    def _kept(self, prior: Mixture, readings: int, dt: float) -> list[Hypothesis]:
-        return [self._hypothesis(prior, i, m.q, r, dt) for i, m in enumerate(prior.modes) for r in range(readings)]
+    def _kept(self, parents: _Parents) -> list[Hypothesis]:
+        modes = enumerate(parents.prior.modes)
+        return [self._hypothesis(parents, i, m.q, r) for i, m in modes for r in range(parents.readings)]
 
-    def _predicted(self, prior: Mixture, dt: float) -> list[Hypothesis]:
+    def _carried_on(self, parents: _Parents) -> list[Hypothesis]:
         """Every parent carried on by its velocity: pictures, unlike keypoints, are only looked at near a hypothesis."""
-        kept = [self._hypothesis(prior, i, m.q, 0, dt) for i, m in enumerate(prior.modes)]
-        return [h._replace(q=h.q_predicted) for h in kept if h.q_predicted is not None]
+        return [self._hypothesis(parents, i, q, 0) for i, q in enumerate(parents.predicted) if q is not None]
 
-    def _samples(self, rng: np.random.Generator, prior: Mixture, readings: list[str], dt: float) -> list[Hypothesis]:
-        parents = rng.choice(len(prior.modes), size=self.settings.samples, p=prior.weights)  # 2.1
+    def _samples(self, rng: np.random.Generator, parents: _Parents) -> list[Hypothesis]:
+        prior = parents.prior
+        drawn = rng.choice(len(prior.modes), size=self.settings.samples, p=prior.weights)  # 2.1
         hypotheses = []
-        for i in np.unique(parents):
+        for i in np.unique(drawn):
             mode = prior.modes[i]
             proposal = CovarianceScaledProposal(self.body, mode.q, mode.covariance, self.settings.scale)  # 1
-            for _ in range(np.count_nonzero(parents == i)):
-                q = proposal.sample(rng)  # 2.2
-                hypotheses.append(self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt))
+            for _ in range(np.count_nonzero(drawn == i)):
+                hypotheses.append(self._hypothesis(parents, int(i), proposal.sample(rng), parents.own[i]))  # 2.2
         return hypotheses
 
-    def _limbs(self, rng: np.random.Generator, prior: Mixture, readings: list[str], dt: float) -> list[Hypothesis]:
-        hypotheses = []
-        for i in rng.choice(len(prior.modes), size=self.settings.limb_samples, p=prior.weights):
-            mode = prior.modes[i]
-            q = self._limb_proposal.sample(rng, mode.q)
-            h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
-            hypotheses.append(_jumped(h, self.settings.limb_penalty))
-        return hypotheses
+    def _limbs(self, rng: np.random.Generator, parents: _Parents) -> list[Hypothesis]:
+        propose = partial(self._limb_proposal.sample, rng)
+        return self._jumps(rng, parents, self.settings.limb_samples, self.settings.limb_penalty, propose)
 
-    def _exchanged(
-        self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation, dt: float
-    ) -> list[Hypothesis]:
-        camera = only_camera(observation)
+    def _exchanged(self, rng: np.random.Generator, parents: _Parents, camera: Camera | None) -> list[Hypothesis]:
         if camera is None:
             return []
-        hypotheses = []
-        for i in rng.choice(len(prior.modes), size=self.settings.exchanges, p=prior.weights):
-            mode = prior.modes[i]
-            q = self.search.flips.exchange(rng, mode.q, camera)
-            if q is not None:
-                h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
-                hypotheses.append(_jumped(h, self.settings.limb_penalty))
-        return hypotheses
+        propose = partial(self.search.flips.exchange, rng, camera=camera)
+        return self._jumps(rng, parents, self.settings.exchanges, self.settings.limb_penalty, propose)
 
-    def _flips(
-        self, rng: np.random.Generator, prior: Mixture, readings: list[str], observation: Observation, dt: float
-    ) -> list[Hypothesis]:
-        camera = only_camera(observation)
+    def _flips(self, rng: np.random.Generator, parents: _Parents, camera: Camera | None) -> list[Hypothesis]:
         if camera is None or self.settings.flips == 0 or not self.search.flips.limbs:
             return []
-        hypotheses = []
-        for i in rng.choice(len(prior.modes), size=self.settings.flips, p=prior.weights):
-            mode = prior.modes[i]
-            q = self.search.flips.draw(rng, mode.q, camera)
-            if q is not None:
-                h = self._hypothesis(prior, int(i), q, _reading(readings, mode.association), dt)
-                hypotheses.append(_jumped(h, self.settings.flip_penalty))
+        propose = partial(self.search.flips.draw, rng, camera=camera)
+        return self._jumps(rng, parents, self.settings.flips, self.settings.flip_penalty, propose)
+
+    def _jumps(
+        self,
+        rng: np.random.Generator,
+        parents: _Parents,
+        count: int,
+        penalty: float,
+        propose: Callable[[np.ndarray], np.ndarray | None],
+    ) -> list[Hypothesis]:
+        """Hypotheses whose parents were wrong too: they pay a flat price instead of the transition's, and no flow leads
+        to them from where the parent was."""
+        prior, hypotheses = parents.prior, []
+        for i in rng.choice(len(prior.modes), size=count, p=prior.weights):
+            q = propose(prior.modes[i].q)
+            if q is None:
+                continue
+            h = self._hypothesis(parents, int(i), q, parents.own[i])
+            if h.q_previous is not None:
+                h = h._replace(prior_score=h.prior_score - penalty, q_previous=q, q_predicted=None)
+            hypotheses.append(h)
         return hypotheses
 
     def _matched(self, prior: Mixture, found: Mixture) -> Mixture:
@@ -169,16 +193,3 @@ class CovarianceScaledSampling:
             handed_on = prior.log_scores[parent] if parent >= 0 else prior.log_scores.min()
             scores.append(score + self.settings.forgetting * handed_on)
         return mixture_of(tuple(modes), np.array(scores))  # 6
-
-
-def _reading(readings: list[str], association: str) -> int:
-    """Place of a parent's reading; the first where the frame has no such reading."""
-    return readings.index(association) if association in readings else 0
-
-
-def _jumped(h: Hypothesis, penalty: float) -> Hypothesis:
-    """A hypothesis whose parent was wrong too: it pays a flat price instead of the transition's, and no flow leads to
-    it from where the parent was."""
-    if h.q_previous is None:
-        return h
-    return h._replace(prior_score=h.prior_score - penalty, q_previous=h.q, q_predicted=None)

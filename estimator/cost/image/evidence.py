@@ -14,6 +14,7 @@ from estimator.cost.image.visibility import HIDDEN, OUTER
 from estimator.cost.kernels import LECLERC, LORENTZIAN
 from estimator.cost.term import Term
 from estimator.imaging.cues import ImageCues
+from estimator.imaging.foreground import Silhouette
 from estimator.imaging.point_flow import follow_points
 from humanoid.body import Body, PosedBody, points_in_world
 from humanoid.surface import Surface, surface_of
@@ -85,7 +86,7 @@ class CameraEvidence:
             _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
         )
 
-    def assigned(self, posed: PosedBody) -> list[Term]:
+    def assigned(self, posed: PosedBody) -> list[AssignedPoints]:
         """See `Evidence.assigned`."""
         prediction = self.predictor.predict(posed)
         contours = prediction.contours
@@ -95,7 +96,7 @@ class CameraEvidence:
             constant += unassigned
         return [AssignedPoints(self.model.body, self.cues.camera, contours.joint, contours.local, groups, constant)]
 
-    def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
+    def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[AssignedPoints]:
         """See `Evidence.followed`."""
         s, flow = self.model.settings, self.cues.flow
         if flow is None or s.flow_evidence <= 0.0:
@@ -147,51 +148,50 @@ class CameraEvidence:
 
     def outline(self, prediction: Prediction) -> tuple[Assignments, float]:
         """From the model's contour to the foreground's outline."""
-        s, silhouette, contours = self.model.settings, self.cues.silhouette, prediction.contours
-        if silhouette is None or s.outline_evidence <= 0.0 or not len(silhouette.boundary) or not len(contours.state):
+        silhouette, contours = self._outlined(), prediction.contours
+        if silhouette is None or not len(contours.state):
             return _nothing(), 0.0
         chosen = np.empty(len(contours.state), dtype=np.int64)
-        nearest_outline(
-            contours.pixels, contours.normals, contours.state, silhouette.nearest, silhouette.boundary,
-            silhouette.normal, chosen,
-        )  # fmt: skip
+        nearest_outline(contours.pixels, contours.state, silhouette.nearest, chosen)
         point = np.flatnonzero(chosen >= 0)
-        normals = silhouette.normal[chosen[point]]
-        each = 0.5 * self._weight * s.outline_evidence / len(contours.state)
-        precision = np.full(len(point), 1.0 / self._sigma(s.outline_noise) ** 2)
-        group = _group(
-            point,
-            silhouette.boundary[chosen[point]],
-            _across(normals, precision),
-            each * self._trust[chosen[point]],
-            LECLERC,
-            s.outline_nu,
-        )
-        return group, 0.0
+        place = chosen[point]
+        each = self._outline_share(len(contours.state))
+        return self._to_outline(point, silhouette, place, each, LECLERC), 0.0
 
     def outline_back(self, prediction: Prediction) -> tuple[Assignments, float]:
-        """From the foreground's outline to the model's contour."""
-        s, silhouette, contours = self.model.settings, self.cues.silhouette, prediction.contours
-        if silhouette is None or s.outline_evidence <= 0.0 or not len(silhouette.boundary) or not len(contours.state):
+        """From the foreground's outline to the model's contour, and the energy of what no contour answers to."""
+        s, silhouette, contours = self.model.settings, self._outlined(), prediction.contours
+        if silhouette is None or not len(contours.state):
             return _nothing(), 0.0
-        stride = max(1, len(silhouette.boundary) // OUTLINE_SAMPLES)
-        samples, normals = silhouette.boundary[::stride], silhouette.normal[::stride]
+        place = np.arange(0, len(silhouette.boundary), max(1, len(silhouette.boundary) // OUTLINE_SAMPLES))
+        samples, normals = silhouette.boundary[place], silhouette.normal[place]
         chosen = np.empty(len(samples), dtype=np.int64)
         nearest_contour(samples, normals, contours.pixels, contours.normals, contours.state, 0.2 * self.extent, chosen)
         known = np.flatnonzero(chosen >= 0)
-        each = 0.5 * self._weight * s.outline_evidence / len(samples)
-        precision = np.full(len(known), 1.0 / self._sigma(s.outline_noise) ** 2)
-        group = _group(
-            chosen[known],
-            samples[known],
-            _across(normals[known], precision),
-            each * self._trust[::stride][known],
-            LORENTZIAN,
-            s.outline_nu,
-        )
-        lost = self._trust[::stride][chosen < 0].sum()  # all, where no contour of the model is in the picture
+        each = self._outline_share(len(samples))
+        group = self._to_outline(chosen[known], silhouette, place[known], each, LORENTZIAN)
+        lost = self._trust[place][chosen < 0].sum()  # all, where no contour of the model is in the picture
         far = s.outline_nu * np.log1p((self.extent / self._sigma(s.outline_noise)) ** 2 / s.outline_nu)
         return group, each * 0.5 * far * float(lost)
+
+    def _outlined(self) -> Silhouette | None:
+        """The foreground, where it has an outline that counts."""
+        silhouette = self.cues.silhouette
+        counts = silhouette is not None and self.model.settings.outline_evidence > 0.0 and len(silhouette.boundary)
+        return silhouette if counts else None
+
+    def _outline_share(self, count: int) -> float:
+        """Weight of one of `count` assignments of one direction."""
+        return 0.5 * self._weight * self.model.settings.outline_evidence / count
+
+    def _to_outline(
+        self, point: np.ndarray, silhouette: Silhouette, place: np.ndarray, each: float, potential: int
+    ) -> Assignments:
+        """Assignments of boundary pixels `place` (A,) to contour points `point` (A,), measured across the outline."""
+        s = self.model.settings
+        precision = np.full(len(point), 1.0 / self._sigma(s.outline_noise) ** 2)
+        across = _across(silhouette.normal[place], precision)
+        return _group(point, silhouette.boundary[place], across, each * self._trust[place], potential, s.outline_nu)
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """See `Evidence.agreement`; empty without a foreground."""

@@ -133,9 +133,8 @@ def group_by_point(point, count):  # type: ignore[no-untyped-def]
 
 
 @jit
-def nearest_outline(pixels, normals, state, nearest, boundary, normal, chosen):  # type: ignore[no-untyped-def]
-    """For each OUTER contour point the index of the nearest boundary pixel that faces its way, else of the nearest, -1
-    where there is none; fills chosen (M,)."""
+def nearest_outline(pixels, state, nearest, chosen):  # type: ignore[no-untyped-def]
+    """For each OUTER contour point the index of the boundary pixel nearest to it, -1 for others; fills chosen (M,)."""
     height, width = nearest.shape
     for i in range(pixels.shape[0]):
         chosen[i] = -1

@@ -85,7 +85,7 @@ class Predictor:
         frame = np.empty(3)
         rows, columns = frame_buffer(pixels, depth, self._fineness, frame)
         nearness, owner = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.int32)
-        fill_buffer(pixels, depth, facing, s.part, s.faces, frame, nearness, owner)
+        fill_buffer(pixels, depth, s.part, s.faces, frame, nearness, owner)
         state = np.empty(len(depth), dtype=np.int8)
         back, hidden = classify_nodes(
             pixels, depth, facing, s.part, s.convex, frame, nearness, owner, width, height, GAP, state

@@ -38,7 +38,7 @@ def frame_buffer(pixels, depth, fineness, frame):  # type: ignore[no-untyped-def
 
 
 @jit
-def fill_buffer(pixels, depth, facing, part, faces, frame, nearness, owner):  # type: ignore[no-untyped-def]
+def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ignore[no-untyped-def]
     """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth, owner its part or -1.
 
     Every part is closed, so its front hides as much as front and back together.
