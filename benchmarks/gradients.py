@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from benchmarks.common import save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
 from estimator.cost.image.assigned import AssignedPoints
-from estimator.cost.image.evidence import CameraEvidence, ImageModel
+from estimator.cost.image.evidence import CameraEvidence, ImageModel, Past
 from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cost.potentials import POTENTIALS
@@ -150,7 +150,7 @@ def image_terms(evidence: CameraEvidence, before: PosedBody, posed: PosedBody) -
     made: dict[str, Term] = {
         name: AssignedPoints(body, camera, contours.joint, contours.local, [group]) for name, group in groups.items()
     }
-    (made["flow"],) = evidence.followed(before, posed)
+    ((made["flow"],),) = evidence.followed_each([Past(before, posed)])
     (made["edges and outline"],) = evidence.assigned(posed)
     return made
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cost.image.assigned import AssignedPoints, Assignments
-from estimator.cost.image.evidence import CameraEvidence, Evidence
+from estimator.cost.image.evidence import CameraEvidence, Evidence, Past
 from estimator.cost.image.prediction import Prediction
 from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.priors import Stabilisers, Transition
@@ -99,7 +99,7 @@ def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
             part = _assigned_part(label, case, evidence, term_of(evidence, prediction, group))
             yield replace(part, energy=part.energy + unassigned)
     if case.parent is not None:
-        for term in evidence.followed(case.parent, case.predicted):
+        for term in evidence.followed_each([Past(case.parent, case.predicted)])[0]:
             yield _assigned_part("flow", case, evidence, term)
     yield Part("nodes facing away or hidden", name, evidence.penalty(prediction))
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from estimator.cost.image.assigned import Assignments
-from estimator.cost.image.evidence import CameraEvidence
+from estimator.cost.image.evidence import CameraEvidence, Past
 from estimator.cost.image.prediction import Prediction
 from estimator.formats.run_file import Run
 from estimator.frame_result import FrameResult
@@ -203,7 +203,7 @@ def _with_cues(view: CueView, case: Case, evidence: CameraEvidence) -> CueView:
     camera = evidence.cues.camera
     if case.parent is None:
         return view
-    for term in evidence.followed(case.parent, case.predicted):
+    for term in evidence.followed_each([Past(case.parent, case.predicted)])[0]:
         found = term.features(case.posed)
         before = camera.project(points_in_world(case.parent, found.joint, found.local))
         return replace(view, flow=Links(found.pixels, found.target, _relative(found.weight)), followed=before)

@@ -10,6 +10,8 @@ from estimator.imaging.threads import one_thread
 
 WINDOW = (11, 11)  # px, about a forearm
 STRAY = 8.0  # px; a refined point this far from where the field led it has found something else
+ELSEWHERE = 1.0  # px
+DOUBTFUL = 0.8  # sureness below which a second try is worth its time: it came back half a pixel off
 
 
 def follow_points(
@@ -18,23 +20,35 @@ def follow_points(
     """Where points of the previous frame, pixels (N, 2), are in this one, (N, 2), and how sure that is, (N,) 0 to 1.
 
     The dense field leads; Lucas and Kanade's iteration (pyramidal, Bouguet 2000) refines each point, there and back:
-    the field is smooth over several pixels, and thin limbs need better. A `guess` (N, 2) leads a second try; whichever
-    comes back nearer to where it started is taken.
+    the field is smooth over several pixels, and thin limbs need better. A `guess` (N, 2) leads a second try for points
+    that the first one leaves in doubt or has found elsewhere; whichever comes back nearer to where it started is taken.
+    Points of one pixel move alike, so that each pixel is looked at once, however many points there are.
     """
     height, width = flow.outlier.shape
-    points = np.clip(pixels, 0.0, [width - 1.0, height - 1.0]).astype(np.float32)
-    x, y = points[:, :1].copy(), points[:, 1:].copy()
-    led = points + cv2.remap(flow.flow, x, y, cv2.INTER_LINEAR)[:, 0]
-    found, sure = _refined(flow, points, led)
-    doubt = cv2.remap(flow.outlier, x, y, cv2.INTER_LINEAR)[:, 0]
-    lost = sure <= 0.0
-    found[lost], sure[lost] = led[lost], 0.5 * (1.0 - doubt[lost])
+    points = np.clip(pixels, 0.0, [width - 1.0, height - 1.0])
+    cell = np.floor(points + 0.5).astype(np.int64)
+    _, first, of = np.unique(cell[:, 1] * width + cell[:, 0], return_index=True, return_inverse=True)
+    moved, sure, cells = _followed_pixels(flow, cell[first].astype(np.float32))
+    moved, sure = moved[of], sure[of]
     if guess is not None:
-        start = np.where(np.isfinite(guess), guess, points).astype(np.float32)
-        other, other_sure = _refined(flow, points, start)
-        better = other_sure > sure
-        found[better], sure[better] = other[better], other_sure[better]
-    return found.astype(np.float64), sure.astype(np.float64)
+        elsewhere = np.square(guess - points - moved).sum(axis=1) > ELSEWHERE**2  # never where the guess is NaN
+        again = np.flatnonzero(elsewhere | ((sure < DOUBTFUL) & np.isfinite(guess).all(axis=1)))
+        if len(again):
+            here = cells[of[again]]
+            other, other_sure = _refined(flow, here, (here + guess[again] - points[again]).astype(np.float32))
+            better = other_sure > sure[again]
+            moved[again[better]], sure[again[better]] = (other - here)[better], other_sure[better]
+    return points + moved, sure.astype(np.float64)
+
+
+def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How far the pixels (N, 2) move, (N, 2), led by the dense field; how sure that is, (N,); the pixels."""
+    x, y = cells.astype(np.int64).T
+    led = cells + flow.flow[y, x]
+    found, sure = _refined(flow, cells, led)
+    lost = sure <= 0.0
+    found[lost], sure[lost] = led[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
+    return found - cells, sure, cells
 
 
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.image.evidence import Evidence
+from estimator.cost.image.evidence import Evidence, Past
 from estimator.cost.model import CostModel
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Term
@@ -31,7 +31,8 @@ class ModeSearchSettings:
 
     explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
     refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
-    coincide. distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
+    coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
+    distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
     exchange: also read every frame with left and right swapped (detectors do swap them).
     contact: what is done with modes whose parts overlap.
     """
@@ -41,6 +42,7 @@ class ModeSearchSettings:
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
     spare: int = 3
     distinct: float = 0.03
+    settled: float = 0.01
     exchange: bool = True
     contact: ContactSettings = field(default_factory=ContactSettings)
 
@@ -68,7 +70,7 @@ class Hypothesis(NamedTuple):
 class _Candidate(NamedTuple):
     found: Found
     base: Cost  # without the pictures' assigned features
-    cost: Cost
+    assigned: list[Term]
     hypothesis: Hypothesis
     energy: float
     penetration: float = 0.0  # known once refined
@@ -129,7 +131,7 @@ class ModeSearch:
         kept = self._distinct(explored, count + self.settings.spare)
         refined = [self._refine(c, readings, evidence) for c in kept]
         best = self._distinct(self._apart(refined), count)
-        modes = tuple(self._mode(c, readings, dt, evidence) for c in best)
+        modes = tuple(self._mode(c, readings, dt) for c in best)
         return mixture_of(modes, np.array([c.score for c in best]))
 
     def screened(
@@ -155,51 +157,63 @@ class ModeSearch:
         dt: float,
         evidence: Evidence | None,
     ) -> list[_Candidate]:
+        hypotheses = list(hypotheses)
+        flows = self._flows(hypotheses, evidence)
         costs: dict[tuple[int, bytes], Cost] = {}
         candidates = []
         for h in hypotheses:
-            key = (h.reading, b"" if h.q_previous is None else h.q_previous.tobytes())
-            if key not in costs:
-                flow = self._flow(h, evidence)
-                costs[key] = self.model.cost(readings[h.reading].term, h.q_previous, dt, flow)
-            base = costs[key]
+            past = _past(h)
+            if (h.reading, past) not in costs:
+                flow = flows.get(past, [])
+                costs[h.reading, past] = self.model.cost(readings[h.reading].term, h.q_previous, dt, flow)
+            base = costs[h.reading, past]
             q = h.q
             if evidence is not None and (h.q is h.q_previous or h.q is h.q_predicted):
                 q = self.seeker.seek(base, q, self.settings.follow).q  # where keypoints and flow take it
-            found, cost = self._seek(base, q, self.settings.explore, evidence, 1)
-            candidates.append(_Candidate(found, base, cost, h, found.quadratic.value + readings[h.reading].penalty))
+            found, assigned = self._seek(base, q, self.settings.explore, evidence)
+            energy = found.quadratic.value + readings[h.reading].penalty
+            candidates.append(_Candidate(found, base, assigned, h, energy))
         return candidates
 
-    def _flow(self, h: Hypothesis, evidence: Evidence | None) -> list[Term]:
-        """Flow of the surface from where the parent had it; looked for also where the prediction puts it."""
-        if evidence is None or h.q_previous is None:
-            return []
-        predicted = None if h.q_predicted is None else self.body.at(h.q_predicted)
-        return evidence.followed(self.body.at(h.q_previous), predicted)
+    def _flows(self, hypotheses: Sequence[Hypothesis], evidence: Evidence | None) -> dict[bytes, list[Term]]:
+        """Flow of the surface from where each hypothesis' parent had it, by `_past`; looked for also where the
+        prediction puts it."""
+        if evidence is None:
+            return {}
+        known = {_past(h): h for h in hypotheses if h.q_previous is not None}
+        pasts = [
+            Past(self.body.at(h.q_previous), None if h.q_predicted is None else self.body.at(h.q_predicted))
+            for h in known.values()
+        ]
+        return dict(zip(known, evidence.followed_each(pasts), strict=True))
 
     def _seek(
-        self, base: Cost, q: np.ndarray, settings: SeekSettings, evidence: Evidence | None, rounds: int
-    ) -> tuple[Found, Cost]:
-        """Search `base` and what the pictures say, assigned anew `rounds` times; the result with its last energy."""
-        if evidence is None:
-            return self.seeker.seek(base, q, settings), base
-        found = None
-        for _ in range(rounds):
-            cost = base.plus(evidence.assigned(self.body.at(q)))
-            found = self.seeker.seek(cost, q, settings)
-            q = found.q
-        assert found is not None
-        return found, cost
+        self, base: Cost, q: np.ndarray, settings: SeekSettings, evidence: Evidence | None
+    ) -> tuple[Found, list[Term]]:
+        """Search `base` and what the pictures say around q (nq,); the result and the features it was found with."""
+        assigned = [] if evidence is None else evidence.assigned(self.body.at(q))
+        return self.seeker.seek(base.plus(assigned), q, settings), assigned
 
     def _refine(self, c: _Candidate, readings: Sequence[Reading], evidence: Evidence | None) -> _Candidate:
-        rounds = self.model.settings.image.rounds
-        found, cost = self._seek(c.base, c.found.q, self.settings.refine, evidence, rounds)
+        found, assigned = self._settled(c, evidence)
         penetration = 0.0
         if self.clearance is not None:
+            cost = c.base.plus(assigned)
             found = separate(self.seeker, self.clearance, cost, found, self.settings.contact)
             penetration = self.clearance.penetration(found.quadratic.posed)
         energy = found.quadratic.value + readings[c.hypothesis.reading].penalty
-        return _Candidate(found, c.base, cost, c.hypothesis, energy, penetration)
+        return _Candidate(found, c.base, assigned, c.hypothesis, energy, penetration)
+
+    def _settled(self, c: _Candidate, evidence: Evidence | None) -> tuple[Found, list[Term]]:
+        """Search to convergence; features are assigned anew until that moves the pose no more, or `rounds` times."""
+        q = c.found.q
+        for _ in range(self.model.settings.image.rounds - 1 if evidence is not None else 0):
+            found, _ = self._seek(c.base, q, self.settings.explore, evidence)
+            moved = float(np.abs(self.body.difference(q, found.q)).max())
+            q = found.q
+            if moved < self.settings.settled:
+                break
+        return self._seek(c.base, q, self.settings.refine, evidence)
 
     def _apart(self, candidates: list[_Candidate]) -> list[_Candidate]:
         """Those whose parts could be kept apart; all of them if that is none."""
@@ -214,12 +228,11 @@ class ModeSearch:
             count,
         )
 
-    def _mode(self, c: _Candidate, readings: Sequence[Reading], dt: float, evidence: Evidence | None) -> Mode:
+    def _mode(self, c: _Candidate, readings: Sequence[Reading], dt: float) -> Mode:
         reading = readings[c.hypothesis.reading]
         posed = c.found.quadratic.posed
         # what one frame and the priors know: sampling by it must not be narrowed by the temporal term (CSS footnote 5)
-        assigned = [] if evidence is None else evidence.assigned(posed)
-        static = self.model.cost(reading.term, image_terms=assigned).of(posed)
+        static = self.model.cost(reading.term, image_terms=c.assigned).of(posed)
         before = c.hypothesis.q_previous
         return Mode(
             q=posed.q,
@@ -234,3 +247,8 @@ class ModeSearch:
             parent=c.hypothesis.parent,
             association=reading.name,
         )
+
+
+def _past(h: Hypothesis) -> bytes:
+    """What tells the pasts of hypotheses apart."""
+    return b"" if h.q_previous is None else h.q_previous.tobytes()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,13 @@ AGREES = 4.0  # standard deviations within which a contour point lies on the out
 NEAR_EDGE = 2  # px between an outline and the edge that bears it out
 SURE_EDGE, LEAST_TRUST = 0.3, 0.1  # strength that proves an outline; trust where there is no edge at all
 _NONE = np.zeros((0, 0), dtype=np.float32)
+
+
+class Past(NamedTuple):
+    """How the body lay in the frame before, and where its velocity has taken it since, if that is known."""
+
+    parent: PosedBody
+    predicted: PosedBody | None = None
 
 
 class ImageModel:
@@ -65,7 +73,12 @@ class Evidence:
     def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
         """Flow of the surface since the frame before, when it lay at `parent`; it is also looked for from where it lies
         at `predicted`."""
-        return [term for camera in self.cameras for term in camera.followed(parent, predicted)]
+        return self.followed_each([Past(parent, predicted)])[0]
+
+    def followed_each(self, pasts: Sequence[Past]) -> list[list[Term]]:
+        """`followed` for many pasts: the picture is searched once for the points of all of them."""
+        by_camera = [camera.followed_each(pasts) for camera in self.cameras]
+        return [[term for terms in of_past for term in terms] for of_past in zip(*by_camera, strict=True)]
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """For every camera with a foreground the share of the model's outline that lies on the foreground's."""
@@ -96,23 +109,40 @@ class CameraEvidence:
             constant += unassigned
         return [AssignedPoints(self.model.body, self.cues.camera, contours.joint, contours.local, groups, constant)]
 
-    def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[AssignedPoints]:
-        """See `Evidence.followed`."""
-        s, flow = self.model.settings, self.cues.flow
-        if flow is None or s.flow_evidence <= 0.0:
-            return []
-        surface, prediction = self.model.surface, self.predictor.predict(parent)
+    def followed_each(self, pasts: Sequence[Past]) -> list[list[AssignedPoints]]:
+        """See `Evidence.followed_each`."""
+        flow = self.cues.flow
+        if flow is None or not pasts or self.model.settings.flow_evidence <= 0.0:
+            return [[] for _ in pasts]
+        seen = [self._seen(past) for past in pasts]
+        pixels, guess = (np.concatenate([part[k] for part in seen]) for k in (1, 2))
+        target, sure = follow_points(flow, pixels, guess)
+        terms, first = [], 0
+        for point, before, _ in seen:
+            own = slice(first, first + len(point))
+            terms.append(self._flow_term(point, before, target[own], sure[own]))
+            first = own.stop
+        return terms
+
+    def _seen(self, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""
+        surface, prediction = self.model.surface, self.predictor.predict(past.parent)
         usable = prediction.visible
         usable &= np.cumsum(usable) % max(1, np.count_nonzero(usable) // FLOW_NODES) == 0
         point = np.flatnonzero(usable)
+        guess = np.full((len(point), 2), np.nan)
+        if past.predicted is not None:
+            world = points_in_world(past.predicted, surface.joint[point], surface.local[point])
+            guess = self.cues.camera.project(world)
+        return point, prediction.pixels[point], guess
+
+    def _flow_term(
+        self, point: np.ndarray, before: np.ndarray, target: np.ndarray, sure: np.ndarray
+    ) -> list[AssignedPoints]:
+        s, surface = self.model.settings, self.model.surface
         if not len(point):
             return []
-        guess = None
-        if predicted is not None:
-            world = points_in_world(predicted, surface.joint[point], surface.local[point])
-            guess = self.cues.camera.project(world)
-        target, sure = follow_points(flow, prediction.pixels[point], guess)
-        length = np.linalg.norm(target - prediction.pixels[point], axis=1)
+        length = np.linalg.norm(target - before, axis=1)
         precision = 1.0 / np.square(s.flow_noise + s.flow_share * length)
         weight = self._weight * s.flow_evidence / len(point) * sure
         group = _group(point, target, _isotropic(precision), weight, LORENTZIAN, s.flow_nu)
