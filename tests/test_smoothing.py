@@ -42,7 +42,7 @@ def test_smoothing_brings_noisy_poses_nearer_to_a_smooth_truth() -> None:
     costs, times, truth = noisy(body, 30, 3.0)
     rng = np.random.default_rng(6)
     start = np.array([body.integrate(q, rng.normal(scale=0.08, size=body.nv)) for q in truth])
-    found = smooth(body, costs, times, start, CostModel(body).transition_std(1.0))
+    found = smooth(body, costs, times, start, SmoothSettings().motion(CostModel(body)))
     before, after = (np.linalg.norm(points(body, q) - points(body, truth), axis=2).mean() for q in (start, found))
     assert after < 0.6 * before
     assert np.all(found >= body.lower)
@@ -55,9 +55,9 @@ def test_the_window_does_not_matter_much() -> None:
     """Windows overlap by half, so short ones end near where one long one does."""
     body = body_of("human34")
     costs, times, truth = noisy(body, 40, 2.0)
-    std = CostModel(body).transition_std(1.0)
-    whole = smooth(body, costs, times, truth, std)
-    parts = smooth(body, costs, times, truth, std, SmoothSettings(window=24))
+    motion = SmoothSettings().motion(CostModel(body))
+    whole = smooth(body, costs, times, truth, motion)
+    parts = smooth(body, costs, times, truth, motion, SmoothSettings(window=24))
     assert np.linalg.norm(points(body, whole) - points(body, parts), axis=2).mean() < 0.01
     assert np.linalg.norm(points(body, whole) - points(body, truth), axis=2).mean() > 0.005
 

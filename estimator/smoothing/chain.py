@@ -1,0 +1,130 @@
+"""Poses of successive frames tied by a motion prior: Newton's method on the block-banded system, limits as bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import solveh_banded
+
+from estimator.cost.kernels import LORENTZIAN, robust_square
+from estimator.cost.term import Cost
+from estimator.filtering.motion import MotionPrior
+from estimator.search.covariance import free_mask
+from humanoid.body import Body
+
+
+class Chain:
+    """Frames tied by the motion prior.
+
+    costs (T): static energy of each frame. times (T,) [s], rising. tolerance: energy that a step must gain.
+    """
+
+    def __init__(
+        self, body: Body, costs: Sequence[Cost], times: np.ndarray, motion: MotionPrior, tolerance: float
+    ) -> None:
+        self._body, self._costs, self._tolerance, self._nu = body, costs, tolerance, motion.nu
+        self._dt = np.maximum(np.diff(times), 1e-3)
+        self._velocity_precision = 1.0 / np.square(motion.velocity_std)
+        self._acceleration_precision = 1.0 / np.square(motion.acceleration_std)
+
+    def energy(self, q: np.ndarray) -> float:
+        """Of poses (T, nq)."""
+        return self._model(q)[0]
+
+    def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
+        """At most so many damped Newton steps from q (T, nq), after which the energy is no higher; the frames in `held`
+        (T,) stay."""
+        energy, gradient, blocks = self._model(q)
+        damping = 1e-6
+        for _ in range(iterations):
+            step = self._step(q, gradient, blocks, held, damping)
+            trial = np.array([self._body.integrate(a, v) for a, v in zip(q, step, strict=True)])
+            model = self._model(trial)
+            if model[0] < energy:
+                gained = energy - model[0]
+                q, (energy, gradient, blocks), damping = trial, model, max(1e-9, 0.1 * damping)
+                if gained < self._tolerance:
+                    break
+            else:
+                damping *= 10.0
+                if damping > 1e6:
+                    break
+        return q
+
+    def _model(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Energy, gradient (T, nv), Hessian blocks (3, T, nv, nv): block k couples frame t with frame t + k."""
+        count, nv = len(q), self._body.nv
+        gradient, blocks = np.zeros((count, nv)), np.zeros((3, count, nv, nv))
+        energy = 0.0
+        for t, cost in enumerate(self._costs):
+            here = cost.at(q[t])
+            energy += here.value
+            gradient[t] += here.gradient
+            blocks[0, t] += here.hessian
+        energy += self._motion(q, gradient, blocks)
+        return energy, gradient, blocks
+
+    def _motion(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
+        model, energy = self._body.model, 0.0
+        before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        for t, dt in enumerate(self._dt):
+            v = pin.difference(model, q[t], q[t + 1]) / dt
+            J0, J1 = (x / dt for x in pin.dDifference(model, q[t], q[t + 1]))
+            energy += self._add(v, self._velocity_precision, {t: J0, t + 1: J1}, gradient, blocks)
+            if before is not None:
+                span = 0.5 * (dt + self._dt[t - 1])
+                v_before, J0_before, J1_before = before
+                parts = {t - 1: -J0_before / span, t: (J0 - J1_before) / span, t + 1: J1 / span}
+                e = (v - v_before) / span
+                energy += self._add(e, self._acceleration_precision, parts, gradient, blocks)
+            before = v, J0, J1
+        return energy
+
+    def _add(
+        self,
+        e: np.ndarray,
+        precision: np.ndarray,
+        parts: dict[int, np.ndarray],
+        gradient: np.ndarray,
+        blocks: np.ndarray,
+    ) -> float:
+        """Add the prior of e (nv,), which depends on the frames in `parts` through their Jacobians (nv, nv)."""
+        pull, weight = np.empty_like(e), np.empty_like(e)
+        value: float = robust_square(e, precision, LORENTZIAN, self._nu, False, pull, weight)
+        for t, J in parts.items():
+            gradient[t] += J.T @ pull
+            for s, K in parts.items():
+                if s >= t:
+                    blocks[s - t, t] += J.T @ (weight[:, None] * K)
+        return value
+
+    def _step(
+        self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray, held: np.ndarray, damping: float
+    ) -> np.ndarray:
+        """Newton step (T, nv) of the variables that neither a limit nor `held` stops."""
+        count, nv = gradient.shape
+        free = free_mask(self._body, q, gradient) & ~held[:, None]
+        blocks = blocks * free[None, :, :, None]
+        for k in range(3):
+            blocks[k, : count - k] *= free[k:, None, :]
+        diagonal = np.einsum("tii->ti", blocks[0])
+        diagonal *= 1.0 + damping
+        diagonal[~free] = 1.0
+        step = solveh_banded(_banded(blocks), np.where(free, -gradient, 0.0).ravel(), lower=True, check_finite=False)
+        return np.asarray(step).reshape(count, nv)
+
+
+def _banded(blocks: np.ndarray) -> np.ndarray:
+    """Lower banded form of the symmetric matrix whose blocks (t, t + k) are `blocks[k, t]`."""
+    _, count, nv, _ = blocks.shape
+    n = count * nv
+    bands = np.zeros((3 * nv, n))
+    for k in range(3):
+        for i in range(nv):  # row of the upper block: variable i of frame t, column j of frame t + k
+            for j in range(nv):
+                offset = k * nv + j - i
+                if offset >= 0:
+                    bands[offset, i : n - k * nv : nv] = blocks[k, : count - k, i, j]
+    return bands

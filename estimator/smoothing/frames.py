@@ -1,0 +1,43 @@
+"""Each frame's own energy, as a mode of it reads the frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.cost.term import Cost
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import EXCHANGED, ModeSearch
+from estimator.trackers.tracker import observable
+
+
+def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:
+    """Static energy of a frame as each of its K modes reads it; image features stay assigned as they are there."""
+    if not observable(observation):
+        return [search.model.cost(None)] * len(result.weight)
+    evidence = search.evidence(observation, result.q[0])
+    terms = {name: search.term(observation, name) for name in set(result.association)}
+    costs = []
+    for q, association in zip(result.q, result.association, strict=True):
+        assigned = [] if evidence is None else evidence.assigned(search.body.at(q))
+        costs.append(search.model.cost(terms[association], image_terms=assigned))
+    return costs
+
+
+def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -> np.ndarray:
+    """Static energy (K,) of every mode of a frame, with the price of reading its keypoints exchanged."""
+    penalty = search.model.settings.exchange_penalty
+    return np.array(
+        [
+            cost.at(q).value + (penalty if association == EXCHANGED else 0.0)
+            for cost, q, association in zip(costs, result.q, result.association, strict=True)
+        ]
+    )
+
+
+def only(result: FrameResult, k: int) -> FrameResult:
+    """A frame with its mode k alone."""
+    one = slice(k, k + 1)
+    return replace(result, q=result.q[one], weight=result.weight[one], association=result.association[one])
