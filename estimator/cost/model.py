@@ -10,6 +10,8 @@ import numpy as np
 from estimator.cost.image.evidence import Evidence, ImageModel
 from estimator.cost.image.settings import ImageSettings
 from estimator.cost.interpenetration import Interpenetration
+from estimator.cost.pose_mixture import SHIPPED, load_mixture
+from estimator.cost.pose_prior import PosePrior
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Term
@@ -33,6 +35,8 @@ class CostSettings:
     landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
         it keeps sharply detected points of the face from deciding the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
+    pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
+        takes (`estimator.cost.pose_prior`); pose_prior_file: its numbers, empty for the shipped ones, of human34.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
@@ -48,6 +52,8 @@ class CostSettings:
     landmark_mismatch: float = 0.7
     stabiliser_weight: float = 1.0
     upright_weight: float = 1.0
+    pose_prior_weight: float = 0.0
+    pose_prior_file: str = ""
     interpenetration_weight: float = 1.0
     clearance_scale: float = 0.005
     turn_speed: float = 6.0
@@ -68,9 +74,7 @@ class CostModel:
         self.clearance = clearance if clearance is not None and clearance.pairs else None
         spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
         self._spread = np.hypot(spread, self.settings.landmark_mismatch)
-        priors: list[Term] = []
-        if self.settings.stabiliser_weight > 0.0:
-            priors.append(Stabilisers(body, self.settings.stabiliser_weight))
+        priors = _pose_priors(body, self.settings)
         if self.clearance is not None and self.settings.interpenetration_weight > 0.0:
             s = self.settings
             priors.append(Interpenetration(self.clearance, s.clearance_scale, s.interpenetration_weight))
@@ -140,6 +144,18 @@ class CostModel:
         """Standard deviation (nv,) of the change in `dt` seconds."""
         s = self.settings
         return per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed) * max(dt, 1e-3)
+
+
+def _pose_priors(body: Body, settings: CostSettings) -> list[Term]:
+    """The stabilisers, a learned mixture, or a share of each."""
+    strength, share = settings.stabiliser_weight, settings.pose_prior_weight
+    priors: list[Term] = []
+    if strength * (1.0 - share) > 0.0:
+        priors.append(Stabilisers(body, strength * (1.0 - share)))
+    if strength * share > 0.0:
+        mixture = load_mixture(settings.pose_prior_file or SHIPPED)
+        priors.append(PosePrior(body, mixture, strength * share))
+    return priors
 
 
 def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:

@@ -54,6 +54,8 @@ def search_edges(  # type: ignore[no-untyped-def]
             if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
                 continue
             x, y = int(u + 0.5), int(v + 0.5)
+            if strength[y, x] < 0.5 * _WEAK:  # most of a picture
+                continue
             along = abs(direction[y, x, 0] * normals[i, 0] + direction[y, x, 1] * normals[i, 1])
             if along > _STRAIGHT:
                 x, y = int(u), int(v)

@@ -1,0 +1,154 @@
+"""Ours and scipy's `least_squares` from one start: the problem, both searches, and what each of them took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+
+from benchmarks.mode_search_residuals import Residuals
+from estimator.cost.model import CostModel, CostSettings
+from estimator.cost.term import Cost
+from estimator.cost.upright import world_up
+from estimator.imaging.observation import Observation
+from estimator.search.seek import Seeker
+from estimator.synthesis import scene_cameras
+from humanoid.body import Body
+from humanoid.landmarks import COCO17
+from humanoid.subject import load_subject
+
+NOISE_PX = 4.0
+SPREAD = 0.8  # of the true pose about rest, in standard deviations of the stabilisers
+STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
+AROUND = 0.4  # standard deviation of further starts about the first [rad], root [rad, m]
+TENTH = 0.1  # of scipy's time
+EQUAL = 1e-6  # relative difference up to which energies are equal
+
+
+@dataclass(frozen=True)
+class Duel:
+    """Both sides from one start.
+
+    distance: from truth to start, see `Contest.duel`. energy: at the start. ours, theirs: where each ended.
+    in_a_tenth: the lowest of our searches that fit into a tenth of scipy's time.
+    our_ms, their_ms: CPU time of ours, and of scipy until it was as low, or to its end. full_ms: of scipy to its end.
+    residual_ms: the part of full_ms inside the residuals and their Jacobian.
+    our_steps: steps tried. their_steps: times scipy asked for residuals.
+    converged: whether our KKT residual is below its tolerance.
+    """
+
+    distance: float
+    energy: float
+    ours: float
+    theirs: float
+    in_a_tenth: float
+    our_ms: float
+    their_ms: float
+    full_ms: float
+    residual_ms: float
+    our_steps: int
+    their_steps: int
+    converged: bool
+
+
+def no_higher(energy: float, other: float) -> bool:
+    """Whether one end is as low as the other, up to scipy's tolerances."""
+    return energy <= other + EQUAL * max(1.0, abs(other))
+
+
+class Watched:
+    """Residuals that note the CPU time spent in them, and when half their square was first at a level or below."""
+
+    def __init__(self, residuals: Residuals, level: float) -> None:
+        self._residuals, self._level = residuals, level
+        self.inside = 0.0
+        self.reached: float | None = None
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        r = self._timed(self._residuals.residuals, x)
+        if self.reached is None and 0.5 * float(r @ r) <= self._level:
+            self.reached = time.process_time()
+        return r
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        return self._timed(self._residuals.jacobian, x)
+
+    def _timed(self, function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+        begun = time.process_time()
+        found = function(x)
+        self.inside += time.process_time() - begun
+        return found
+
+
+class Contest:
+    """Problems on human34 with one camera, and both ways to solve them."""
+
+    def __init__(self) -> None:
+        self.body = Body(load_subject("human34"))
+        self.cameras = scene_cameras()[:1]
+        self.settings = CostSettings(interpenetration_weight=0.0)
+        self.model = CostModel(self.body, self.settings)
+        self.seeker = Seeker(self.body)
+        self._seen = np.isin(self.body.landmark_names, COCO17)
+
+    def problem(self, rng: np.random.Generator) -> tuple[np.ndarray, Observation]:
+        """A true pose (nq,) and its noisy keypoints, COCO's."""
+        body = self.body
+        q = body.neutral.copy()
+        for s in body.subject.stabilisers:
+            q[body.q_names.index(s.joint)] += SPREAD * s.std * rng.normal()
+        q = body.clamp(q)
+        q[:3] += STANDING
+        turned = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+        q = body.integrate(q, np.concatenate([rng.normal(0.0, 0.1, 3), turned, np.zeros(body.nv - 6)]))
+        pixels = self.cameras[0].project(body.landmarks(body.at(q)))[None]
+        pixels = np.where(self._seen[:, None], pixels + rng.normal(0.0, NOISE_PX, pixels.shape), np.nan)
+        return q, Observation(0, 0.0, self.cameras, pixels, self._seen[None].astype(float))
+
+    def forms(self, observation: Observation, q: np.ndarray) -> tuple[Cost, Residuals]:
+        """The energy as ours and as residuals about a start q (nq,)."""
+        s = self.settings
+        cost = self.model.cost(self.model.observation_term(observation))
+        sigma = self.model.keypoint_sigma(observation)
+        return cost, Residuals(self.body, q, observation, sigma, s.nu, world_up(self.cameras))
+
+    def duel(self, distance: float, rng: np.random.Generator) -> Duel:
+        """A problem, and a start off by `distance` in every joint (standard deviation; rad, and m for the root)."""
+        truth, observation = self.problem(rng)
+        q = self.body.integrate(truth, distance * rng.normal(size=self.body.nv))
+        cost, residuals = self.forms(observation, q)
+        before = cost.at(q).value
+        begun = time.process_time()
+        found = self.seeker.seek(cost, q)
+        our_time = time.process_time() - begun
+        ours = found.quadratic.value
+        watched = Watched(residuals, ours + EQUAL * max(1.0, abs(ours)))
+        begun = time.process_time()
+        theirs = scipy_search(watched, residuals)
+        full = time.process_time() - begun
+        until = full if watched.reached is None else watched.reached - begun
+        lowest = self.further(cost, q, ours, TENTH * full - our_time, our_time, rng.spawn(1)[0])
+        return Duel(
+            distance, before, ours, float(theirs.cost), lowest, 1e3 * our_time, 1e3 * until, 1e3 * full,
+            1e3 * watched.inside, found.iterations, int(theirs.nfev), found.status == "converged",
+        )  # fmt: skip
+
+    def further(
+        self, cost: Cost, q: np.ndarray, lowest: float, left: float, took: float, rng: np.random.Generator
+    ) -> float:
+        """The lowest energy after more searches from around q (nq,), as many as fit into the seconds that are left, if
+        each takes as long as the first."""
+        for _ in range(int(left / took)):
+            q_near = self.body.integrate(q, AROUND * rng.normal(size=self.body.nv))
+            lowest = min(lowest, self.seeker.seek(cost, q_near).quadratic.value)
+        return lowest
+
+
+def scipy_search(watched: Watched, residuals: Residuals) -> OptimizeResult:
+    """With scipy's own tolerances and step limits."""
+    return least_squares(
+        watched.residuals, residuals.x0, watched.jacobian, bounds=(residuals.lower, residuals.upper), method="trf"
+    )

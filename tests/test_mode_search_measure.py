@@ -1,0 +1,87 @@
+"""The side-by-side with scipy is of one energy: values, gradients and minima agree, and the counting is right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.mode_search import figures
+from benchmarks.mode_search_duel import Contest, Duel, Watched
+from benchmarks.mode_search_residuals import Residuals, robust
+
+CONTEST = Contest()
+
+
+def problem(seed: int, distance: float) -> tuple[np.ndarray, Residuals, np.ndarray]:
+    """The start, its residuals and some x within the limits, the root well away from the start."""
+    rng = np.random.default_rng(seed)
+    truth, observation = CONTEST.problem(rng)
+    start = CONTEST.body.integrate(truth, distance * rng.normal(size=CONTEST.body.nv))
+    residuals = CONTEST.forms(observation, start)[1]
+    x = np.clip(residuals.x0 + distance * rng.normal(size=CONTEST.body.nv), residuals.lower, residuals.upper)
+    return start, residuals, x
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_half_the_squares_are_the_energy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    truth, observation = CONTEST.problem(rng)
+    start = CONTEST.body.integrate(truth, 0.4 * rng.normal(size=CONTEST.body.nv))
+    cost, residuals = CONTEST.forms(observation, start)
+    assert np.array_equal(residuals.q(residuals.x0), start)
+    for step in (0.0, 0.1, 0.5):
+        x = np.clip(residuals.x0 + step * rng.normal(size=CONTEST.body.nv), residuals.lower, residuals.upper)
+        here = cost.at(residuals.q(x))
+        r, J = residuals.residuals(x), residuals.jacobian(x)
+        assert 0.5 * float(r @ r) == pytest.approx(here.value, rel=1e-12)
+        # the joints' part of the gradient is in the same coordinates; the root's only where x's chart begins
+        same = slice(6, None) if step else slice(None)
+        assert np.allclose((J.T @ r)[same], here.gradient[same], rtol=1e-8, atol=1e-8)
+
+
+def test_the_jacobian_is_the_derivative() -> None:
+    for seed in range(3):
+        _, residuals, x = problem(seed, 0.5)
+        J = residuals.jacobian(x).copy()
+        for v in np.random.default_rng(seed).normal(size=(6, len(x))):
+            slope = (residuals.residuals(x + 1e-6 * v) - residuals.residuals(x - 1e-6 * v)) / 2e-6
+            assert np.allclose(J @ v, slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
+
+
+def test_a_robust_group_halved_and_squared_is_its_potential() -> None:
+    e = np.array([[0.0, 0.0], [1e-9, -1e-9], [1e-4, 2e-4], [0.3, -0.4], [30.0, 50.0]])
+    r, J = robust(e, np.tile(np.eye(2), (len(e), 1, 1)), 8.0)
+    assert np.allclose(np.square(r).sum(axis=1), 8.0 * np.log1p(np.square(e).sum(axis=1) / 8.0), rtol=1e-12, atol=0.0)
+    for v in np.eye(2):
+        slope = (robust(e + 1e-6 * v, np.zeros((len(e), 2, 1)), 8.0)[0]
+                 - robust(e - 1e-6 * v, np.zeros((len(e), 2, 1)), 8.0)[0]) / 2e-6  # fmt: skip
+        assert np.allclose(J @ v, slope, atol=1e-8)
+
+
+def test_near_the_truth_both_find_the_same_minimum() -> None:
+    rng = np.random.default_rng(1)
+    duels = [CONTEST.duel(0.02, rng) for _ in range(5)]
+    assert all(d.converged and d.in_a_tenth <= d.ours for d in duels)
+    assert sum(d.ours == pytest.approx(d.theirs, rel=1e-5) for d in duels) >= 4
+    assert all(0.0 < d.their_ms <= d.full_ms and 0.0 < d.residual_ms < d.full_ms for d in duels)
+    assert all(max(d.ours, d.theirs) < d.energy for d in duels)
+
+
+def test_reaching_a_level_is_noticed() -> None:
+    _, residuals, x = problem(0, 0.2)
+    value = 0.5 * float(np.square(residuals.residuals(x)).sum())
+    for level, reached in ((1.001 * value, True), (0.999 * value, False)):
+        watched = Watched(residuals, level)
+        watched.residuals(x)
+        assert (watched.reached is not None) == reached
+
+
+def test_figures_count_what_they_say() -> None:
+    def duel(ours: float, in_a_tenth: float) -> Duel:
+        return Duel(0.1, 50.0, ours, 10.0, in_a_tenth, 1.0, 12.0, 20.0, 5.0, 10, 20, True)
+
+    found = figures([duel(10.0, 10.0), duel(10.0 + 1e-4, 8.0), duel(9.0, 9.0), duel(11.0, 11.0)])
+    assert found["ratio"] == found["ratio_of_totals"] == pytest.approx(12.0)
+    assert found["ratio_to_the_end"] == pytest.approx(20.0)
+    assert found["ratio_without_residuals"] == pytest.approx(15.0)
+    assert (found["no_higher"], found["scipy_no_higher"], found["no_higher_in_a_tenth"]) == (0.5, 0.75, 0.75)

@@ -1,0 +1,201 @@
+"""Laws of the pose prior: a known density, its derivatives, mirror images, and where its numbers come from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import body_of, camera_at, observe, random_pose, slope
+from scipy.stats import multivariate_normal, t
+
+from benchmarks.common import data_folder
+from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
+from benchmarks.pose_prior import LEFT_OUT, shipped_mixture
+from estimator.cost.model import CostModel, CostSettings
+from estimator.cost.pose_mixture import SHIPPED, PoseMixture, load_mixture
+from estimator.cost.pose_prior import PosePrior
+from estimator.cost.priors import Stabilisers
+from estimator.search.seek import Seeker
+from estimator.trackers.registry import make_tracker, settings_for
+from humanoid.errors import InputError
+from humanoid.landmarks import mirror_index
+
+BODY = body_of("human34")
+
+
+def evaluated(
+    prior: PosePrior | Stabilisers, q: np.ndarray, exact: bool = False
+) -> tuple[float, np.ndarray, np.ndarray]:
+    gradient, hessian = np.zeros(BODY.nv), np.zeros((BODY.nv, BODY.nv))
+    return prior.accumulate(BODY.at(q), gradient, hessian, exact), gradient, hessian
+
+
+def posed(angles: np.ndarray) -> np.ndarray:
+    return np.concatenate([BODY.neutral[:7], angles])
+
+
+def between_components(rng: np.random.Generator, mixture: PoseMixture) -> np.ndarray:
+    """A pose that several components claim."""
+    shares = rng.dirichlet(np.ones(2 * len(mixture.weight)))
+    return posed(shares @ mixture.both_sides()[1] + 0.1 * rng.normal(size=len(mixture.joints)))
+
+
+def blurred(mixture: PoseMixture) -> PoseMixture:
+    """Wide enough that components overlap."""
+    return replace(mixture, covariance=mixture.covariance + 0.3 * np.eye(len(mixture.joints)))
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_it_is_the_density_that_it_says(wide: bool) -> None:
+    mixture = blurred(load_mixture()) if wide else load_mixture()
+    prior, rng = PosePrior(BODY, mixture, 0.7), np.random.default_rng(0)
+    rests = {s.joint: s for s in BODY.subject.stabilisers}
+    rest, std = (np.array([getattr(rests[name], of) for name in mixture.joints]) for of in ("rest", "std"))
+    student = t(3.0, rest, std * math.sqrt(4.0 / 3.0))  # exp(-Lorentzian / 2) with nu = 4
+    for q in [between_components(rng, mixture) for _ in range(5)] + [random_pose(BODY, rng)]:
+        density = mixture.background * np.exp(student.logpdf(q[7:]).sum())
+        for share, mean, covariance in zip(*mixture.both_sides(), strict=True):
+            density += share * multivariate_normal(mean, covariance).pdf(q[7:])
+        expected = 0.7 * (student.logpdf(rest).sum() - math.log(density))
+        assert evaluated(prior, q)[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_derivatives() -> None:
+    rng, mixture = np.random.default_rng(1), blurred(load_mixture())
+    prior = PosePrior(BODY, mixture, 1.3)
+    for q in [between_components(rng, mixture) for _ in range(4)] + [random_pose(BODY, rng)]:
+        _, gradient, exact = evaluated(prior, q, exact=True)
+        cautious = evaluated(prior, q)[2]
+        assert not gradient[:6].any()
+        for v in rng.normal(size=(5, BODY.nv)):
+            along = slope(lambda x: np.array(evaluated(prior, x)[0]), BODY, q, v, 1e-4)
+            assert gradient @ v == pytest.approx(float(along), rel=1e-7, abs=1e-6)
+            turned = slope(lambda x: evaluated(prior, x)[1], BODY, q, v, 1e-4)
+            assert np.allclose(exact @ v, turned, rtol=1e-6, atol=1e-5)
+        assert np.array_equal(cautious, cautious.T)
+        assert np.linalg.eigvalsh(cautious)[0] > -1e-9
+        # a sum of shares lets go of what its parts hold: the true curvature is the smaller
+        assert np.linalg.eigvalsh(cautious - exact)[0] > -1e-9
+
+
+def test_far_from_everything_the_stabilisers_decide() -> None:
+    mixture, rng = load_mixture(), np.random.default_rng(2)
+    prior, stabilisers = PosePrior(BODY, mixture), Stabilisers(BODY)
+    for _ in range(20):
+        q = random_pose(BODY, rng)
+        gap = evaluated(prior, q)[0] - evaluated(stabilisers, q)[0]
+        assert gap <= -math.log(mixture.background) + 1e-9
+    far = posed(BODY.upper[7:])
+    (value, gradient, hessian), (other, pull, bend) = evaluated(prior, far), evaluated(stabilisers, far)
+    assert value - other == pytest.approx(-math.log(mixture.background))
+    assert np.allclose(gradient, pull)
+    assert np.allclose(hessian, bend)
+
+
+def test_a_pose_and_its_mirror_image_are_equally_likely() -> None:
+    mixture, rng = load_mixture(), np.random.default_rng(3)
+    other, sign = mirror_of(BODY)
+    assert np.array_equal(mixture.other_side, other)
+    assert np.array_equal(mixture.mirror_sign, sign)
+    swap = mirror_index(BODY.landmark_names)
+    for _ in range(5):
+        q = random_pose(BODY, rng, turn=0.0)
+        q[:7] = BODY.neutral[:7]
+        mirrored = posed(mixture.mirrored(q[7:]))
+        points, image = BODY.landmarks(BODY.at(q)), BODY.landmarks(BODY.at(mirrored))
+        assert np.allclose(image, points[swap] * [1.0, -1.0, 1.0], atol=1e-9)
+        prior = PosePrior(BODY, mixture)
+        assert evaluated(prior, mirrored)[0] == pytest.approx(evaluated(prior, q)[0], abs=1e-9)
+
+
+def test_standing_is_likelier_than_the_stabilisers_have_it() -> None:
+    prior = PosePrior(BODY, load_mixture())
+    assert evaluated(prior, BODY.neutral)[0] < -3.0
+    rng = np.random.default_rng(4)
+    q = posed(BODY.neutral[7:])
+    assert np.median([evaluated(prior, random_pose(BODY, rng))[0] for _ in range(50)]) > evaluated(prior, q)[0] + 10.0
+
+
+def test_it_takes_the_place_of_the_stabilisers_in_the_energy() -> None:
+    rng = np.random.default_rng(5)
+    q, seen = random_pose(BODY, rng, share=0.4), observe(BODY, BODY.neutral, (camera_at(20.0),))
+    values = {}
+    for share in (0.0, 0.25, 1.0):
+        model = CostModel(BODY, CostSettings(pose_prior_weight=share, interpenetration_weight=0.0))
+        cost = model.cost(model.observation_term(seen))
+        values[share] = cost.at(q).value
+        found = Seeker(BODY).seek(cost, q)
+        assert found.status == "converged"
+    assert values[0.25] == pytest.approx(0.75 * values[0.0] + 0.25 * values[1.0])
+
+
+def test_a_body_without_the_joints_is_refused() -> None:
+    settings = settings_for("css", changes={"cost": {"pose_prior_weight": 0.5}})
+    with pytest.raises(InputError, match=r"needs joints it does not have: .*human34"):
+        make_tracker("css", body_of("arm8"), settings)
+    with pytest.raises(InputError, match=r"pose_prior_weight.*at most 1"):
+        settings_for("css", changes={"cost": {"pose_prior_weight": 1.5}})
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"background": 0.2', '"background": 1.2', "background.*cannot work"),
+        ('"background": 0.2', '"foreground": 0.2', "background: is missing"),
+        ('"neck_axial"', '"neck_spiral"', "name every joint once"),
+        ('"weight": ', '"weight": -', "cannot work"),
+        ('"covariance": [', '"covariance": [-', r"components\[0\].covariance: is not positive definite"),
+        ('"mean": [', '"mean": [1.0, ', r"components\[0\].mean: 28 numbers are needed, found 29"),
+    ],
+)  # fmt: skip
+def test_a_spoilt_file_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = tmp_path / "mixture.json"
+    path.write_text(SHIPPED.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=said) as caught:
+        load_mixture(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_says_what_was_written(tmp_path: Path) -> None:
+    mixture = load_mixture()
+    mixture.save(tmp_path / "again.json", "again")
+    again = load_mixture(tmp_path / "again.json")
+    assert again.joints == mixture.joints
+    for name in ("other_side", "mirror_sign", "weight", "mean", "covariance"):
+        assert np.allclose(getattr(again, name), getattr(mixture, name), atol=1e-5)
+
+
+def test_learning_finds_the_gaussians_that_poses_were_drawn_from() -> None:
+    rng = np.random.default_rng(6)
+    other, sign = mirror_of(BODY)
+    D = len(joints_of(BODY))
+    truth = PoseMixture(joints_of(BODY), other, sign, 0.2, np.array([0.3, 0.7]), rng.normal(0.0, 0.8, (2, D)),
+                        np.array([0.01 * np.eye(D), 0.04 * np.eye(D)]))  # fmt: skip
+    mean = np.repeat(truth.mean, [300, 700], axis=0)
+    angles = mean + rng.normal(size=mean.shape) * np.repeat([0.1, 0.2], [300, 700])[:, None]
+    some = rng.random(1000) < 0.5
+    angles[some] = truth.mirrored(angles[some])  # which side a pose is on tells nothing
+    poses = Poses(angles, np.full((1000, D, D), 1e-6 * np.eye(D)))
+    found = learned(BODY, [poses], LearnSettings(pairs=2, prior_count=0.0, starts=2), rng)
+    order = np.argsort(found.weight)
+    assert np.allclose(found.weight[order], [0.3, 0.7], atol=0.01)
+    for k, true, std in zip(order, truth.mean, (0.1, 0.2), strict=True):
+        assert min(np.abs(m - true).max() for m in (found.mean[k], found.mirrored(found.mean[k]))) < 4.0 * std / 17.0
+        assert np.sqrt(np.diag(found.covariance[k])).mean() == pytest.approx(std, rel=0.05)
+
+
+def test_the_shipped_numbers_are_what_the_script_makes() -> None:
+    folder = data_folder(None)
+    files = sorted((folder / "mocap").glob("*.bvh")) if folder else []
+    if not files:
+        pytest.skip("the motion capture is not here")
+    settings = LearnSettings()
+    poses = {f.stem: captured_poses(BODY, f, settings.spacing) for f in files if f.stem not in LEFT_OUT}
+    made, shipped = PosePrior(BODY, shipped_mixture(BODY, poses, settings)), PosePrior(BODY, load_mixture())
+    for clip in poses.values():
+        for angles in clip.angles[::4]:
+            q = posed(angles)
+            assert evaluated(made, q)[0] == pytest.approx(evaluated(shipped, q)[0], abs=0.3)
