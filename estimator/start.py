@@ -7,7 +7,7 @@ import numpy as np
 from estimator.filtering.mixture import Mixture
 from estimator.imaging.observation import Observation
 from estimator.search.flips import only_camera
-from estimator.search.mode_search import Hypothesis, ModeSearch
+from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
 from estimator.search.views import view_sphere
 from humanoid.body import Body
 
@@ -27,7 +27,8 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     else:
         starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
     readings = search.readings(observation)
-    found = search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), readings, count)
+    case = FrameCase(readings)
+    found = search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), case, count)
     evidence = search.evidence(observation, found.modes[0].q)
     camera = only_camera(observation)
     jumps = camera is not None and bool(search.flips.limbs)
@@ -39,7 +40,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
         for mode in found.modes
         for q in (mode.q, *(search.flips.of(mode.q, camera) if camera is not None else ()))
     ]
-    return search.best_modes(again, readings, count, evidence=evidence)
+    return search.best_modes(again, case._replace(evidence=evidence), count, rng)
 
 
 def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:

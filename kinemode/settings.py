@@ -8,7 +8,7 @@ from typing import Any
 
 from estimator.formats.atomic import replacing
 from estimator.formats.settings_file import load_settings, settings_text
-from estimator.trackers.registry import Settings, settings_for
+from estimator.trackers.registry import GROUPS, Settings, settings_for
 from humanoid.errors import InputError
 
 PathLike = str | Path
@@ -28,9 +28,10 @@ def read_settings(tracker: str, given: Mapping[str, Any] | PathLike | None, mode
 
 def describe_settings(tracker: str = "css") -> str:
     """All settings of a tracker as the text of a TOML file that `track` takes; raises InputError for an unknown one."""
-    unused = "css" if tracker == "single-mode" else "single_mode"
+    settings = settings_for(tracker)
+    unused = set(GROUPS.values()) - {GROUPS[tracker]}
     title = f"Settings of the tracker {tracker}, for: kinemode track --tracker {tracker} --settings FILE"
-    return settings_text(settings_for(tracker), title, leave_out=(unused,))
+    return settings_text(settings, title, leave_out=unused)
 
 
 def write_settings(path: PathLike, tracker: str = "css") -> Path:

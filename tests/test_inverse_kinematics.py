@@ -20,7 +20,7 @@ from estimator.filtering.merge import body_size
 from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.search.covariance import mode_covariance
-from estimator.search.mode_search import Hypothesis, ModeSearch, ModeSearchSettings
+from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
 from estimator.search.proposals import CovarianceScaledProposal
 from estimator.search.seek import Found, Seeker
 from estimator.start import random_configuration
@@ -184,7 +184,7 @@ def test_sampling_finds_every_flip(arm: Arm) -> None:
     for first in known.values():
         rng, modes = np.random.default_rng(62), [first.q]
         for _ in range(4):
-            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), arm.readings, 8)
+            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameCase(arm.readings), 8)
             modes = [m.q for m in mixture.modes]
         found = [limb_points(body, q) for q in modes]
         for name, mode in known.items():

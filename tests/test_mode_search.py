@@ -15,7 +15,7 @@ from estimator.filtering.merge import best_distinct, bhattacharyya, body_size
 from estimator.filtering.mixture import Mode, mixture_of
 from estimator.filtering.paths import backtrack
 from estimator.imaging.observation import Observation
-from estimator.search.mode_search import Hypothesis, ModeSearch, ModeSearchSettings
+from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
 from estimator.search.views import view_sphere
 from estimator.start import random_configuration, start_modes
 from humanoid.body import Body
@@ -135,7 +135,7 @@ def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
     readings = search.readings(seen)
     q_previous = walking(body, 0.25)
     hypotheses = [Hypothesis(q_previous, r, 2, -1.5, q_previous) for r in range(2)]
-    mixture = search.best_modes(hypotheses, readings, 2, dt=0.04)
+    mixture = search.best_modes(hypotheses, FrameCase(readings, 0.04), 2)
     assert search.clearance is not None
     for mode, score in zip(mixture.modes, mixture.log_scores - mixture.log_scores[0], strict=True):
         reading = next(r for r in readings if r.name == mode.association)
@@ -159,8 +159,8 @@ def test_a_swapped_frame_is_read_exchanged(search: ModeSearch) -> None:
     cost = search.model.cost(search.readings(seen)[0].term).at(truth).value
     assert search.model.cost(exchanged.term).at(truth).value == pytest.approx(cost, rel=1e-12)
     start = [Hypothesis(truth, r, 0, 0.0, truth) for r in range(2)]
-    assert search.best_modes(start, (plain, exchanged), 1, 0.04).modes[0].association == "exchanged"
-    assert search.best_modes(start, search.readings(seen), 1, 0.04).modes[0].association == "as_detected"
+    assert search.best_modes(start, FrameCase((plain, exchanged), 0.04), 1).modes[0].association == "exchanged"
+    assert search.best_modes(start, FrameCase(search.readings(seen), 0.04), 1).modes[0].association == "as_detected"
     arm = body_of("arm8")
     one_sided = ModeSearch(CostModel(arm))
     assert len(one_sided.readings(observe(arm, arm.neutral, [CAMERA]))) == 1

@@ -19,10 +19,13 @@ from estimator.search.contact import ContactSettings, separate
 from estimator.search.covariance import mode_covariance
 from estimator.search.flips import Flips
 from estimator.search.seek import Found, Seeker, SeekSettings
+from estimator.search.volumes import Surroundings, importance_log_volumes
 from humanoid.clearance import Clearance
+from humanoid.errors import InputError
 from humanoid.landmarks import mirror_index
 
 AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
+BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importance")
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,9 @@ class ModeSearchSettings:
     distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
     exchange: also read every frame with left and right swapped (detectors do swap them).
     contact: what is done with modes whose parts overlap.
+    weigh: what a mode's weight is: "height", its probability density (CSS Figure 6, step 3); "volume", its probability
+    by the second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS
+    section 8). Raises InputError for another word.
     """
 
     explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
@@ -45,6 +51,12 @@ class ModeSearchSettings:
     settled: float = 0.01
     exchange: bool = True
     contact: ContactSettings = field(default_factory=ContactSettings)
+    weigh: str = BY_HEIGHT
+    weigh_samples: int = 60
+
+    def __post_init__(self) -> None:
+        if self.weigh not in WEIGHINGS:
+            raise InputError("search settings", f"weigh is {self.weigh!r}", remedy="one of " + ", ".join(WEIGHINGS))
 
 
 class Reading(NamedTuple):
@@ -53,6 +65,15 @@ class Reading(NamedTuple):
     name: str
     term: Reprojection
     penalty: float
+
+
+class FrameCase(NamedTuple):
+    """What the hypotheses of one frame are searched in: the readings of its keypoints, the seconds since the parents,
+    and what the pictures say; their features are assigned anew to every hypothesis, several times during its search."""
+
+    readings: Sequence[Reading]
+    dt: float = 0.0
+    evidence: Evidence | None = None
 
 
 class Hypothesis(NamedTuple):
@@ -67,7 +88,9 @@ class Hypothesis(NamedTuple):
     q_predicted: np.ndarray | None = None
 
 
-class _Candidate(NamedTuple):
+class Candidate(NamedTuple):
+    """A hypothesis after a search. energy: with the price of its reading. score: log-weight, up to a constant."""
+
     found: Found
     base: Cost  # without the pictures' assigned features
     assigned: list[Term]
@@ -77,6 +100,7 @@ class _Candidate(NamedTuple):
 
     @property
     def score(self) -> float:
+        """Log-weight by the energy's height alone, with what the parent hands on."""
         return self.hypothesis.prior_score - self.energy
 
 
@@ -115,77 +139,83 @@ class ModeSearch:
         return tuple(found)
 
     def best_modes(
-        self,
-        hypotheses: Iterable[Hypothesis],
-        readings: Sequence[Reading],
-        count: int,
-        dt: float = 0.0,
-        evidence: Evidence | None = None,
+        self, hypotheses: Iterable[Hypothesis], case: FrameCase, count: int, rng: np.random.Generator | None = None
     ) -> Mixture:
-        """The `count` best distinct modes reached from the hypotheses, as a mixture.
+        """The `count` best distinct modes reached from the hypotheses, as a mixture."""
+        return self.best_of(self.explored(hypotheses, case), case, count, rng)
 
-        `dt`: seconds since the parents. `evidence`: what the pictures say; its features are assigned anew to every
-        hypothesis, several times during its search.
-        """
-        explored = self._explore(hypotheses, readings, dt, evidence)
-        kept = self._distinct(explored, count + self.settings.spare)
-        refined = [self._refine(c, readings, evidence) for c in kept]
-        best = self._distinct(self._apart(refined), count)
-        modes = tuple(self._mode(c, readings, dt) for c in best)
-        return mixture_of(modes, np.array([c.score for c in best]))
-
-    def screened(
-        self,
-        hypotheses: Sequence[Hypothesis],
-        readings: Sequence[Reading],
-        count: int,
-        dt: float,
-        evidence: Evidence,
-    ) -> list[Hypothesis]:
-        """The `count` hypotheses of lowest energy as they are: many cheap looks before a few searches."""
-        scores = []
-        for h in hypotheses:
-            posed = self.body.at(h.q)
-            cost = self.model.cost(readings[h.reading].term, h.q_previous, dt, evidence.assigned(posed))
-            scores.append(h.prior_score - cost.of(posed).value - readings[h.reading].penalty)
-        return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
-
-    def _explore(
-        self,
-        hypotheses: Iterable[Hypothesis],
-        readings: Sequence[Reading],
-        dt: float,
-        evidence: Evidence | None,
-    ) -> list[_Candidate]:
+    def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
+        """Every hypothesis after a short search."""
         hypotheses = list(hypotheses)
-        flows = self._flows(hypotheses, evidence)
+        flows = self._flows(hypotheses, case.evidence)
         costs: dict[tuple[int, bytes], Cost] = {}
         candidates = []
         for h in hypotheses:
-            past = _past(h)
+            past, reading = _past(h), case.readings[h.reading]
             if (h.reading, past) not in costs:
-                flow = flows.get(past, [])
-                costs[h.reading, past] = self.model.cost(readings[h.reading].term, h.q_previous, dt, flow)
+                costs[h.reading, past] = self.model.cost(reading.term, h.q_previous, case.dt, flows.get(past, []))
             base = costs[h.reading, past]
-            q = h.q
-            if evidence is not None and (h.q is h.q_previous or h.q is h.q_predicted):
-                q = self.seeker.seek(base, q, self.settings.follow).q  # where keypoints and flow take it
-            found, assigned = self._seek(base, q, self.settings.explore, evidence)
-            energy = found.quadratic.value + readings[h.reading].penalty
-            candidates.append(_Candidate(found, base, assigned, h, energy))
+            q = h.q if case.evidence is None else self._followed(h, base)
+            found, assigned = self._seek(base, q, self.settings.explore, case.evidence)
+            candidates.append(Candidate(found, base, assigned, h, found.quadratic.value + reading.penalty))
         return candidates
+
+    def best_of(
+        self, explored: Sequence[Candidate], case: FrameCase, count: int, rng: np.random.Generator | None = None
+    ) -> Mixture:
+        """The `count` best distinct modes, searched to convergence, as a mixture. rng: for weights by importance
+        sampling (`ModeSearchSettings.weigh`), which count by volume without it."""
+        kept = self._distinct(explored, count + self.settings.spare)
+        refined = [self._refine(c, case) for c in kept]
+        best = self._distinct(self._apart(refined), count)
+        modes = tuple(self._mode(c, case) for c in best)
+        scores = np.array([c.score for c in best]) + self._log_volumes(best, rng)
+        return mixture_of(modes, scores)
+
+    def screened(
+        self, hypotheses: Sequence[Hypothesis], case: FrameCase, count: int, pictures: bool = True
+    ) -> list[Hypothesis]:
+        """The `count` hypotheses of lowest energy as they are, the pictures' included or not: many cheap looks before a
+        few searches."""
+        scores = []
+        for h in hypotheses:
+            posed, reading = self.body.at(h.q), case.readings[h.reading]
+            assigned = case.evidence.assigned(posed) if pictures and case.evidence is not None else []
+            cost = self.model.cost(reading.term, h.q_previous, case.dt, assigned)
+            scores.append(h.prior_score - cost.of(posed).value - reading.penalty)
+        return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
+
+    def _log_volumes(self, best: Sequence[Candidate], rng: np.random.Generator | None) -> np.ndarray:
+        """What each mode's weight gains by the probability around it, (K,); see `ModeSearchSettings.weigh`."""
+        if self.settings.weigh == BY_HEIGHT or not best:
+            return np.zeros(len(best))
+        costs = [c.base.plus(c.assigned) for c in best]
+        modes = [(cost.of(c.found.quadratic.posed), cost) for c, cost in zip(best, costs, strict=True)]
+        if self.settings.weigh == BY_IMPORTANCE and rng is not None:
+            return importance_log_volumes(rng, self.body, modes, self.settings.weigh_samples)
+        return np.array([Surroundings(self.body, at).log_volume for at, _ in modes])
+
+    def _followed(self, h: Hypothesis, base: Cost) -> np.ndarray:
+        """Where keypoints and flow take a hypothesis that stays with its parent, (nq,): pictures are only looked at near
+        it. It begins where the parent was or where its velocity has taken it, whichever these like better."""
+        if h.q is not h.q_previous:
+            return h.q
+        start = h.q
+        if h.q_predicted is not None and base.at(h.q_predicted).value < base.at(h.q).value:
+            start = h.q_predicted
+        return self.seeker.seek(base, start, self.settings.follow).q
 
     def _flows(self, hypotheses: Sequence[Hypothesis], evidence: Evidence | None) -> dict[bytes, list[Term]]:
         """Flow of the surface from where each hypothesis' parent had it, by `_past`; looked for also where the
         prediction puts it."""
         if evidence is None:
             return {}
-        known = {_past(h): h for h in hypotheses if h.q_previous is not None}
-        pasts = [
-            Past(self.body.at(h.q_previous), None if h.q_predicted is None else self.body.at(h.q_predicted))
-            for h in known.values()
-        ]
-        return dict(zip(known, evidence.followed_each(pasts), strict=True))
+        pasts: dict[bytes, Past] = {}
+        for h in hypotheses:
+            if h.q_previous is not None and _past(h) not in pasts:
+                predicted = None if h.q_predicted is None else self.body.at(h.q_predicted)
+                pasts[_past(h)] = Past(self.body.at(h.q_previous), predicted)
+        return dict(zip(pasts, evidence.followed_each(list(pasts.values())), strict=True))
 
     def _seek(
         self, base: Cost, q: np.ndarray, settings: SeekSettings, evidence: Evidence | None
@@ -194,17 +224,17 @@ class ModeSearch:
         assigned = [] if evidence is None else evidence.assigned(self.body.at(q))
         return self.seeker.seek(base.plus(assigned), q, settings), assigned
 
-    def _refine(self, c: _Candidate, readings: Sequence[Reading], evidence: Evidence | None) -> _Candidate:
-        found, assigned = self._settled(c, evidence)
+    def _refine(self, c: Candidate, case: FrameCase) -> Candidate:
+        found, assigned = self._settled(c, case.evidence)
         penetration = 0.0
         if self.clearance is not None:
             cost = c.base.plus(assigned)
             found = separate(self.seeker, self.clearance, cost, found, self.settings.contact)
             penetration = self.clearance.penetration(found.quadratic.posed)
-        energy = found.quadratic.value + readings[c.hypothesis.reading].penalty
-        return _Candidate(found, c.base, assigned, c.hypothesis, energy, penetration)
+        energy = found.quadratic.value + case.readings[c.hypothesis.reading].penalty
+        return Candidate(found, c.base, assigned, c.hypothesis, energy, penetration)
 
-    def _settled(self, c: _Candidate, evidence: Evidence | None) -> tuple[Found, list[Term]]:
+    def _settled(self, c: Candidate, evidence: Evidence | None) -> tuple[Found, list[Term]]:
         """Search to convergence; features are assigned anew until that moves the pose no more, or `rounds` times."""
         q = c.found.q
         for _ in range(self.model.settings.image.rounds - 1 if evidence is not None else 0):
@@ -215,11 +245,11 @@ class ModeSearch:
                 break
         return self._seek(c.base, q, self.settings.refine, evidence)
 
-    def _apart(self, candidates: list[_Candidate]) -> list[_Candidate]:
+    def _apart(self, candidates: list[Candidate]) -> list[Candidate]:
         """Those whose parts could be kept apart; all of them if that is none."""
         return [c for c in candidates if c.penetration <= self.settings.contact.limit] or candidates
 
-    def _distinct(self, candidates: Sequence[_Candidate], count: int) -> list[_Candidate]:
+    def _distinct(self, candidates: Sequence[Candidate], count: int) -> list[Candidate]:
         return best_distinct(
             candidates,
             lambda c: c.score,
@@ -228,8 +258,8 @@ class ModeSearch:
             count,
         )
 
-    def _mode(self, c: _Candidate, readings: Sequence[Reading], dt: float) -> Mode:
-        reading = readings[c.hypothesis.reading]
+    def _mode(self, c: Candidate, case: FrameCase) -> Mode:
+        reading = case.readings[c.hypothesis.reading]
         posed = c.found.quadratic.posed
         # what one frame and the priors know: sampling by it must not be narrowed by the temporal term (CSS footnote 5)
         static = self.model.cost(reading.term, image_terms=c.assigned).of(posed)
@@ -238,7 +268,7 @@ class ModeSearch:
             q=posed.q,
             velocity=np.zeros(self.body.nv)
             if before is None
-            else self.body.difference(before, posed.q) / max(dt, 1e-3),
+            else self.body.difference(before, posed.q) / max(case.dt, 1e-3),
             covariance=mode_covariance(self.body, posed.q, c.found.quadratic.gradient, static.hessian),
             energy=c.energy,
             status=c.found.status,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,10 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.cues import CueSettings
 from estimator.search.mode_search import ModeSearch, ModeSearchSettings
 from estimator.smoothing import SmoothSettings
+from estimator.trackers.annealed import Annealed, AnnealedSettings
+from estimator.trackers.condensation import Condensation, CondensationSettings
 from estimator.trackers.css import PAPER, CovarianceScaledSampling, CssSettings
+from estimator.trackers.multiple_hypothesis import MultipleHypothesis, MultipleHypothesisSettings
 from estimator.trackers.setting_changes import changed
 from estimator.trackers.single_mode import SingleMode, SingleModeSettings
 from estimator.trackers.tracker import Tracker
@@ -22,7 +25,44 @@ from humanoid.errors import InputError
 TRACKERS = {
     "css": "covariance scaled sampling with transitions and exchanged readings",
     "css-paper": "covariance scaled sampling as printed (CSS Figure 6)",
+    "spherical": "the same with spherical samples of equal volume (CSS section 7)",
+    "gaussian-single-mode": "single mode, Gaussian potentials, no physical constraints (CSS section 6)",
+    "robust-single-mode": "robust single mode, no physical constraints (CSS section 6)",
     "single-mode": "robust single mode with joint limits (CSS section 6)",
+    "condensation": "particle filter (Isard and Blake 1998)",
+    "annealed": "annealed particle filter (Deutscher, Blake and Reid 2000)",
+    "multiple-hypothesis": "multiple hypotheses, robust, with constraints (Cham and Rehg 1999, CSS section 6)",
+    "gaussian-multiple-hypothesis": "the same with Gaussian potentials and no physical constraints",
+}
+GROUPS = {
+    "css": "css",
+    "css-paper": "css",
+    "spherical": "css",
+    "gaussian-single-mode": "single_mode",
+    "robust-single-mode": "single_mode",
+    "single-mode": "single_mode",
+    "condensation": "condensation",
+    "annealed": "annealed",
+    "multiple-hypothesis": "multiple_hypothesis",
+    "gaussian-multiple-hypothesis": "multiple_hypothesis",
+}
+"""The group of `Settings` that each tracker goes by."""
+GAUSSIAN = ("gaussian-single-mode", "gaussian-multiple-hypothesis")
+UNCONSTRAINED = ("gaussian-single-mode", "robust-single-mode", "gaussian-multiple-hypothesis")
+
+NEARLY_GAUSSIAN = 1e4
+"""nu, in squared standard deviations, of a cue's potential that is to be Gaussian."""
+EDGES_NEARLY_GAUSSIAN = 200.0
+"""The same of edges. They are looked for within six standard deviations, where this is Gaussian to 9 %; and nu / 2 is
+what a missing edge costs, which must not drown all else."""
+
+
+_RECIPES: dict[str, Callable[..., Tracker]] = {
+    "css": CovarianceScaledSampling,
+    "single_mode": SingleMode,
+    "condensation": Condensation,
+    "annealed": Annealed,
+    "multiple_hypothesis": MultipleHypothesis,
 }
 
 
@@ -30,14 +70,17 @@ TRACKERS = {
 class Settings:
     """Everything that decides a track, besides subject, clip and seed.
 
-    cost: the energy. search: how its minima are found. css, single_mode: the trackers. smooth: the smoothing after the
-    last frame. cues: what is taken from the pictures.
+    cost: the energy. search: how its minima are found. css, single_mode, condensation, annealed, multiple_hypothesis:
+    the trackers. smooth: the smoothing after the last frame. cues: what is taken from the pictures.
     """
 
     cost: CostSettings = field(default_factory=CostSettings)
     search: ModeSearchSettings = field(default_factory=ModeSearchSettings)
     css: CssSettings = field(default_factory=CssSettings)
     single_mode: SingleModeSettings = field(default_factory=SingleModeSettings)
+    condensation: CondensationSettings = field(default_factory=CondensationSettings)
+    annealed: AnnealedSettings = field(default_factory=AnnealedSettings)
+    multiple_hypothesis: MultipleHypothesisSettings = field(default_factory=MultipleHypothesisSettings)
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
     cues: CueSettings = field(default_factory=CueSettings)
 
@@ -62,17 +105,44 @@ def settings_for(
     InputError: unknown tracker, unknown setting (the valid ones are listed) or a value of the wrong kind.
     """
     _check_name(name)
+    settings = changed(_defaults(name), changes or {}, source)
+    if modes is None:
+        return settings
+    if modes < 1:
+        raise InputError("modes", f"{modes} hypotheses cannot be kept", remedy="at least 1")
+    group = getattr(settings, GROUPS[name])
+    return replace(settings, **{GROUPS[name]: replace(group, modes=modes)}) if hasattr(group, "modes") else settings
+
+
+def _defaults(name: str) -> Settings:
     settings = Settings()
-    if name == "css-paper":
-        settings = replace(settings, css=PAPER, search=replace(settings.search, exchange=False))
     if name != "css":  # the trackers of the paper only filter
         settings = replace(settings, smooth=replace(settings.smooth, enabled=False))
-    settings = changed(settings, changes or {}, source)
-    if modes is not None:
-        if modes < 1:
-            raise InputError("modes", f"{modes} hypotheses cannot be kept", remedy="at least 1")
-        settings = replace(settings, css=replace(settings.css, modes=modes))
+    if name not in ("css", "single-mode"):  # the trackers of the papers take keypoints as they are
+        settings = replace(settings, search=replace(settings.search, exchange=False))
+    if name == "css-paper":
+        settings = replace(settings, css=PAPER)
+    if name == "spherical":
+        settings = replace(settings, css=replace(PAPER, shape="spherical"))
+    if name in GAUSSIAN:
+        settings = replace(settings, cost=_gaussian(settings.cost))
+    if name in UNCONSTRAINED:
+        settings = _unconstrained(settings, GROUPS[name])
     return settings
+
+
+def _gaussian(cost: CostSettings) -> CostSettings:
+    """Least squares: no observation ever loses its pull."""
+    wide = NEARLY_GAUSSIAN
+    image = replace(cost.image, edge_nu=EDGES_NEARLY_GAUSSIAN, outline_nu=wide, flow_nu=wide)
+    return replace(cost, potential="gaussian", transition_potential="gaussian", image=image)
+
+
+def _unconstrained(settings: Settings, group: str) -> Settings:
+    """Without the physical constraints: neither joint limits nor parts that keep apart."""
+    free = replace(getattr(settings, group), limits=False)
+    cost = replace(settings.cost, interpenetration_weight=0.0)
+    return replace(settings, cost=cost, **{group: free})
 
 
 def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tracker:
@@ -81,9 +151,8 @@ def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tra
     settings = settings or settings_for(name)
     clearance = Clearance(body) if settings.cost.interpenetration_weight > 0.0 else None
     search = ModeSearch(CostModel(body, settings.cost, clearance), settings.search)
-    if name == "single-mode":
-        return SingleMode(search, settings.single_mode)
-    return CovarianceScaledSampling(search, settings.css)
+    group = GROUPS[name]
+    return _RECIPES[group](search, getattr(settings, group))
 
 
 def _check_name(name: str) -> None:

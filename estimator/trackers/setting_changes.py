@@ -17,9 +17,14 @@ MAY_BE_ZERO = {
     "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch",
     "forgetting", "samples", "flips", "flip_penalty", "spare", "decrease_tolerance", "exact_below", "tolerance",
     "distinct", "edge_evidence", "outline_evidence", "flow_evidence", "visibility_evidence", "motion_boundary",
-    "flow_share", "finest_scale", "momentum", "limb_samples", "exchanges", "limb_searches",
+    "flow_share", "finest_scale", "momentum", "limb_samples", "exchanges", "limb_searches", "pose_prior_weight",
+    "calm", "tail", "other_readings", "tempering", "settled",
 }  # fmt: skip
-AT_MOST = {"motion_boundary": 1.0}  # beyond, an edge's weight 1 - k S_p is negative
+AT_MOST = {
+    "motion_boundary": 1.0,  # beyond, an edge's weight 1 - k S_p is negative
+    "pose_prior_weight": 1.0,  # a share
+    "survival": 1.0,  # a share
+}
 _KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}
 
 T = TypeVar("T")

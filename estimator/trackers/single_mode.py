@@ -1,4 +1,4 @@
-"""Robust single-mode tracker with limits (Sminchisescu and Triggs 2003, section 6): descent from the last pose."""
+"""Single-mode trackers (Sminchisescu and Triggs 2003, section 6): descent from the last pose."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.cost.model import CostModel
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.search.mode_search import Hypothesis, ModeSearch
+from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
 from estimator.start import start_modes
 from estimator.trackers.tracker import TrackState, carried, judged, observable
+from humanoid.unlimited import unlimited
 
 
 @dataclass(frozen=True)
 class SingleModeSettings:
-    """transition: pay for the change since the last frame."""
+    """transition: pay for the change since the last frame. limits: keep to the joint limits; without, every frame but
+    the first, where all trackers start alike, may leave them.
+    """
 
     transition: bool = True
+    limits: bool = True
 
 
 class SingleMode:
@@ -27,6 +32,7 @@ class SingleMode:
         self.search = search
         self.body = search.body
         self.settings = settings or SingleModeSettings()
+        self._tracking = search if self.settings.limits else without_limits(search)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.tracker.Tracker`."""
@@ -36,11 +42,18 @@ class SingleMode:
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.tracker.Tracker`."""
+        search = self._tracking
         if not observable(observation):
-            return carried(self.search, state, observation)
+            return carried(search, state, observation)
         q = state.mixture.modes[0].q
         hypothesis = Hypothesis(q, 0, 0, 0.0, q if self.settings.transition else None)
-        readings = self.search.readings(observation)
-        evidence = self.search.evidence(observation, q)
-        found = self.search.best_modes([hypothesis], readings, 1, observation.time - state.time, evidence)
-        return judged(self.search, observation, found)
+        readings = search.readings(observation)
+        evidence = search.evidence(observation, q)
+        found = search.best_modes([hypothesis], FrameCase(readings, observation.time - state.time, evidence), 1)
+        return judged(search, observation, found)
+
+
+def without_limits(search: ModeSearch) -> ModeSearch:
+    """The same search over a body without joint limits: its modes, and the results made of them, may leave them."""
+    model = search.model
+    return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance), search.settings)

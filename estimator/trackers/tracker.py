@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from estimator.filtering.mixture import Mixture, Mode
+from estimator.filtering.particles import Particles
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import ModeSearch
@@ -21,10 +22,11 @@ NUMBERS = ("energy", "kkt_residual", "penetration")
 
 @dataclass(frozen=True)
 class TrackState:
-    """State carried between frames: the mixture and the time [s] it belongs to."""
+    """State carried between frames: the mixture and the time [s] it belongs to; of a particle filter its particles."""
 
     mixture: Mixture
     time: float
+    particles: Particles | None = None
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Everything as plain arrays, exact to the last bit; `from_arrays` is the inverse."""
@@ -40,6 +42,7 @@ class TrackState:
             "status": np.array([m.status for m in modes], dtype=np.str_),
             "association": np.array([m.association for m in modes], dtype=np.str_),
             **{name: np.array([getattr(m, name) for m in modes]) for name in NUMBERS},
+            **({} if self.particles is None else self.particles.arrays()),
         }
 
     @staticmethod
@@ -57,7 +60,8 @@ class TrackState:
             )
             for k in range(len(arrays["weights"]))
         )
-        return TrackState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]))
+        mixture = Mixture(modes, arrays["weights"], arrays["log_scores"])
+        return TrackState(mixture, float(arrays["time"]), Particles.from_arrays(arrays))
 
 
 class Tracker(Protocol):

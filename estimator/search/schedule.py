@@ -1,0 +1,56 @@
+"""Which searches a frame gets: a number of them that bounds its time, shared where they pay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.search.mode_search import Hypothesis
+from humanoid.errors import InputError
+
+
+@dataclass(frozen=True)
+class BudgetSettings:
+    """How many searches a frame gets.
+
+    searches: at most, the parents' own included, which are always searched. calm: share of what is left after those
+    that is spent while the parents go on as expected. alarm: rise of the best energy from frame to frame from which
+    everything is spent. Raises InputError for a share that is none.
+    """
+
+    searches: int = 40
+    calm: float = 0.5
+    alarm: float = 12.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.calm <= 1.0:
+            raise InputError("budget settings", f"calm is {self.calm}", remedy="a share, 0 to 1")
+
+    def left(self, spent: int, rise: float, doubt: float) -> int:
+        """Searches left after `spent`. rise: of the best energy since the last frame. doubt: weight of all modes but
+        the best. An energy jump, or hypotheses of equal weight, call for a wider search."""
+        need = max(min(max(rise / self.alarm, 0.0), 1.0), doubt)
+        effort = self.calm + (1.0 - self.calm) * need
+        return max(0, round(effort * (self.searches - spent)))
+
+
+class Offer(NamedTuple):
+    """A family of hypotheses: its part of the budget beside the other families', and what draws so many of them (or
+    fewer, where there are no more)."""
+
+    part: float
+    draw: Callable[[int], list[Hypothesis]]
+
+
+def shared_out(count: int, offers: Sequence[Offer]) -> list[Hypothesis]:
+    """At most `count` hypotheses, by the families' parts; what one cannot use goes to the ones after it."""
+    found: list[Hypothesis] = []
+    parts = np.array([offer.part for offer in offers], dtype=float)
+    for k, offer in enumerate(offers):
+        left, rest = count - len(found), parts[k:].sum()
+        if left > 0 and parts[k] > 0.0:
+            found += offer.draw(round(left * parts[k] / rest))[:left]
+    return found

@@ -1,0 +1,74 @@
+"""Annealed particle filter (Deutscher, Blake and Reid 2000), as Sigal et al. 2004 ran it for comparison."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.filtering.annealing import Annealing, anneal
+from estimator.filtering.clusters import mean_and_covariance
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.cloud import FrameEnergy, Summary, diffused, first_cloud, summarised, unseen
+from estimator.trackers.tracker import TrackState, judged, observable
+
+
+@dataclass(frozen=True)
+class AnnealedSettings:
+    """The annealed particle filter.
+
+    layers, particles: so many layers of so many particles, each an evaluation of the energy (10 and 200 in Sigal et al.
+    2004). survival: share of the particles that each layer lets live, which sets its power of the likelihood.
+    noise: of the dynamics, before the first layer, as a share of the energy's turn_speed, root_turn_speed and
+    root_slide_speed. diffusion: noise before the other layers, as a share of that; it shrinks with the particles'
+    standard deviation in each degree of freedom. modes: hypotheses reported at most. cluster: radius of a hypothesis,
+    root mean square distance of landmarks as a fraction of the body's size.
+    """
+
+    layers: int = 10
+    particles: int = 200
+    survival: float = 0.5
+    noise: float = 0.3
+    diffusion: float = 0.5
+    modes: int = 7
+    cluster: float = 0.1
+
+
+class Annealed:
+    """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.filtering.annealing`."""
+
+    def __init__(self, search: ModeSearch, settings: AnnealedSettings | None = None) -> None:
+        self.search = search
+        self.body = search.body
+        self.settings = s = settings or AnnealedSettings()
+        self._annealing = Annealing(s.layers, s.survival, s.diffusion)
+        self._summary = Summary.of(self.body, s.modes, s.cluster)
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+        """See `estimator.trackers.tracker.Tracker`."""
+        return first_cloud(self.search, rng, observation, self.settings.modes, self.settings.particles)
+
+    def step(
+        self, rng: np.random.Generator, state: TrackState, observation: Observation
+    ) -> tuple[TrackState, FrameResult]:
+        """See `estimator.trackers.tracker.Tracker`."""
+        cloud, before, dt = state.particles, state.mixture, observation.time - state.time
+        assert cloud is not None
+        noise = self.settings.noise * self.search.model.transition_std(dt)
+
+        def disperse(q: np.ndarray, scale: np.ndarray | float) -> np.ndarray:
+            return diffused(rng, self.body, q, scale * noise)
+
+        if not observable(observation):
+            return unseen(self.search, state, observation, disperse(cloud.states, 1.0))
+        energy = FrameEnergy(self.search, observation, before)
+        cloud = anneal(rng, cloud, self._annealing, disperse, energy.values, self._spread)
+        found, owner = summarised(self.search, energy, cloud, cloud.states, before, dt, self._summary)
+        state, result = judged(self.search, observation, found)
+        return replace(state, particles=replace(cloud, owner=owner)), result
+
+    def _spread(self, q: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        covariance = mean_and_covariance(self.body, q, weights)[1]
+        return np.sqrt(np.diag(covariance))

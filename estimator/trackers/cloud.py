@@ -1,0 +1,141 @@
+"""What the particle trackers share: the energy of a frame at any pose, the first cloud, and its hypotheses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.cost.image.evidence import Past
+from estimator.cost.term import Quadratic
+from estimator.filtering.clusters import clusters, mean_and_covariance
+from estimator.filtering.merge import body_size
+from estimator.filtering.mixture import Mixture, Mode, mixture_of
+from estimator.filtering.particles import Particles
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import AS_DETECTED, ModeSearch
+from estimator.start import start_modes
+from estimator.trackers.tracker import TrackState, carried, judged
+from humanoid.body import Body
+
+
+class FrameEnergy:
+    """The energy of one frame, the one that the other trackers descend, without the price of the change: that is what
+    the particles' dynamics are for. Keypoints are read as detected.
+
+    With pictures, features are assigned to every pose anew; flow is that of the surface of the hypothesis which a
+    particle came from, since looking for it costs more than the rest.
+    """
+
+    def __init__(self, search: ModeSearch, observation: Observation, before: Mixture) -> None:
+        self.body = search.body
+        base = search.model.cost(search.term(observation, AS_DETECTED))
+        self._evidence = search.evidence(observation, before.modes[0].q)
+        self._costs = [base] * len(before.modes)
+        if self._evidence is not None:
+            flows = self._evidence.followed_each([Past(self.body.at(m.q)) for m in before.modes])
+            self._costs = [base.plus(flow) for flow in flows]
+
+    def at(self, q: np.ndarray, owner: int) -> Quadratic:
+        """The energy at q (nq,), for a particle that came from hypothesis `owner`."""
+        posed = self.body.at(q)
+        cost = self._costs[owner]
+        if self._evidence is not None:
+            cost = cost.plus(self._evidence.assigned(posed))
+        return cost.of(posed)
+
+    def values(self, q: np.ndarray, owner: np.ndarray) -> np.ndarray:
+        """Energies (N,) of configurations (N, nq) that came from hypotheses (N,)."""
+        return np.array([self.at(one, int(k)).value for one, k in zip(q, owner, strict=True)])
+
+
+def first_cloud(
+    search: ModeSearch, rng: np.random.Generator, observation: Observation, modes: int, count: int
+) -> tuple[TrackState, FrameResult]:
+    """State and result of the first frame; the states of its `count` particles are configurations (nq,).
+
+    The start is every tracker's: the best `modes` modes, found by search. Particles are drawn from these Gaussians.
+    """
+    state, result = judged(search, observation, start_modes(search, rng, observation, modes))
+    found, body = state.mixture, search.body
+    owner = np.sort(rng.choice(len(found.modes), size=count, p=found.weights))
+    factors = [np.linalg.cholesky(m.covariance + 1e-12 * np.eye(body.nv)) for m in found.modes]
+    q = np.array([body.integrate(found.modes[k].q, factors[k] @ rng.standard_normal(body.nv)) for k in owner])
+    return replace(state, particles=Particles(q, np.full(count, 1.0 / count), owner)), result
+
+
+def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Configurations (N, nq) after independent normal steps of standard deviation (nv,), kept inside the limits."""
+    return np.array([body.integrate(one, std * rng.standard_normal(body.nv)) for one in q])
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How a cloud becomes hypotheses. modes: at most so many. radius [m]: of a cluster, see `clusters`."""
+
+    modes: int
+    radius: float
+
+    @staticmethod
+    def of(body: Body, modes: int, cluster: float) -> Summary:
+        """`cluster`: the radius as a fraction of the body's size."""
+        return Summary(modes, cluster * body_size(body))
+
+
+def summarised(
+    search: ModeSearch,
+    energy: FrameEnergy,
+    cloud: Particles,
+    q: np.ndarray,
+    before: Mixture,
+    dt: float,
+    summary: Summary,
+) -> tuple[Mixture, np.ndarray]:
+    """The hypotheses of a cloud, and the one (N,) each particle belongs to.
+
+    A hypothesis is the mean of a cluster on the manifold, with its covariance (of rank below the cluster's count) and
+    its share of the weights; clusters are told apart by the root mean square distance of their landmarks. A compact
+    cloud thus has one hypothesis, its mean, which is what the papers report. Energies and KKT residuals are those of
+    the means, which are not minima.
+
+    Parameters
+    ----------
+    cloud: weights, and the hypothesis of `before` that each particle came from. q (N, nq): its configurations.
+    before: the mixture of the frame before, `dt` [s] ago.
+    """
+    body = search.body
+    points = np.array([body.landmarks(body.at(one)).ravel() for one in q]) / np.sqrt(len(body.landmark_names))
+    label = clusters(points, cloud.weights, summary.radius, summary.modes)
+    modes, weights = [], []
+    for k in range(int(label.max()) + 1):
+        own = label == k
+        weight = cloud.weights[own]
+        mean, covariance = mean_and_covariance(body, q[own], weight)
+        parent = int(np.argmax(np.bincount(cloud.owner[own], weights=weight)))
+        velocity = body.difference(before.modes[parent].q, mean) / max(dt, 1e-3)
+        modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity))
+        weights.append(weight.sum())
+    return mixture_of(tuple(modes), np.log(weights)), label
+
+
+def _mode(search: ModeSearch, at: Quadratic, covariance: np.ndarray, parent: int, velocity: np.ndarray) -> Mode:
+    return Mode(
+        q=at.posed.q,
+        covariance=covariance,
+        energy=at.value,
+        status="sampled",
+        velocity=velocity,
+        kkt_residual=search.seeker.kkt_residual(at),
+        penetration=0.0 if search.clearance is None else search.clearance.penetration(at.posed),
+        parent=parent,
+    )
+
+
+def unseen(
+    search: ModeSearch, state: TrackState, observation: Observation, states: np.ndarray
+) -> tuple[TrackState, FrameResult]:
+    """An unobserved frame: the hypotheses are carried, the particles go where their dynamics took them, (N, S)."""
+    after, result = carried(search, state, observation)
+    assert state.particles is not None
+    return replace(after, particles=replace(state.particles, states=states)), result

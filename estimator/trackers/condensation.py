@@ -1,0 +1,83 @@
+"""CONDENSATION (Isard and Blake 1998): many particles, moved by simple dynamics and weighted by the energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.filtering.particles import Particles, bootstrap_step
+from estimator.frame_result import FrameResult
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.cloud import FrameEnergy, Summary, first_cloud, summarised, unseen
+from estimator.trackers.tracker import TrackState, judged, observable
+
+
+@dataclass(frozen=True)
+class CondensationSettings:
+    """The particle filter.
+
+    particles: how many; each costs one evaluation of the energy a frame (1,000 in Demirdjian et al. 2005).
+    noise: of the dynamics, as a share of the energy's turn_speed, root_turn_speed and root_slide_speed. momentum: share
+    of its velocity that carries a particle on, 0 for driftless dynamics, 1 for constant velocity. temperature: energies
+    are divided by it; 1 is the posterior, more keeps more particles alive. modes: hypotheses reported at most.
+    cluster: radius of a hypothesis, root mean square distance of landmarks as a fraction of the body's size.
+    """
+
+    particles: int = 1000
+    noise: float = 0.3
+    momentum: float = 0.0
+    temperature: float = 1.0
+    modes: int = 7
+    cluster: float = 0.1
+
+
+class Condensation:
+    """A row of the particles' states is the configuration (nq,) and the velocity (nv,) [1/s] that led to it."""
+
+    def __init__(self, search: ModeSearch, settings: CondensationSettings | None = None) -> None:
+        self.search = search
+        self.body = search.body
+        self.settings = settings or CondensationSettings()
+        self._summary = Summary.of(self.body, self.settings.modes, self.settings.cluster)
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+        """See `estimator.trackers.tracker.Tracker`."""
+        s = self.settings
+        state, result = first_cloud(self.search, rng, observation, s.modes, s.particles)
+        assert state.particles is not None
+        at_rest = np.hstack([state.particles.states, np.zeros((s.particles, self.body.nv))])
+        return replace(state, particles=replace(state.particles, states=at_rest)), result
+
+    def step(
+        self, rng: np.random.Generator, state: TrackState, observation: Observation
+    ) -> tuple[TrackState, FrameResult]:
+        """See `estimator.trackers.tracker.Tracker`."""
+        cloud, before, dt = state.particles, state.mixture, observation.time - state.time
+        assert cloud is not None
+        if not observable(observation):
+            return unseen(self.search, state, observation, self._moved(rng, cloud.states, dt))
+        energy, nq = FrameEnergy(self.search, observation, before), self.body.nq
+        states, weights, ancestor, _ = bootstrap_step(
+            rng,
+            cloud.states,
+            cloud.weights,
+            lambda old: self._moved(rng, old, dt),
+            lambda new, old: -energy.values(new[:, :nq], cloud.owner[old]) / self.settings.temperature,
+        )
+        after = Particles(states, weights, cloud.owner[ancestor])
+        found, owner = summarised(self.search, energy, after, states[:, :nq], before, dt, self._summary)
+        state, result = judged(self.search, observation, found)
+        return replace(state, particles=replace(after, owner=owner)), result
+
+    def _moved(self, rng: np.random.Generator, states: np.ndarray, dt: float) -> np.ndarray:
+        """States (N, nq + nv) after `dt` [s]."""
+        body, nq = self.body, self.body.nq
+        std = self.settings.noise * self.search.model.transition_std(dt)
+        moved = np.empty_like(states)
+        for row, old in zip(moved, states, strict=True):
+            drift = self.settings.momentum * dt * old[nq:]
+            row[:nq] = body.integrate(old[:nq], drift + std * rng.standard_normal(body.nv))
+            row[nq:] = body.difference(old[:nq], row[:nq]) / max(dt, 1e-3)
+        return moved
