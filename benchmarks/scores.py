@@ -23,8 +23,9 @@ from estimator.evaluation import (
 from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
 from estimator.search.seek import SeekSettings
+from kinemode.comparison_scores import FAR, FAR_PX, lost_frames
 
-FAR_MM, FAR_PX = 250.0, 15.0  # a frame beyond either is lost
+FAR_MM = 1e3 * FAR
 TRAJECTORIES = ("smoothed", "filtered", "best of K")
 
 
@@ -143,7 +144,7 @@ def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, 
     """Errors of points (T, L, 3), NaN in frames without a pose, against truth (T, L, 3) [m]; names (L)."""
     error = 1e3 * np.linalg.norm(points - truth, axis=-1).mean(axis=-1)
     pixels = np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1).mean(axis=-1)
-    lost = np.flatnonzero(~((error <= FAR_MM) & (pixels <= FAR_PX)))  # NaN is beyond
+    lost = np.flatnonzero(lost_frames(points, truth, (camera,)))
     hips = [names.index(hip) for hip in HIPS] if set(HIPS) <= set(names) else None
     return TrackErrors(
         mean=float(error.mean()),

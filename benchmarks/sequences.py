@@ -11,11 +11,13 @@ from cyclopts import Parameter
 
 from benchmarks.common import Changes, Several, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
-from benchmarks.tracking import timed_track
+from benchmarks.tracking import Times, timed_track
+from estimator.formats.run_file import Run
 from estimator.synthesis.motion_keys import motion_named
 from kinemode import report
 from kinemode.pictures import CUES, cue_choice
 from kinemode.render import render_clip
+from kinemode.render_files import RenderedClip
 
 FPS = {"arm": 25.0, "pivot": 25.0, "turn_reach": 50.0}
 TARGET_MM = {"arm": 40.0, "pivot": 90.0, "turn_reach": 90.0}
@@ -27,6 +29,7 @@ class Task:
     """One clip to render and track: the motion, the clip's seed, where to, and how.
 
     seconds: only so much of the motion. plate: whether the empty scene is given. how: arguments of `timed_track`.
+    detected: track from a detector's keypoints in every frame instead of the first frame's and the pictures.
     """
 
     motion: str
@@ -35,21 +38,39 @@ class Task:
     plate: bool
     folder: Path
     how: dict[str, Any]
+    detected: bool = False
+
+    @property
+    def label(self) -> str:
+        return f"{self.motion}, clip seed {self.clip_seed}"
+
+
+def rendered(task: Task) -> RenderedClip:
+    longest = motion_named(task.motion).seconds
+    seconds = None if task.seconds is None else min(task.seconds, longest)
+    clip = render_clip(
+        task.folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected
+    )
+    tell(f"{task.label}: rendered")
+    return clip
+
+
+def track_clip(task: Task, clip: RenderedClip, name: str = "track", **more: Any) -> tuple[Run, Times]:
+    """Track a task's clip into a run of this name; the subject is the body in the pictures."""
+    out = task.folder / f"{name}.run"
+    how: dict[str, Any] = {"subject": clip.subject, "fit": "off"} | task.how | more
+    if task.detected:
+        return timed_track(clip.keypoints, clip.cameras, out, **how)
+    plates = clip.plates if task.plate else None
+    return timed_track(clip.first_frame, clip.cameras, out, clips=clip.videos, background=plates, **how)
 
 
 def tracked(task: Task) -> Outcome:
-    """Render and track; the subject is the body in the pictures."""
-    label = f"{task.motion}, clip seed {task.clip_seed}"
-    longest = motion_named(task.motion).seconds
-    seconds = None if task.seconds is None else min(task.seconds, longest)
-    clip = render_clip(task.folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed)
-    tell(f"{label}: rendered")
-    run, times = timed_track(
-        clip.first_frame, clip.cameras, task.folder / "track.run", clips=clip.videos, subject=clip.subject, fit="off",
-        background=clip.plates if task.plate else None, **task.how,
-    )  # fmt: skip
+    """Render and track."""
+    clip = rendered(task)
+    run, times = track_clip(task, clip)
     found = outcome(run, times, clip.truth)
-    tell(f"{label}: {len(run)} frames tracked at {found.fps:.1f} a second, {found.errors['smoothed'].mean:.1f} mm")
+    tell(f"{task.label}: {len(run)} frames tracked at {found.fps:.1f} a second, {found.errors['smoothed'].mean:.1f} mm")
     return found
 
 

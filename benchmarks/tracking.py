@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,17 @@ from kinemode.progress import Progress
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds: until the first frame is done (files, fit, start), the other frames, what follows them (smoothing)."""
+    """Seconds: until the first frame is done (files, fit, start), the other frames, what follows them (smoothing).
+
+    count: frames. cpu: seconds of processor time a frame, of tracking and smoothing, without the first two frames, in
+    which kernels are loaded; NaN where there are no others.
+    """
 
     before: float
     frames: float
     after: float
     count: int
+    cpu: float
 
     @property
     def rate(self) -> float:
@@ -42,31 +47,57 @@ def timed_track(
     fit: str = "auto",
     tracker: str = "css",
     seed: int = 0,
-    modes: int = 7,
+    modes: int | None = 7,
     settings: Mapping[str, Any] | None = None,
+    frames: int | None = None,
 ) -> tuple[Run, Times]:
-    """Track from keypoints, and from the pictures where clips are given and cues are not off."""
-    marks = [time.perf_counter()]
+    """Track from keypoints, and from pictures where clips are given and cues not off; `frames`: stop after these."""
+    marks = [_now()]
 
     @contextmanager
     def timed(stage: str) -> Iterator[Progress]:
-        yield lambda done, total: marks.append(time.perf_counter()) if stage == "tracking" else None
+        def mark(done: int, total: int) -> None:
+            if stage == "tracking":
+                marks.append(_now())
+                if done == frames:
+                    raise _Enough
 
-    run = api.track(
-        subject,
-        clips,
-        cameras=cameras,
-        keypoints=keypoints,
-        cues=cues,
-        background=background,
-        tracker=tracker,
-        seed=seed,
-        modes=modes,
-        fit=fit,
-        settings=settings,
-        out=out,
-        overwrite=True,
-        progress=timed,
-    )
-    marks.append(time.perf_counter())
-    return run, Times(marks[1] - marks[0], marks[-2] - marks[1], marks[-1] - marks[-2], len(run))
+        yield mark
+
+    with suppress(_Enough):
+        api.track(
+            subject,
+            clips,
+            cameras=cameras,
+            keypoints=keypoints,
+            cues=cues,
+            background=background,
+            tracker=tracker,
+            seed=seed,
+            modes=modes,
+            fit=fit,
+            settings=settings,
+            out=out,
+            overwrite=True,
+            progress=timed,
+        )
+    marks.append(_now())
+    run = api.open_run(out)
+    clock = [mark[0] for mark in marks]
+    return run, Times(clock[1] - clock[0], clock[-2] - clock[1], clock[-1] - clock[-2], len(run), _cpu(marks))
+
+
+class _Enough(Exception):  # noqa: N818, it is none
+    """So many frames were asked for, and are done."""
+
+
+def _now() -> tuple[float, float]:
+    """The clock and the processor time of this process [s]."""
+    return time.perf_counter(), time.process_time()
+
+
+def _cpu(marks: list[tuple[float, float]]) -> float:
+    """See `Times`; marks: at the start, after each frame, at the end."""
+    spent = [mark[1] for mark in marks]
+    frames = len(marks) - 2
+    return (spent[-2] - spent[2]) / (frames - 2) + (spent[-1] - spent[-2]) / frames if frames > 2 else float("nan")

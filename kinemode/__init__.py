@@ -18,14 +18,16 @@ if TYPE_CHECKING:
     from humanoid.errors import InputError
     from humanoid.subject import Subject, load_subject
     from kinemode.api import fit, open_run, track
+    from kinemode.comparison import compare
 
-__all__ = ["InputError", "Run", "Subject", "__version__", "fit", "load_subject", "open_run", "track"]
+__all__ = ["InputError", "Run", "Subject", "__version__", "compare", "fit", "load_subject", "open_run", "track"]
 
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
 _HOME = {
     "InputError": "humanoid.errors",
     "Run": "estimator.formats.run_file",
     "Subject": "humanoid.subject",
+    "compare": "kinemode.comparison",
     "fit": "kinemode.api",
     "load_subject": "humanoid.subject",
     "open_run": "kinemode.api",

@@ -66,7 +66,7 @@ def _say(text: str) -> None:
 
 
 def _how_to_go_on(arguments: list[str]) -> str:
-    if arguments[:1] != ["track"]:
+    if arguments[:1] not in (["track"], ["compare"]):
         return "interrupted"
     again = [*(a for a in arguments if a not in ("--resume", "--overwrite")), "--resume"]
     return f"interrupted; what was tracked is kept, go on with: kinemode {shlex.join(again)}"

@@ -15,9 +15,8 @@ from threadpoolctl import threadpool_limits
 from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.imaging.camera import Camera
-from estimator.imaging.cues import CueReader
 from estimator.initialisation.stages import fit_subject
-from estimator.runner import run_into
+from estimator.runner import Cues, run_into
 from estimator.smoothing import smooth_track
 from estimator.trackers.registry import Settings, make_tracker
 from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, startable
@@ -130,7 +129,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> No
         _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
 
 
-def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: CueReader | None) -> Subject:
+def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> Subject:
     """The subject with the person's proportions and flesh, where they are to be fitted."""
     if job.fit == "off" or not is_built_in(subject):
         return subject
@@ -142,7 +141,7 @@ def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: CueReader | None)
     return _fit(subject, inputs, job.seed, cues if job.fit == "auto" else None, tuned).subject
 
 
-def _fit(subject: Subject, inputs: Inputs, seed: int, cues: CueReader | None, settings: Settings | None) -> Fit:
+def _fit(subject: Subject, inputs: Inputs, seed: int, cues: Cues | None, settings: Settings | None) -> Fit:
     """All that the input allows: without pictures the proportions alone."""
     if cues is None:
         return fit_proportions(subject, inputs.observations, seed, track_settings=settings)
@@ -234,7 +233,7 @@ class _Job:
     progress: Reporter
 
 
-def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: CueReader | None) -> None:
+def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> None:
     observations, target = inputs.observations, job.target
     state: TrackState | None = None
     first = 0

@@ -12,6 +12,7 @@ from estimator.cost.image.assigned import AssignedPoints, Assignments
 from estimator.cost.image.evidence import CameraEvidence, Evidence, Past
 from estimator.cost.image.prediction import Prediction
 from estimator.cost.interpenetration import Interpenetration
+from estimator.cost.pose_prior import PosePrior
 from estimator.cost.priors import Stabilisers, Transition
 from estimator.cost.term import Term
 from estimator.cost.upright import Upright
@@ -21,6 +22,7 @@ from humanoid.body import PosedBody
 
 _PRIORS: dict[type, str] = {
     Stabilisers: "stabilisers",
+    PosePrior: "pose prior",
     Upright: "upright",
     Interpenetration: "interpenetration",
     Transition: "transition",

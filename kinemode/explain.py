@@ -21,7 +21,7 @@ from estimator.imaging.clip import Clip
 from estimator.imaging.cues import CueReader, scaled_camera
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.registry import Settings, make_tracker, settings_for
+from estimator.trackers.registry import GROUPS, Settings, make_tracker, settings_for
 from humanoid.body import Body, PosedBody, points_in_world
 from humanoid.errors import InputError
 from kinemode import __version__
@@ -71,11 +71,11 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
         from and that cannot be read any more.
     """
     k = _chosen(run, frame, hypothesis)
-    settings = _settings(run)
+    settings = run_settings(run)
     search = make_tracker(run.header.tracker, run.body, settings).search
     observation = run.observation(frame)
     if run.header.cues:
-        with closing(_reader(run, settings)) as reader:
+        with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))
     case = _case(run, settings, search, observation, k)
     result = run.result(frame)
@@ -109,12 +109,15 @@ def _first_pose(run: Run) -> str:
     return f"--frame {some[0]}" if len(some) else "none yet"
 
 
-def _settings(run: Run) -> Settings:
+def run_settings(run: Run) -> Settings:
+    """The settings that a run was made with."""
     changes: dict[str, Any] = {k: v for k, v in run.header.settings.items() if k not in ("fit", "person")}
     return settings_for(run.header.tracker, changes=changes, source=run.file)
 
 
-def _reader(run: Run, settings: Settings) -> CueReader:
+def cue_reader(run: Run, settings: Settings) -> CueReader:
+    """The cues of the pictures that a run was made from, to be closed after use; raises InputError where they cannot be
+    read any more."""
     header = run.header
     names = [camera.name for camera in header.cameras]
     clips = [Path(header.clips[name] or "") for name in names]
@@ -125,14 +128,16 @@ def _reader(run: Run, settings: Settings) -> CueReader:
 def _case(run: Run, settings: Settings, search: ModeSearch, observation: Observation, k: int) -> Case:
     result = run.result(observation.index)
     before = run.result(observation.index - 1) if observation.index else None
-    tracked = settings.single_mode if run.header.tracker == "single-mode" else settings.css
-    parent = _parent(search.body, before, int(result.parent[k])) if tracked.transition else None
+    group = GROUPS[run.header.tracker]
+    # of the multiple hypotheses the change is always paid for, of particles never
+    transition = getattr(getattr(settings, group), "transition", group == "multiple_hypothesis")
+    parent = _parent(search.body, before, int(result.parent[k])) if transition else None
     dt = 0.0 if before is None else observation.time - before.time
     # the extent in the image that the search went by: that of the frame before, where there was one
     about = result.q[0] if before is None or not len(before.q) else before.q[0]
     evidence = search.evidence(observation, about)
     predicted = None
-    if parent is not None and run.header.tracker != "single-mode":
+    if parent is not None and group == "css":
         step = settings.css.momentum * dt * _velocity(run, observation.index - 1, int(result.parent[k]))
         predicted = search.body.at(search.body.integrate(parent.q, step))
     posed = search.body.at(result.q[k])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
 from estimator.trackers.tracker import startable
 from humanoid.errors import InputError
@@ -86,7 +87,7 @@ def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> l
     return []
 
 
-def notes_on_silhouettes(reader: CueReader, inputs: Inputs) -> list[str]:
+def notes_on_silhouettes(reader: ReadAhead, inputs: Inputs) -> list[str]:
     """The cameras whose silhouette is not where the first keypoints are.
 
     A background learned from a clip takes a person who hardly moves for part of the scene.
@@ -109,14 +110,14 @@ def notes_on_silhouettes(reader: CueReader, inputs: Inputs) -> list[str]:
 
 
 @contextmanager
-def opened_cues(inputs: Inputs, chosen: CueSettings | None) -> Iterator[CueReader | None]:
+def opened_cues(inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
     """The reader of the chosen cues, closed when the block ends; None where no pictures are looked at."""
     if chosen is None:
         yield None
         return
     clips: list[Path] = [clip for clip in inputs.clips if clip is not None]
     cameras = inputs.observations[0].cameras
-    reader = CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds)
+    reader = ReadAhead(CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds))
     try:
         yield reader
     finally:

@@ -14,6 +14,7 @@ from rich.table import Table
 from estimator.evaluation import Evaluation
 from estimator.fitting import Fit, ShapeFit
 from estimator.formats.run_file import Run
+from estimator.trackers.registry import TRACKERS
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
 
@@ -65,17 +66,17 @@ def _largest(values: np.ndarray) -> float:
 def print_evaluation(result: Evaluation) -> None:
     """Errors in millimetres."""
     made = table("errors against the reference [mm]", "measure", "best hypothesis", "best of K")
-    made.add_row("MPJPE (hips aligned)", _mm(result.mpjpe), _mm(result.best_of_k_mpjpe))
-    made.add_row("PA-MPJPE", _mm(result.pa_mpjpe), _mm(result.best_of_k_pa_mpjpe))
+    made.add_row("MPJPE (hips aligned)", millimetres(result.mpjpe), millimetres(result.best_of_k_mpjpe))
+    made.add_row("PA-MPJPE", millimetres(result.pa_mpjpe), millimetres(result.best_of_k_pa_mpjpe))
     joints = table("mean error of each joint, hips aligned [mm]", "joint", "error")
     for name, error in result.per_joint.items():
-        joints.add_row(name.replace("_", " "), _mm(error))
+        joints.add_row(name.replace("_", " "), millimetres(error))
     out = console()
     out.print(made)
     out.print(joints)
     out.print(f"frames compared: {result.frames_compared}, without a counterpart: {result.frames_missing}")
     out.print(f"frames beyond a joint limit: {result.violations}")
-    out.print(f"largest interpenetration: {_mm(result.penetration)} mm")
+    out.print(f"largest interpenetration: {millimetres(result.penetration)} mm")
 
 
 def print_notes(notes: Sequence[str]) -> None:
@@ -114,6 +115,15 @@ def print_subjects() -> None:
     console().print(made)
 
 
+def print_trackers() -> None:
+    """The trackers by name."""
+    made = table("trackers by name", "name")
+    made.add_column("about")
+    for name, about in TRACKERS.items():
+        made.add_row(name, about)
+    console().print(made)
+
+
 def print_fit(fitted: Fit, out: object) -> None:
     """Fitted proportions and flesh relative to the given subject."""
     made = table("proportions relative to the given subject", "joint", "scale", "std")
@@ -145,5 +155,6 @@ def _print_shape(shape: ShapeFit) -> None:
     console().print(f"cross-sections from the pictures of {frames}{found}", soft_wrap=True)
 
 
-def _mm(metres: float) -> str:
+def millimetres(metres: float) -> str:
+    """A length in millimetres, a dash where it is unknown."""
     return "-" if not np.isfinite(metres) else f"{1000.0 * metres:.1f}"

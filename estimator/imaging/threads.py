@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Lock
 
 import cv2
 import numpy as np
@@ -17,12 +18,34 @@ def length(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(x * x + y * y))
 
 
+class _Limit:
+    """OpenCV's number of threads is one for the whole process: the last of several users gives it back."""
+
+    def __init__(self) -> None:
+        self._lock, self._users, self._threads = Lock(), 0, 0
+
+    def enter(self) -> None:
+        with self._lock:
+            if self._users == 0:
+                self._threads = cv2.getNumThreads()
+                cv2.setNumThreads(1)
+            self._users += 1
+
+    def leave(self) -> None:
+        with self._lock:
+            self._users -= 1
+            if self._users == 0:
+                cv2.setNumThreads(self._threads)
+
+
+_limit = _Limit()
+
+
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Within it (a context or a decorator) OpenCV uses one thread, so that results are the same on any machine."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
+    _limit.enter()
     try:
         yield
     finally:
-        cv2.setNumThreads(threads)
+        _limit.leave()

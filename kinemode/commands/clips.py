@@ -1,0 +1,183 @@
+"""The commands that make input: rendered clips and clicked keypoints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from kinemode.commands.options import Flag
+
+
+def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
+    """Render a short clip with known motion, track it from one camera, and show the errors.
+
+    Writes overlay.mp4, preview.html and contact_sheet.png.
+
+    Example: kinemode demo --out demo-out
+
+    Parameters
+    ----------
+    out
+        Folder for the clip, the run and the pictures.
+    seed
+        Seed of the tracker's random numbers.
+    """
+    from kinemode.demo import run_demo
+
+    run_demo(out, seed=seed)
+
+
+def render(
+    *,
+    motion: str = "reach",
+    out: Path,
+    subject: str | None = None,
+    girth: float = 1.0,
+    background: Literal["room", "pillar", "black", "moving"] | None = None,
+    cameras: int = 1,
+    azimuth: float | None = None,
+    fps: float = 30.0,
+    seconds: float | None = None,
+    seed: int = 0,
+    occluder: Literal["none", "post", "box"] = "none",
+    noise: float = 2.5,
+    shutter: float = 0.0,
+    lens_blur: float = 0.0,
+    keypoint_noise: float = 2.5,
+    outliers: float = 0.01,
+    missing: float = 0.02,
+    unit: float | None = None,
+    masks: Flag = False,
+) -> None:
+    """Render a clip whose motion is known: videos, cameras, keypoints, the exact first frame, the truth, the body.
+
+    Examples:
+
+    kinemode render --motion turn_reach --out turn
+
+    kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
+
+    Parameters
+    ----------
+    motion
+        reach, arm, pivot, turn_reach, or a BVH file of a person.
+    out
+        Folder for the files.
+    subject
+        The body in the pictures: a built-in name or a URDF file; the one the motion is made for unless given.
+    girth
+        Factor on the cross-sections of its limbs.
+    background
+        What is behind the person; what suits the motion unless given.
+    cameras
+        How many.
+    azimuth
+        Of the first camera in degrees, from the person's front to the person's left.
+    fps
+        Frames per second.
+    seconds
+        Only so much of the motion.
+    seed
+        Of the scene, the clothes, the sensor's noise and the keypoints' errors.
+    occluder
+        What stands between the first camera and the person.
+    noise
+        Of the sensor, in grey values.
+    shutter
+        Share of the time between frames that the shutter is open: motion blur.
+    lens_blur
+        Standard deviation of the lens's blur in pixels.
+    keypoint_noise
+        Standard deviation of the keypoints in pixels.
+    outliers
+        Share of the keypoints that are far off.
+    missing
+        Share of the keypoints that are missing.
+    unit
+        Metres in one unit of the BVH file, where it is known.
+    masks
+        Also write the person's exact silhouettes.
+    """
+    from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
+    from kinemode.progress import reported
+    from kinemode.render import background_of, render_clip
+
+    scene = SceneSettings(
+        background=background or background_of(motion),
+        occluder=occluder,
+        noise=noise,
+        shutter=shutter,
+        lens_blur=lens_blur,
+    )
+    render_clip(
+        out,
+        motion,
+        subject=subject,
+        girth=girth,
+        scene=scene,
+        view=ViewSettings(count=cameras, azimuth=azimuth),
+        detector=DetectorSettings(keypoint_noise, outliers, missing),
+        fps=fps,
+        seconds=seconds,
+        unit=unit,
+        seed=seed,
+        masks=masks,
+        progress=reported,
+    )
+    print(out)
+
+
+def annotate(
+    clip: Path,
+    /,
+    *,
+    frame: int = 0,
+    subject: str = "human34",
+    camera: str | None = None,
+    keypoints: Path | None = None,
+    out: Path = Path("clicks.json"),
+    port: int = 0,
+    no_browser: Flag = False,
+) -> None:
+    """Click a subject's landmarks on frames of a clip, in the browser, and save them as keypoints.
+
+    The page is served on this machine only. Ctrl-C ends it; what was saved stays.
+
+    Examples:
+
+    kinemode annotate walk.mp4 --out clicks.json
+
+    kinemode annotate walk.mp4 --keypoints walk.json --out corrected.json
+
+    Parameters
+    ----------
+    clip
+        A video file or a folder of images.
+    frame
+        The frame shown first; the page goes to the others.
+    subject
+        A built-in name (see `kinemode subjects`) or a URDF file: whose landmarks are clicked.
+    camera
+        Name of the view, where it is not the clip's stem.
+    keypoints
+        A detector's keypoint file or folder to correct: it fills the frames without a click.
+    out
+        The keypoint file to write; one saved earlier is edited further.
+    port
+        Port on 127.0.0.1; 0 takes a free one.
+    no_browser
+        Print the page's address and open nothing.
+    """
+    from kinemode.annotate import annotate as annotate_clip
+
+    command = annotate_clip(
+        clip,
+        subject=subject,
+        frame=frame,
+        camera=camera,
+        keypoints=keypoints,
+        out=out,
+        port=port,
+        open_browser=not no_browser,
+    )
+    print(f"{out}\nnext: {command}")

@@ -1,0 +1,107 @@
+"""The commands that prepare a track: a body that fits the person, settings, and what there is to choose from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from kinemode.commands.options import Files
+
+
+def fit(
+    *clips: Annotated[str, Parameter(name="clip")],
+    subject: str = "human34",
+    cameras: Path | None = None,
+    keypoints: Files = None,
+    cues: str = "auto",
+    mask: Files = None,
+    background: Files = None,
+    seed: int = 0,
+    person: str = "auto",
+    out: Path,
+) -> None:
+    """Fit a subject's proportions, and with pictures its flesh, to the first frames of a clip; write it as a URDF.
+
+    Examples:
+
+    kinemode fit cam01.mp4 --cameras calibration.json --keypoints cam01.json --out me.urdf
+
+    kinemode fit walk.mp4 --keypoints clicks.json --background empty.png --out me.urdf
+
+    Parameters
+    ----------
+    clips
+        Video files or folders of images; none where the keypoints are enough.
+    subject
+        A built-in name (see `kinemode subjects`) or a URDF file with proportions.
+    cameras
+        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
+    keypoints
+        2D keypoint files or folders.
+    cues
+        What the flesh is fitted to, see `track`: off, or some of edges,silhouette.
+    mask
+        Videos or folders of masks, white on the person.
+    background
+        Pictures of the empty scene.
+    seed
+        Seed of the random numbers.
+    person
+        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
+    out
+        The URDF file to write.
+    """
+    from kinemode import api, report
+
+    fitted = api.fit(
+        subject,
+        clips,
+        cameras=cameras,
+        keypoints=keypoints,
+        cues=cues,
+        masks=mask,
+        background=background,
+        seed=seed,
+        person=person,
+        out=out,
+    )
+    report.print_fit(fitted, out)
+
+
+def settings(*, tracker: str = "css", out: Path | None = None) -> None:
+    """Print all settings of a tracker as a TOML file, each with what it means, to be edited and given to `track`.
+
+    Example: kinemode settings --out slow.toml
+
+    Parameters
+    ----------
+    tracker
+        Its name, see `kinemode trackers`.
+    out
+        Write the file here.
+    """
+    from kinemode.settings import describe_settings, write_settings
+
+    if out is None:
+        print(describe_settings(tracker), end="")
+    else:
+        print(write_settings(out, tracker))
+
+
+def subjects() -> None:
+    """List the subjects that have a name.
+
+    Any other URDF is loaded by its path.
+    """
+    from kinemode import report
+
+    report.print_subjects()
+
+
+def trackers() -> None:
+    """List the trackers that `track` and `compare` can use."""
+    from kinemode import report
+
+    report.print_trackers()

@@ -1,0 +1,135 @@
+"""The commands that look at a run, measure it and hand it on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+Format = Literal["npz", "csv", "trc", "mot"]
+
+
+def view(run: Path, /, *, html: Path | None = None) -> None:
+    """Look at a run in the browser: bodies, hypotheses, the video behind.
+
+    Examples:
+
+    kinemode view walk.run
+
+    kinemode view walk.run --html walk.html
+
+    Parameters
+    ----------
+    run
+        A run file.
+    html
+        Write a self-contained page here and start nothing.
+    """
+    from kinemode.api import open_run
+
+    if html is None:
+        from viz.live import serve
+
+        serve(open_run(run))
+    else:
+        from viz.preview import write_html
+
+        print(write_html(open_run(run), html))
+
+
+def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
+    """Write the video with the body drawn over it.
+
+    Example: kinemode overlay walk.run --out walk-overlay.mp4
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        An mp4 file.
+    camera
+        Name of one camera; all of them side by side unless given.
+    """
+    from kinemode.api import open_run
+    from kinemode.progress import reported
+    from viz.overlay import write_overlay
+
+    with reported("overlay") as progress:
+        written = write_overlay(open_run(run), out, camera=camera, progress=progress)
+    print(written)
+
+
+def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: int | None = None) -> None:
+    """Show what a frame's energy is made of, term by term and camera by camera.
+
+    Examples:
+
+    kinemode explain walk.run --frame 12
+
+    kinemode explain walk.run --frame 12 --hypothesis 1 --out frame12
+
+    Parameters
+    ----------
+    run
+        A run file.
+    frame
+        Number of the frame.
+    out
+        Folder for pictures of each camera's cues with the body on them.
+    hypothesis
+        Its place in the frame, 0 for the heaviest; the one on the best path unless given.
+    """
+    from kinemode import report
+    from kinemode.api import open_run
+    from kinemode.explain import explain as explain_frame
+    from viz.cue_pictures import write_cue_pictures
+
+    explanation = explain_frame(open_run(run), frame, hypothesis)
+    report.print_explanation(explanation)
+    for path in write_cue_pictures(explanation.views, out) if out is not None else ():
+        print(path)
+
+
+def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
+    """Write a run for other programs.
+
+    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim.
+
+    Example: kinemode export walk.run --format csv walk.csv
+
+    Parameters
+    ----------
+    run
+        A run file.
+    file
+        Where to write.
+    format
+        npz, csv, trc or mot; the file's ending unless given.
+    """
+    from estimator.formats import export as formats
+    from kinemode.api import open_run
+
+    formats.export(open_run(run), file, format)
+    print(file)
+
+
+def evaluate(run: Path, /, *, reference: Path) -> None:
+    """Compare a run with known 3D landmarks: MPJPE, PA-MPJPE, best of K, limits, interpenetration.
+
+    Example: kinemode evaluate cam01.run --reference reference3d.npz
+
+    Parameters
+    ----------
+    run
+        A run file.
+    reference
+        npz of `kinemode export`, npz with points (T, L, 3) in metres, names and fps, or trc.
+    """
+    from estimator.evaluation import Reference
+    from estimator.evaluation import evaluate as evaluate_run
+    from kinemode import report
+    from kinemode.api import open_run
+
+    opened = open_run(run)
+    report.print_evaluation(evaluate_run(opened, Reference.load(reference)))
+    report.print_notes(opened.header.notes)

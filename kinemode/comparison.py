@@ -1,0 +1,118 @@
+"""Several trackers on one clip: their runs, a table and a plot."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from estimator.evaluation import Reference
+from estimator.formats.run_file import Run
+from humanoid.errors import InputError
+from humanoid.subject import load_subject
+from kinemode import api
+from kinemode.comparison_files import write_comparison
+from kinemode.comparison_scores import Course, TrackerScore, courses, scored
+from kinemode.comparison_times import TimeFile
+from kinemode.inputs import Named, PathLike
+from kinemode.progress import Reporter, unreported
+from kinemode.render_files import made_folder
+from kinemode.settings import read_settings
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Several trackers on one clip, in the order they were asked for.
+
+    scores, courses, runs: of each tracker. table, figures, plot: the files written, CSV, JSON and PNG.
+    """
+
+    scores: tuple[TrackerScore, ...]
+    courses: Mapping[str, Course]
+    runs: Mapping[str, Run]
+    table: Path
+    figures: Path
+    plot: Path
+
+
+def compare(
+    subject: api.SubjectLike,
+    clips: Named,
+    *,
+    trackers: str | Iterable[str],
+    out: PathLike,
+    reference: PathLike | None = None,
+    cameras: api.Cameras = None,
+    modes: int | None = None,
+    settings: Mapping[str, Any] | PathLike | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    progress: Reporter | None = None,
+    **how: Any,
+) -> Comparison:
+    """Track one clip with several trackers and compare them; the subject is fitted once, for all of them.
+
+    Parameters
+    ----------
+    subject, clips, cameras, modes, settings, progress, how: as `kinemode.track` takes them; `how` is whatever else it
+        takes of keypoints, cues, masks, background, seed, fit and person.
+    trackers: names, or one text with commas between them.
+    out: folder, made if it is not there, for the runs (NAME.run) and for compare.csv, compare.json and compare.png.
+    reference: known 3D landmarks (see `kinemode.evaluate`); in the world of `cameras` where these are given.
+    resume: go on with the runs that are there. overwrite: replace them.
+
+    Raises
+    ------
+    InputError: as `track` does; an unknown tracker; runs that are there, unasked.
+    """
+    names = tracker_names(trackers)
+    for name in names:
+        read_settings(name, settings, modes)  # whatever is wrong with them is said before the first is tracked
+    truth = None if reference is None else Reference.load(reference)
+    folder = made_folder(Path(out))
+    files = {name: folder / f"{name}.run" for name in names}
+    _check_runs(files.values(), resume, overwrite)
+    report = progress or unreported
+    times = TimeFile(folder / "times.json")
+    tracked = subject if isinstance(subject, api.Subject) else load_subject(subject)
+    runs: dict[str, Run] = {}
+    for name in sorted(names, key=lambda n: not files[n].exists()):  # runs that are there say who the person is
+        if overwrite or not files[name].exists():
+            times.clear(name)
+        with warnings.catch_warnings():
+            if runs:  # the input is the same: what is odd about it has been said
+                warnings.simplefilter("ignore", api.InputWarning)
+            runs[name] = api.track(
+                tracked, clips, tracker=name, cameras=cameras, modes=modes, settings=settings, out=files[name],
+                resume=resume, overwrite=overwrite, progress=times.clocked(name, report), **how,
+            )  # fmt: skip
+        tracked = runs[name].subject  # fitted now, and not again
+    runs = {name: runs[name] for name in names}
+    with threadpool_limits(limits=1), report("comparing") as looked:
+        found = courses(runs, read_settings("css", settings, modes), truth, cameras is not None, looked)
+    scores = tuple(scored(name, runs[name], found[name], times.of(name), truth) for name in names)
+    return Comparison(scores, found, runs, *write_comparison(folder, scores, found))
+
+
+def tracker_names(given: str | Iterable[str]) -> tuple[str, ...]:
+    """The trackers that are asked for, each once, in their order; raises InputError where there are none."""
+    listed = given.split(",") if isinstance(given, str) else [part for text in given for part in text.split(",")]
+    names = tuple(dict.fromkeys(name.strip() for name in listed if name.strip()))
+    if not names:
+        raise InputError("trackers", "none is named", remedy="their names with commas between them")
+    return names
+
+
+def _check_runs(files: Iterable[Path], resume: bool, overwrite: bool) -> None:
+    present = next((file for file in files if file.exists()), None)
+    if present is None:
+        return
+    if resume and overwrite:
+        raise InputError(present, "cannot be resumed and overwritten", remedy="choose one")
+    if not (resume or overwrite):
+        remedy = "--resume goes on with the runs that are there, --overwrite replaces them"
+        raise InputError(present, "exists already", remedy=remedy)

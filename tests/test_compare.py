@@ -1,0 +1,233 @@
+"""Several trackers on one clip: one cost, one fit, and the same figures after an interruption."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import kinemode
+from estimator.evaluation import HIPS, LIMB_JOINTS, Reference, mpjpe
+from estimator.trackers.registry import TRACKERS, settings_for
+from humanoid.errors import InputError
+from kinemode import __main__ as front
+from kinemode import api
+from kinemode.comparison import Comparison, tracker_names
+from kinemode.comparison_files import plotted
+from kinemode.comparison_scores import FAR, courses, lost_frames
+from kinemode.comparison_times import TrackTime
+from kinemode.progress import unreported
+from kinemode.render_files import RenderedClip
+from tests.tiny_clip import QUICK, named, tiny_clip
+from viz.comparison import COLOURS, Curve, Plot, write_plot
+
+NAMES = ("single-mode", "css", "gaussian-single-mode")
+SETTINGS = {"css": QUICK["css"], "cues": QUICK["cues"], "smooth": {"enabled": False}}
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
+    return tiny_clip(tmp_path_factory.mktemp("clip"))
+
+
+def detected(clip: RenderedClip) -> dict[str, Any]:
+    """The clip as keypoints of every frame, without its pictures."""
+    return {"clips": None, "cameras": clip.cameras, "keypoints": clip.keypoints, "settings": SETTINGS, "fit": "off"}
+
+
+@pytest.fixture(scope="module")
+def compared(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Comparison:
+    out = tmp_path_factory.mktemp("compared") / "new"
+    return kinemode.compare(clip.subject, trackers=NAMES, out=out, reference=clip.truth, **detected(clip))
+
+
+def test_a_row_a_tracker_in_the_order_asked_for(compared: Comparison) -> None:
+    assert tuple(s.tracker for s in compared.scores) == tuple(compared.runs) == NAMES
+    assert all(run.complete for run in compared.runs.values())
+    with compared.table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    figures = json.loads(compared.figures.read_text())
+    for row, score in zip(rows, compared.scores, strict=True):
+        assert row["tracker"] == score.tracker
+        assert float(row["mpjpe [m]"]) == score.mpjpe == figures[score.tracker]["mpjpe"]
+        assert len(figures[score.tracker]["course"]["error"]) == score.frames == 5
+        assert score.fps > 0.0
+
+
+def test_errors_are_those_of_the_heaviest_hypotheses(compared: Comparison, clip: RenderedClip) -> None:
+    truth = Reference.load(clip.truth)
+    for score in compared.scores:
+        run, course = compared.runs[score.tracker], compared.courses[score.tracker]
+        ours, theirs = ([list(n).index(j) for j in LIMB_JOINTS] for n in (run.body.landmark_names, truth.names))
+        hips = [LIMB_JOINTS.index(hip) for hip in HIPS]
+        error = mpjpe(run.mode_landmarks[:, 0][:, ours], truth.points[:, theirs], hips)
+        np.testing.assert_allclose(course.error, error)
+        assert score.mpjpe == pytest.approx(error.mean())
+        assert score.best_of_k <= score.mpjpe + 1e-12
+        assert score.first_lost is None
+
+
+def test_all_are_measured_by_one_cost(compared: Comparison) -> None:
+    """The first frame has no past: what css found there it found by the cost that all are compared by."""
+    css, gaussian = (compared.courses[name].energy for name in ("css", "gaussian-single-mode"))
+    assert css[0] == pytest.approx(compared.runs["css"].mode_energy[0, 0], abs=1e-9)
+    assert gaussian[0] != pytest.approx(compared.runs["gaussian-single-mode"].mode_energy[0, 0], abs=1e-3)
+    assert gaussian[0] >= css[0] - 1e-6  # css minimised it, the other something else
+
+
+def test_the_distance_from_the_keypoints(compared: Comparison) -> None:
+    run = compared.runs["css"]
+    (camera,) = run.header.cameras
+    for t in range(len(run)):
+        seen = run.confidence[t, 0] > 0.0
+        apart = np.linalg.norm(camera.project(run.mode_landmarks[t, 0]) - run.pixels[t, 0], axis=1)[seen]
+        assert compared.courses["css"].residual[t] == pytest.approx(apart.mean())
+
+
+def test_lost_frames(compared: Comparison) -> None:
+    run = compared.runs["css"]
+    points, cameras = run.mode_landmarks[:, 0], run.header.cameras
+    gone = points.copy()
+    gone[1] = np.nan
+    gone[3] += (FAR + 0.01) * cameras[0].R_camera_world[2]  # along the optical axis
+    assert lost_frames(gone, points, cameras).tolist() == [False, True, False, True, False]
+    truth = points.copy()
+    truth[3:] = np.nan  # what the reference does not know nobody can lose
+    reference = Reference(run.body.landmark_names, truth + 2.0, None)
+    found = courses({"css": run}, settings_for("css"), reference, True, lambda done, total: None)["css"]
+    assert found.lost.tolist() == [True, True, True, False, False]
+    aligned = courses({"css": run}, settings_for("css"), reference, False, lambda done, total: None)["css"]
+    assert not aligned.lost.any()
+
+
+def test_an_interrupted_comparison_goes_on(
+    compared: Comparison, clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_into = api.run_into
+
+    def stopping(*args: Any, **kwargs: Any) -> None:
+        def stop(done: int, total: int) -> None:
+            kwargs["progress"](done, total)
+            if done == 3 and args[0].path.stem == "css":
+                raise KeyboardInterrupt
+
+        run_into(*args, **{**kwargs, "progress": stop})
+
+    monkeypatch.setattr(api, "run_into", stopping)
+    how: dict[str, Any] = {"trackers": ",".join(NAMES), "out": tmp_path, **detected(clip)}
+    with pytest.raises(KeyboardInterrupt):
+        kinemode.compare(clip.subject, **how)
+    monkeypatch.undo()
+    assert sorted(path.name for path in tmp_path.glob("*.run")) == ["css.run", "single-mode.run"]
+    assert json.loads((tmp_path / "times.json").read_text())["css"]["frames"] == 2
+    with pytest.raises(InputError, match=r"exists already.*--resume"):
+        kinemode.compare(clip.subject, **how)
+    again = kinemode.compare(clip.subject, resume=True, reference=clip.truth, **how)
+    for score, whole in zip(again.scores, compared.scores, strict=True):
+        assert replace(score, fps=0.0) == replace(whole, fps=0.0)
+    assert (
+        json.loads((tmp_path / "times.json").read_text())["css"]["frames"] == 3
+    )  # the first of a session is not timed
+
+
+def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fits = []
+
+    def fitted(subject: Any, *args: Any) -> Any:
+        fits.append(subject)
+        return SimpleNamespace(subject=subject.scaled({subject.proportions[0].joint: 1.05}))
+
+    monkeypatch.setattr(api, "_fit", fitted)
+    how = {**detected(clip), "fit": "auto", "trackers": NAMES[:2], "out": tmp_path}
+    first = kinemode.compare("human34", **how)
+    assert len(fits) == 1
+    again = kinemode.compare("human34", **{**how, "trackers": NAMES}, resume=True)
+    assert len(fits) == 1
+    urdfs = {run.header.subject_urdf for c in (first, again) for run in c.runs.values()}
+    assert len(urdfs) == 1
+    assert urdfs != {fits[0].urdf}
+
+
+def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:
+    how = {**named(clip), "cues": "edges", "settings": SETTINGS, "fit": "off"}
+    found = kinemode.compare(clip.subject, trackers="single-mode", out=tmp_path, **how)
+    course = found.courses["single-mode"]
+    assert np.isfinite(course.energy).all()
+    assert np.isfinite(course.residual).tolist() == [True, False, False, False, False]
+    assert plotted(found.scores, found.courses).label == "energy of the pose"
+
+
+def test_what_is_plotted(compared: Comparison) -> None:
+    plot = plotted(compared.scores, compared.courses)
+    assert plot.limit == 1e3 * FAR
+    assert [curve.name for curve in plot.curves] == list(NAMES)
+    unknown = {n: replace(c, error=np.full(len(c.time), np.nan)) for n, c in compared.courses.items()}
+    assert plotted(compared.scores, unknown).label.endswith("[px]")
+
+
+def test_every_curve_is_in_the_picture(tmp_path: Path) -> None:
+    time = np.arange(30) / 10.0
+    curves = [Curve(f"tracker {i}", time, 10.0 * (i + 1) + time, 2.0 if i == 1 else None) for i in range(len(COLOURS))]
+    write_plot(Plot("title", "error [mm]", curves, 50.0), tmp_path / "a.png")
+    image = cv2.imread(str(tmp_path / "a.png"))
+    assert image is not None
+    for colour in COLOURS:
+        bgr = [int(colour[i : i + 2], 16) for i in (5, 3, 1)]
+        assert np.count_nonzero((image == bgr).all(axis=2)) > 50, colour
+
+
+def test_times() -> None:
+    assert TrackTime(frames=20, seconds=2.0, smoothing=1.0).rate(10) == pytest.approx(5.0)
+    assert np.isnan(TrackTime().rate(10))
+
+
+def test_names_of_trackers() -> None:
+    assert tracker_names("css, single-mode,css") == tracker_names(["css", "single-mode"]) == ("css", "single-mode")
+    with pytest.raises(InputError, match="none is named"):
+        tracker_names([" ", ","])
+
+
+def test_the_command(clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (keypoints,) = clip.keypoints.values()
+    arguments = ["compare", "--keypoints", str(keypoints), "--cameras", str(clip.cameras), "--fit", "off"]
+    out = tmp_path / "out"
+    assert front.main([*arguments, "--trackers", "css,cs", "--out", str(out)]) == front.BAD_INPUT
+    said = capsys.readouterr().err
+    assert "no tracker 'cs'" in said
+    assert all(name in said for name in TRACKERS)
+    assert len(said.splitlines()) == 1
+    assert not out.exists()
+    given = [*arguments, "--trackers", "single-mode", "--subject", str(clip.subject), "--out", str(out)]
+    assert front.main(given) == 0
+    assert "residual [px]" in capsys.readouterr().out
+    assert {p.name for p in out.iterdir()} == {
+        "single-mode.run", "times.json", "compare.csv", "compare.json", "compare.png",
+    }  # fmt: skip
+    assert front.main(["trackers"]) == 0
+    listed = capsys.readouterr().out
+    assert all(f"{name} " in listed for name in TRACKERS)
+
+
+def test_an_interrupted_command_says_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*args: Any, **kwargs: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(api, "track", interrupted)
+    arguments = ["compare", "--trackers", "css", "--keypoints", "a.json", "--out", str(tmp_path / "c")]
+    assert front.main([*arguments, "--overwrite"]) == front.INTERRUPTED
+    assert capsys.readouterr().err.rstrip().endswith(f"kinemode {' '.join(arguments)} --resume")
+
+
+def test_a_damaged_file_of_times_is_named(clip: RenderedClip, tmp_path: Path) -> None:
+    (tmp_path / "times.json").write_text("[1]")
+    with pytest.raises(InputError, match=r"times\.json"):
+        kinemode.compare(clip.subject, trackers="css", out=tmp_path, progress=unreported, **detected(clip))
