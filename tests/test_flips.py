@@ -151,8 +151,8 @@ def test_every_flip_is_another_pose_with_much_the_same_image() -> None:
 
 
 def test_interpretations_combine_limbs_best_first() -> None:
-    """With the trunk as it is, every combination of the limbs' readings is there once, those on the rays in the order of
-    the joints' prior."""
+    """With the trunk as it is, every combination of the limbs' readings is there once, those on the rays in the order
+    of the joints' prior."""
     body = body_of("human34")
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
     flips, sight = Flips(body), sight_of(body, q, CAMERA)

@@ -1,0 +1,172 @@
+"""Figures 5, 7, 8 and 13 of CSS as plots of our problem: `python -m benchmarks.css_tables --figures FOLDER`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.css_tables_minima import Searches, distinct, known_problem
+from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
+from estimator.search.seek import Seeker
+from humanoid.body import PosedBody
+from kinemode.render_files import made_folder
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = {"CSS": "#1f6f8b", "SS": "#d9772b"}
+PAPER_SPECTRA = {"arm8": 350.0, "human34": 2000.0}
+SLICES = 4  # of the weakest directions
+SMALL, LARGE = 3.0, 3.0  # standard deviations; rad or m
+HELD = 1e4  # weight of holding a search at its place along a direction
+DPI = 90
+
+
+def draw_all(folder: Path, pose: int, scale_8: dict[str, Searches], points: int = 121) -> None:
+    """Every figure of the random pose `pose` as PNG.
+
+    scale_8: the table's rows at scale 8 by proposal. points: along each valley of Figure 7.
+    """
+    made_folder(folder)
+    squared, robust = known_problem(pose), joint_image_problem(pose, potential="lorentzian")
+    arm = joint_image_problem(pose, subject_name="arm8")
+    _page(folder / "figure05.png", 1, 1, (6.0, 3.6), lambda axes: _spectra(axes[0], {"arm8": arm, "human34": squared}))
+    _page(folder / "figure07.png", 2, 2, (8.0, 5.6), lambda axes: _valleys(axes, squared, points))
+    _page(folder / "figure08.png", 2, 2, (8.0, 5.6), lambda axes: _slices(axes, {"squared": squared, "robust": robust}))
+    _page(folder / "figure13.png", 2, 3, (10.5, 5.6), lambda axes: _histograms(axes, squared, scale_8))
+
+
+def _page(path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[list[Axes]], None]) -> None:
+    """A figure of rows x columns axes, `size` in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(list(figure.subplots(rows, columns, squeeze=False).ravel()))
+    figure.savefig(path)
+
+
+def _spectra(axes: Axes, problems: dict[str, Problem]) -> None:
+    """Standard deviations of the covariance's eigenvectors, largest first (Figure 5)."""
+    for (name, problem), marker in zip(problems.items(), "so", strict=True):
+        std = problem.std
+        label = f"{name}: {std[0] / std[-1]:.0f}:1 (the paper {PAPER_SPECTRA[name]:.0f}:1)"
+        axes.semilogy(np.arange(1, len(std) + 1), std, marker=marker, markersize=4, linewidth=1, label=label)
+    axes.set_xlabel("eigen-direction, least certain first")
+    axes.set_ylabel("standard deviation [rad, m]")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+
+
+def _valleys(axes: list[Axes], problem: Problem, points: int) -> None:
+    """Costs within a few standard deviations of the mode: on the line, and along the valley, where everything else is
+    at its best for the place along the line (Figure 7)."""
+    mode_cost = problem.mode.quadratic.value
+    for k, panel in enumerate(axes[:SLICES]):
+        reach = min(SMALL * float(problem.std[k]), np.pi)
+        t = np.linspace(-reach, reach, points)
+        _curve(panel, t, _line_costs(problem, problem, k, t) - mode_cost, "-", "on the line")
+        _curve(panel, t, _valley_costs(problem, k, t) - mode_cost, "--", "along the valley")
+        _labelled(panel, k, problem)
+        panel.set_ylim(0.8, 3e2)
+    axes[0].legend(frameon=False, fontsize=8)
+
+
+def _slices(axes: list[Axes], problems: dict[str, Problem]) -> None:
+    """Costs far along straight lines through the mode, projected onto the limits (Figure 8)."""
+    squared, t = problems["squared"], np.linspace(-LARGE, LARGE, 401)
+    for k, panel in enumerate(axes[:SLICES]):
+        for (name, problem), style in zip(problems.items(), ("-", "--"), strict=True):
+            cost = _line_costs(problem, squared, k, t)
+            _curve(panel, t, cost - problem.cost.at(squared.mode.q).value, style, f"{name} errors")
+        _labelled(panel, k, squared)
+    axes[0].legend(frameon=False, fontsize=8)
+
+
+def _line_costs(problem: Problem, line: Problem, k: int, t: np.ndarray) -> np.ndarray:
+    """Cost (T,) of a problem at t (T,) along direction k of the problem `line`."""
+    model, q, axis = line.body.model, line.mode.q, line.axes[:, k]
+    return np.array([problem.cost.at(line.body.clamp(pin.integrate(model, q, s * axis))).value for s in t])
+
+
+class _Place:
+    """Holds the step from a mode at a place along one of its directions: a term of the cost."""
+
+    def __init__(self, problem: Problem, k: int, place: float) -> None:
+        self._model, self._q, self._axis, self._place = (
+            problem.body.model, problem.mode.q, problem.axes[:, k], place,
+        )  # fmt: skip
+
+    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
+        """See `estimator.cost.term.Term`."""
+        off = float(self._axis @ pin.difference(self._model, self._q, posed.q)) - self._place
+        slope = pin.dDifference(self._model, self._q, posed.q, pin.ARG1).T @ self._axis
+        gradient += HELD * off * slope
+        hessian += HELD * np.outer(slope, slope)
+        return 0.5 * HELD * off * off
+
+
+def _valley_costs(problem: Problem, k: int, t: np.ndarray) -> np.ndarray:
+    """Least cost (T,) at places t (T,) along direction k, followed from the mode outwards; NaN where limits end it."""
+    seeker, costs = Seeker(problem.body, SEARCH), np.full(len(t), np.nan)
+    centre = len(t) // 2
+    for places in (range(centre, len(t)), range(centre - 1, -1, -1)):
+        q = problem.mode.q
+        for i in places:
+            q = seeker.seek(problem.cost.plus([_Place(problem, k, float(t[i]))]), q).q
+            reached = float(problem.axes[:, k] @ problem.body.difference(problem.mode.q, q))
+            if abs(reached - t[i]) < 0.05:
+                costs[i] = problem.cost.at(q).value
+    return costs
+
+
+def _curve(panel: Axes, t: np.ndarray, cost: np.ndarray, style: str, label: str) -> None:
+    """A cost above the mode's, its minima as dots."""
+    panel.plot(t, cost + 1.0, style, linewidth=1.2, label=label)
+    low = 1 + np.flatnonzero((cost[1:-1] < cost[:-2]) & (cost[1:-1] <= cost[2:]))
+    panel.plot(t[low], cost[low] + 1.0, "k.", markersize=5)
+
+
+def _labelled(panel: Axes, k: int, problem: Problem) -> None:
+    panel.set_yscale("log")
+    panel.set_title(f"direction {k + 1}, standard deviation {problem.std[k]:.2f}", fontsize=9)
+    panel.set_xlabel("distance along it [rad, m]", fontsize=9)
+    panel.set_ylabel("cost above the mode, + 1", fontsize=9)
+    panel.grid(alpha=0.3)
+
+
+def _histograms(axes: list[Axes], problem: Problem, rows: dict[str, Searches]) -> None:
+    """Samples and distinct minima by distance, standard deviations and cost (Figure 13)."""
+    names = ("parameter distance [rad, m]", "standard deviations", "cost")
+    for column, name in enumerate(names):
+        for row in (0, 1):
+            found = {m: _measured(problem, s, row == 1)[column] for m, s in rows.items()}
+            _histogram(axes[3 * row + column], found, logarithmic=column > 0)
+            axes[3 * row + column].set_xlabel(name, fontsize=9)
+            axes[3 * row + column].set_ylabel("distinct minima" if row else "samples", fontsize=9)
+    axes[0].legend(frameon=False)
+
+
+def _measured(problem: Problem, searches: Searches, optimised: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance, standard deviations and cost of the samples, or of the distinct minima they lead to."""
+    kept = distinct(problem, searches)
+    q, cost = (searches.q[kept], searches.energy[kept]) if optimised else (searches.raw_q, searches.raw_energy)
+    steps = problem.steps(q)
+    return np.linalg.norm(steps, axis=1), problem.deviations(steps), cost
+
+
+def _histogram(axes: Axes, found: dict[str, np.ndarray], logarithmic: bool) -> None:
+    values = np.concatenate(list(found.values()))
+    if logarithmic:
+        bins = np.geomspace(max(values.min(), 1e-3), values.max(), 36)
+        axes.set_xscale("log")
+    else:
+        bins = np.linspace(0.0, values.max(), 36)
+    for name, one in found.items():
+        axes.hist(one, bins=bins.tolist(), alpha=0.6, color=COLOURS[name], label=f"{name}, scale 8")
+    axes.grid(alpha=0.3)

@@ -1,0 +1,139 @@
+"""Low-energy minima a second: covariance-scaled samples alone, and with kinematic jumps between them."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.css_tables_minima import RULE, known_problem
+from benchmarks.css_tables_problem import SEARCH, Problem
+from estimator.search.covariance import free_directions, mode_covariance
+from estimator.search.flips import Flips
+from estimator.search.proposals import CovarianceScaledProposal
+from estimator.search.seek import Found, Seeker
+
+WITHIN = 10.0
+"""Energy above the known mode up to which a minimum is low: a likelihood ratio of exp(10), 22000."""
+SAME = 0.10  # m; a jump nearer than this to a pose already searched from is not searched again
+SEARCHERS = ("CSS about the first mode", "CSS about every known minimum", "CSS and jumps")
+
+
+class HuntTask(NamedTuple):
+    """A random pose, which landmarks are seen of it, one of SEARCHERS, the scale of samples, searches, and a seed."""
+
+    pose: int
+    seen: str
+    searcher: str
+    scale: float
+    searches: int
+    seed: int = 0
+
+
+class Hunt(NamedTuple):
+    """known (S,): distinct low-energy minima, the first mode not counted, after each search. cpu (S,) [s]: until then.
+    energies (K,): of those minima."""
+
+    known: np.ndarray
+    cpu: np.ndarray
+    energies: np.ndarray
+
+
+@dataclass
+class _Pool:
+    """The low-energy minima known so far, the first mode leading, with the proposal about each once it is needed."""
+
+    problem: Problem
+    scale: float
+
+    def __post_init__(self) -> None:
+        self.found: list[Found] = [self.problem.mode]
+        self._steps = np.zeros((1, self.problem.body.nv))
+        self._proposals: dict[int, CovarianceScaledProposal] = {}
+
+    def offer(self, found: Found) -> None:
+        """Keep a converged minimum that is low and new."""
+        problem = self.problem
+        if found.status != "converged" or found.quadratic.value > problem.mode.quadratic.value + WITHIN:
+            return
+        step = problem.body.difference(problem.mode.q, found.q)
+        if np.all(np.abs(self._steps - step).max(axis=1) > RULE.threshold) and is_minimum(problem, found):
+            self.found.append(found)
+            self._steps = np.concatenate([self._steps, step[None]])
+
+    def sample(self, rng: np.random.Generator, k: int) -> np.ndarray:
+        """A covariance-scaled sample (nq,) about the minimum k."""
+        if k not in self._proposals:
+            body, quadratic = self.problem.body, self.problem.cost.at(self.found[k].q)
+            covariance = mode_covariance(body, quadratic.posed.q, quadratic.gradient, quadratic.hessian, np.inf)
+            self._proposals[k] = CovarianceScaledProposal(body, quadratic.posed.q, covariance, self.scale)
+        return self._proposals[k].sample(rng)
+
+
+def is_minimum(problem: Problem, found: Found) -> bool:
+    """Whether no direction of descent is left where a search converged: the exact Hessian is positive where limits do
+    not hold."""
+    here = problem.cost.at(found.q, exact=True)
+    free = free_directions(problem.body, found.q, here.gradient)
+    return len(free) == 0 or float(np.linalg.eigvalsh(here.hessian[np.ix_(free, free)])[0]) > 0.0
+
+
+class _Jumps:
+    """The jumps from every known minimum, each once, and none to where a search has been before."""
+
+    def __init__(self, problem: Problem, pool: _Pool) -> None:
+        self._problem, self._pool, self._flips = problem, pool, Flips(problem.body)
+        self._queue: deque[np.ndarray] = deque()
+        self._expanded: set[int] = set()
+        self._visited = np.zeros((0, len(problem.body.landmark_names), 3))  # landmarks [m] of poses searched from
+        self._count = 0
+
+    def next(self) -> np.ndarray | None:
+        """A start (nq,); None where all minima known have been jumped from."""
+        while True:
+            while self._queue:
+                q = self._queue.popleft()
+                if self._is_new(q):
+                    return q
+            left = [k for k in range(len(self._pool.found)) if k not in self._expanded]
+            if not left:
+                return None
+            k = min(left, key=lambda i: self._pool.found[i].quadratic.value)
+            self._expanded.add(k)
+            self._is_new(self._pool.found[k].q)
+            self._queue.extend(self._flips.of(self._pool.found[k].q, self._problem.camera))
+
+    def _is_new(self, q: np.ndarray) -> bool:
+        """Whether q (nq,) is away from all poses remembered; it then joins them."""
+        body = self._problem.body
+        points = body.landmarks(body.at(q))
+        gaps = np.square(self._visited[: self._count] - points).sum(axis=-1).max(axis=1, initial=0.0)
+        if np.any(gaps < SAME**2):
+            return False
+        if self._count == len(self._visited):  # doubled, so that remembering stays cheap
+            self._visited = np.concatenate([self._visited, np.zeros((self._count + 64, *points.shape))])
+        self._visited[self._count] = points
+        self._count += 1
+        return True
+
+
+def hunted(task: HuntTask) -> Hunt:
+    """Searches from samples, and with jumps from every other start, about minima drawn evenly from those known."""
+    problem, rng = known_problem(task.pose, task.seen), np.random.default_rng([task.seed, task.pose, 1])
+    seeker, pool = Seeker(problem.body, SEARCH), _Pool(problem, task.scale)
+    next(
+        iter(Flips(problem.body).of(problem.mode.q, problem.camera)), None
+    )  # kernels are compiled before the clock starts
+    jumps = _Jumps(problem, pool) if task.searcher == SEARCHERS[2] else None
+    pool.sample(rng, 0)
+    known, cpu, began = [], [], time.process_time()
+    for k in range(task.searches):
+        about = 0 if task.searcher == SEARCHERS[0] else int(rng.integers(len(pool.found)))
+        q = jumps.next() if jumps is not None and k % 4 else None
+        pool.offer(seeker.seek(problem.cost, pool.sample(rng, about) if q is None else q))
+        known.append(len(pool.found) - 1)
+        cpu.append(time.process_time() - began)
+    return Hunt(np.array(known), np.array(cpu), np.array([f.quadratic.value for f in pool.found[1:]]))

@@ -1,0 +1,108 @@
+"""The likelihood of CSS section 7: joints of the 34-degree body against joints in one image, in the paper's regime."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.cost.priors import Stabilisers
+from estimator.cost.reprojection import Reprojection
+from estimator.cost.term import Cost, Term
+from estimator.cost.upright import Upright
+from estimator.imaging.camera import Camera
+from estimator.imaging.observation import Observation
+from estimator.search.covariance import free_directions, mode_covariance
+from estimator.search.seek import Found, Seeker, SeekSettings
+from humanoid.body import Body
+from humanoid.subject import load_subject
+
+NOISE = 1.0  # px
+NU = 8.0  # of robust potentials, as the tracker has it
+STABILISERS = 1.4  # rad: standard deviation about rest of every joint
+BEND = 0.25  # rad: standard deviation about rest of the joints of a random pose
+_EYES_EARS = ("left_eye", "right_eye", "left_ear", "right_ear")
+_FEET = tuple(f"{side}_{p}" for side in ("left", "right") for p in ("heel", "big_toe", "small_toe"))
+UNSEEN = {"body": _EYES_EARS, "joints": (*_EYES_EARS, *_FEET, "nose", "mid_hip")}
+"""Landmarks without a counterpart in the image: "body" has 22 left, feet among them, "joints" 14."""
+SEARCH = SeekSettings(max_iterations=200)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An energy with a known mode.
+
+    mode: the minimum nearest to the true pose. covariance (nv, nv): of the mode, zero where limits hold it.
+    std (n,), axes (nv, n): standard deviations [rad, m] and eigenvectors of the covariance's free part, falling.
+    camera: the only one.
+    """
+
+    body: Body
+    cost: Cost
+    mode: Found
+    covariance: np.ndarray
+    std: np.ndarray
+    axes: np.ndarray
+    camera: Camera
+
+    def steps(self, q: np.ndarray) -> np.ndarray:
+        """Tangent vectors (N, nv) at the mode that lead to configurations q (N, nq)."""
+        return np.array([self.body.difference(self.mode.q, x) for x in q]).reshape(-1, self.body.nv)
+
+    def deviations(self, steps: np.ndarray) -> np.ndarray:
+        """Mahalanobis lengths (N,) of steps (N, nv), over the directions that no limit holds."""
+        lengths: np.ndarray = np.linalg.norm(steps @ self.axes / self.std, axis=1)
+        return lengths
+
+
+def joint_image_problem(
+    pose: int, seen: str = "body", subject_name: str = "human34", potential: str = "gaussian"
+) -> Problem:
+    """The problem of a random pose (the seed `pose`): a person 4 m away, joints bent about rest, 1 px of noise.
+
+    `seen`: a key of UNSEEN.
+    Squared errors, not robust ones: the costs of Table 1 grow with the square of the scale.
+    """
+    subject = load_subject(subject_name)
+    subject = replace(subject, stabilisers=tuple(replace(s, std=STABILISERS) for s in subject.stabilisers))
+    body, camera, rng = Body(subject), _camera(), np.random.default_rng(pose)
+    q = _bent(body, rng)
+    points = body.landmarks(body.at(q))
+    pixels = camera.project(points)[None] + NOISE * rng.normal(size=(1, len(points), 2))
+    confidence = np.array([[float(name not in UNSEEN[seen]) for name in body.landmark_names]])
+    observation = Observation(0, 0.0, (camera,), pixels, confidence)
+    terms: list[Term] = [Reprojection(body, observation, np.full(confidence.shape, NOISE), potential, NU)]
+    terms.append(Stabilisers(body, potential="gaussian"))
+    if body.subject.upright is not None:
+        terms.append(Upright(body, UP))
+    cost = Cost(body, terms)
+    return _solved(body, cost, q, camera)
+
+
+def _solved(body: Body, cost: Cost, q: np.ndarray, camera: Camera) -> Problem:
+    mode = Seeker(body, SEARCH).seek(cost, q)
+    quadratic = mode.quadratic
+    covariance = mode_covariance(body, mode.q, quadratic.gradient, quadratic.hessian, max_std=np.inf)
+    free = free_directions(body, mode.q, quadratic.gradient)
+    values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])
+    axes = np.zeros((body.nv, len(free)))
+    axes[free] = vectors[:, ::-1]
+    return Problem(body, cost, mode, covariance, np.sqrt(values[::-1]), axes, camera)
+
+
+def _bent(body: Body, rng: np.random.Generator) -> np.ndarray:
+    """Joints at random about rest, less where the range is less than a radian; the root at the origin."""
+    q, i = body.neutral.copy(), body.bounded_q
+    q[i] += BEND * np.minimum(1.0, body.upper[i] - body.lower[i]) * rng.normal(size=len(i))
+    return body.clamp(q)
+
+
+def _camera() -> Camera:
+    """4 m from the world's z axis, 0.3 m above the root, 20 degrees to the left of what the body faces."""
+    R_world_camera = pin.utils.rotate("z", np.radians(20.0)) @ np.array([[0.0, 0, -1], [1, 0, 0], [0, -1, 0]])
+    centre = R_world_camera @ np.array([0.0, -0.3, -4.0])
+    R_camera_world = R_world_camera.T
+    K = np.array([[900.0, 0.0, 480.0], [0.0, 900.0, 480.0], [0.0, 0.0, 1.0]])
+    return Camera("camera", (960, 960), K, np.zeros(5), R_camera_world, -R_camera_world @ centre)
