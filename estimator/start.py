@@ -31,7 +31,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     found = search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), case, count)
     evidence = search.evidence(observation, found.modes[0].q)
     camera = only_camera(observation)
-    jumps = camera is not None and bool(search.flips.limbs)
+    jumps = camera is not None and bool(search.flips.limbs or search.flips.parts)
     if not jumps and evidence is None:
         return found
     names = [r.name for r in readings]

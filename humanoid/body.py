@@ -170,6 +170,10 @@ class Body:
             k = int(self.tree.dof_parent[k])
         return moved
 
+    def __reduce__(self) -> tuple[type[Body], tuple[Subject, pin.Model]]:
+        """Made anew when it is sent to another process: its views look into this process' memory."""
+        return Body, (self.subject, self.model)
+
     @property
     def q_names(self) -> tuple[str, ...]:
         """A name for each entry of q: the joint's, with a suffix where the joint has several entries."""
@@ -177,6 +181,16 @@ class Body:
         for j in range(1, self.njoints):
             name, count = self.model.names[j], self.model.nqs[j]
             names += [name] if count == 1 else [f"{name}_{s}" for s in _suffixes(count)]
+        return tuple(names)
+
+    @property
+    def v_names(self) -> tuple[str, ...]:
+        """A name for every degree of freedom (nv): the joint's, with the axis where it has several."""
+        names: list[str] = []
+        for j in range(1, self.njoints):
+            name, count = self.model.names[j], self.model.nvs[j]
+            axes = ("x", "y", "z", "turn_x", "turn_y", "turn_z") if count == 6 else tuple(map(str, range(count)))
+            names += [name] if count == 1 else [f"{name}_{axis}" for axis in axes]
         return tuple(names)
 
 

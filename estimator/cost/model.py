@@ -98,12 +98,17 @@ class CostModel:
         extent in the images."""
         if not observation.cues:
             return None
-        if self._image is None:
-            self._image = ImageModel(self.body, self.settings.image)
         points = self.body.landmarks(posed)
         extents = [image_extent(c.camera.project(points), np.ones(len(points))) for c in observation.cues]
         detected = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
-        return self._image.evidence(observation.cues, extents, detected)
+        return self.image.evidence(observation.cues, extents, detected)
+
+    @property
+    def image(self) -> ImageModel:
+        """What the image terms of all frames share, made when it is first asked for."""
+        if self._image is None:
+            self._image = ImageModel(self.body, self.settings.image)
+        return self._image
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
         """Standard deviation (C, L) [px] of the keypoints of a frame; what trembles in the clip's is added."""

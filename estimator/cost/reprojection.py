@@ -27,7 +27,7 @@ class Reprojection:
         self, body: Body, observation: Observation, sigma: np.ndarray, potential: str = "lorentzian", nu: float = 4.0
     ) -> None:
         self._body = body
-        self.cameras = observation.cameras
+        self.observation, self.cameras = observation, observation.cameras
         self._kind, self._nu = POTENTIALS[potential], float(nu)
         self._intrinsics, self._distortion, self._R, self._t = pack_cameras(observation.cameras)
         valid = (observation.confidence > 0.0) & np.isfinite(observation.pixels).all(axis=-1)

@@ -39,13 +39,15 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
     """The arrays of the npz.
 
     time (T,) [s]; q (T, nq) of the best hypothesis, Pinocchio order; landmarks (T, L, 3) [m], world; mode_q (T, K, nq),
-    mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); energy (T,); status (T,) text;
-    q_names, joint_names, landmark_names text.
+    mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
+    hypotheses together; energy (T,); status (T,) text;
+    q_names, v_names, joint_names, landmark_names text.
     """
     return {
         "time": run.time,
         "q": run.q,
         "q_names": np.array(run.body.q_names, dtype=np.str_),
+        "v_names": np.array(run.body.v_names, dtype=np.str_),
         "joint_names": np.array(list(run.body.model.names)[1:], dtype=np.str_),
         "landmark_names": np.array(run.body.landmark_names, dtype=np.str_),
         "landmarks": run.landmarks,
@@ -53,6 +55,7 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
         "mode_weight": run.mode_weight,
         "mode_landmarks": run.mode_landmarks,
         "covariance": run.covariance,
+        "std": run.std,
         "energy": run.energy,
         "status": run.status,
     }

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.filtering.calibration import Calibration
 from estimator.filtering.paths import backtrack
+from estimator.filtering.posterior import Posterior
 from estimator.formats import run_store
 from estimator.formats.packing import unpack
 from estimator.formats.run_header import RunHeader
@@ -17,7 +19,7 @@ from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from humanoid.body import Body
 from humanoid.errors import InputError
-from humanoid.subject import Subject, subject_from_text
+from humanoid.subject import BUILT_IN, Subject, subject_from_text
 
 
 class Run:
@@ -217,6 +219,24 @@ class Run:
         for t, (frame, k) in enumerate(zip(self._frames, self.path, strict=True)):
             if k >= 0:
                 out[t] = _symmetric(frame["covariance"][k : k + 1], nv)[0]
+        return out
+
+    def posterior(self, i: int, calibration: Calibration | None = None) -> Posterior:
+        """What is known of the pose after frame `i` from this and the frames before it, all hypotheses together.
+
+        Raises InputError where the frame has no hypotheses.
+        """
+        cameras = self.header.cameras
+        alone = len(cameras) == 1 and self.header.subject_source in BUILT_IN
+        return Posterior.of(self.body, self.result(i), calibration, cameras[0].centre_world if alone else None)
+
+    @cached_property
+    def std(self) -> np.ndarray:
+        """(T, nv) calibrated standard deviation of every degree of freedom [m, rad], over all hypotheses."""
+        out = np.full((len(self._frames), self.body.nv), np.nan)
+        for t, frame in enumerate(self._frames):
+            if len(frame["weight"]):
+                out[t] = self.posterior(t).marginals().moments()[1]
         return out
 
     @cached_property

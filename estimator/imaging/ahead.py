@@ -22,7 +22,10 @@ class ReadAhead:
         expected = waiting is not None and waiting[0] == index
         found = waiting[1] if waiting is not None and expected else self._thread.submit(self._reader.at, index)
         cues = found.result()
-        self._next = index + 1, self._thread.submit(self._reader.at, index + 1)  # the error past the end is not asked for
+        self._next = (
+            index + 1,
+            self._thread.submit(self._reader.at, index + 1),
+        )  # the error past the end is not asked for
         return cues
 
     def close(self) -> None:

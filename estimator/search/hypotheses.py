@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.filtering.mixture import Mixture
-from estimator.imaging.camera import Camera
+from estimator.imaging.observation import Observation
+from estimator.search.flips import only_camera
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal, LimbProposal, Proposal, SphericalProposal
 from estimator.search.proposals import WeakestDirections as Weakest
 
 SHAPES = ("covariance", "spherical", "weakest")
-LOOKS = 3  # jumps looked at for every one that is searched from
 
 
 class ProposalSettings(NamedTuple):
@@ -24,7 +24,6 @@ class ProposalSettings(NamedTuple):
     shape: str
     scale: float
     tail: float
-    tempering: float
     forgetting: float
     transition: bool
     momentum: float
@@ -37,8 +36,8 @@ class Proposals:
 
     Parameters
     ----------
-    search: of the body. settings: see there. rng: of the frame. prior: the mixture of the frame before. case: the
-        frame. camera: the only one that sees the body, None where several do.
+    search: of the body. settings: see there. rng: of the frame. prior: the mixture of the frame before. case,
+        observation: the frame.
     """
 
     def __init__(
@@ -49,18 +48,17 @@ class Proposals:
         rng: np.random.Generator,
         prior: Mixture,
         case: FrameCase,
-        camera: Camera | None,
+        observation: Observation,
     ) -> None:
         self._search, self._limb, self._settings, self._rng = search, limb, settings, rng
-        self._prior, self._case, self._camera = prior, case, camera
+        self._prior, self._case = prior, case
+        self._camera = only_camera(observation)
         names = [r.name for r in case.readings]
         # the reading that continues each mode's; the first where the frame has not that of the parent
         self._own = [names.index(m.association) if m.association in names else 0 for m in prior.modes]
         step = settings.momentum * case.dt
         moves = settings.transition and case.evidence is not None and step > 0.0
         self._predicted = [search.body.integrate(m.q, step * m.velocity) if moves else None for m in prior.modes]
-        tempered = prior.weights**settings.tempering
-        self._chances = tempered / tempered.sum()
 
     def kept(self) -> list[Hypothesis]:
         """Every parent where it was."""
@@ -88,12 +86,12 @@ class Proposals:
         return found
 
     def flips(self, count: int) -> list[Hypothesis]:
-        """Kinematic jumps: limbs at their other depths, the likeliest of a few."""
-        if self._camera is None or not self._search.flips.limbs:
+        """Kinematic jumps: limbs and parts at their other depths."""
+        flips = self._search.flips
+        if self._camera is None or not (flips.limbs or flips.parts):
             return []
-        propose = partial(self._search.flips.draw, self._rng, camera=self._camera)
-        jumps = self._jumps(LOOKS * count, self._settings.flip_penalty, propose)
-        return self._search.screened(jumps, self._case, count, pictures=False)
+        propose = partial(flips.draw, self._rng, camera=self._camera)
+        return self._jumps(count, self._settings.flip_penalty, propose)
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
         """One limb elsewhere, the best of so many looks at the pictures."""
@@ -109,7 +107,7 @@ class Proposals:
         return self._jumps(count, self._settings.limb_penalty, propose)
 
     def _parents(self, count: int) -> np.ndarray:
-        return self._rng.choice(len(self._prior.modes), size=count, p=self._chances)
+        return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
     def _hypothesis(self, i: int, q: np.ndarray, reading: int) -> Hypothesis:
         if not self._settings.transition:

@@ -86,9 +86,7 @@ class _Track:
         rival = self._smoothed(changed, other, None)
         return (changed, rival[0]) if rival[1] < found[1] else (costs, found[0])
 
-    def _smoothed(
-        self, costs: list[Cost], path: np.ndarray, progress: Progress | None
-    ) -> tuple[np.ndarray, float]:
+    def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> tuple[np.ndarray, float]:
         body, settings = self._search.body, self._settings
         start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
         q = smooth(body, costs, self._times, start, self._motion, settings, progress)

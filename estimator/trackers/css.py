@@ -13,7 +13,6 @@ from estimator.filtering.merge import bhattacharyya
 from estimator.filtering.mixture import Mixture, mixture_of
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.search.flips import only_camera
 from estimator.search.hypotheses import SHAPES, Proposals, ProposalSettings
 from estimator.search.mode_search import Candidate, FrameCase, ModeSearch
 from estimator.search.proposals import LimbProposal
@@ -37,11 +36,11 @@ class CssSettings:
     samples: about the parents. shape: of their distribution, "covariance" (CSS), "spherical" (of equal volume, the
         rival of CSS section 7) or "weakest" (regular, along the weakest directions, footnote 10). scale: factor on the
         standard deviations, the square root of the s of Figure 6 (4 to 14 there). tail: degrees of freedom of Student's
-        t, 0 for a Gaussian. tempering: power of the weights by which parents are drawn, 1 in Figure 6; weights are more
-        certain than they should be.
+        t, 0 for a Gaussian.
     other_readings: parents with left and right of the keypoints exchanged.
-    flips: one limb at another depth along its rays (one camera only); flip_penalty: energy of a jump, paid once instead
-        of the transition's price.
+    flips: a limb or part at another depth along its rays (one camera only); flip_penalty: energy of a jump, paid once
+        instead of the transition's price. Where flow is looked at, only so far as keypoints are too: flow already says
+        where each limb went on from, and a jump to what looks exactly the same would pass for free what it knows.
     limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, at the price
         limb_penalty. exchanges: two limbs change places in the image, at the same price. These find limbs that have
         lost their image, so keypoints of the whole person make a quarter of them enough.
@@ -53,7 +52,6 @@ class CssSettings:
     shape: str = "covariance"
     scale: float = 3.0
     tail: float = 0.0
-    tempering: float = 0.5
     forgetting: float = 0.95
     transition: bool = True
     keep: bool = True
@@ -78,7 +76,7 @@ class CssSettings:
 
 PAPER = CssSettings(
     budget=BudgetSettings(searches=70, calm=1.0), samples=70, other_readings=0, flips=0, limb_searches=0, exchanges=0,
-    scale=8.0**0.5, tempering=1.0, forgetting=1.0, transition=False, keep=False,
+    scale=8.0**0.5, forgetting=1.0, transition=False, keep=False,
 )  # fmt: skip
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
@@ -105,9 +103,7 @@ class CovarianceScaledSampling:
         prior = state.mixture
         evidence = self.search.evidence(observation, prior.modes[0].q)
         case = FrameCase(self.search.readings(observation), observation.time - state.time, evidence)
-        proposals = Proposals(
-            self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, only_camera(observation)
-        )
+        proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         found = self.search.explored(proposals.kept(), case) if self.settings.keep else []
         left = self.settings.budget.left(len(found), _rise(found, prior), 1.0 - float(prior.weights[0]))
         found += self.search.explored(shared_out(left, self._offers(proposals, observation)), case)  # 1, 2
@@ -118,17 +114,16 @@ class CovarianceScaledSampling:
 
     def _offers(self, proposals: Proposals, observation: Observation) -> list[Offer]:
         s = self.settings
-        offers = [
+        seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
+        depths = seen if any(cues.flow is not None for cues in observation.cues) else 1.0
+        lost = 1.0 - 0.75 * seen if observation.cues else 0.0
+        return [
             Offer(s.other_readings, proposals.other_readings),
-            Offer(s.flips, proposals.flips),
+            Offer(depths * s.flips, proposals.flips),
+            Offer(lost * s.limb_searches, partial(proposals.limbs, looks=round(lost * s.limb_samples))),
+            Offer(lost * s.exchanges, proposals.exchanges),
+            Offer(s.samples, proposals.samples),
         ]
-        if observation.cues:
-            seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
-            lost = 1.0 - 0.75 * seen
-            looks = round(lost * s.limb_samples)
-            offers.append(Offer(lost * s.limb_searches, partial(proposals.limbs, looks=looks)))
-            offers.append(Offer(lost * s.exchanges, proposals.exchanges))
-        return [*offers, Offer(s.samples, proposals.samples)]
 
     def _matched(self, prior: Mixture, found: Mixture) -> Mixture:
         """Multiply each new mode's weight with that of the closest prior mode, which is then used up (5)."""

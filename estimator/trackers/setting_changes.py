@@ -18,7 +18,7 @@ MAY_BE_ZERO = {
     "forgetting", "samples", "flips", "flip_penalty", "spare", "decrease_tolerance", "exact_below", "tolerance",
     "distinct", "edge_evidence", "outline_evidence", "flow_evidence", "visibility_evidence", "motion_boundary",
     "flow_share", "finest_scale", "momentum", "limb_samples", "exchanges", "limb_searches", "pose_prior_weight",
-    "calm", "tail", "other_readings", "tempering", "settled",
+    "calm", "tail", "other_readings", "settled",
 }  # fmt: skip
 AT_MOST = {
     "motion_boundary": 1.0,  # beyond, an edge's weight 1 - k S_p is negative

@@ -36,6 +36,19 @@ class Past(NamedTuple):
     predicted: PosedBody | None = None
 
 
+class Followed(NamedTuple):
+    """Nodes (N,) followed by one camera's flow: where they were, (N, 2) [px], where they are now, (N, 2) [px], and how
+    sure that is, (N,), 0 to 1."""
+
+    node: np.ndarray
+    before: np.ndarray
+    target: np.ndarray
+    sure: np.ndarray
+
+
+_LOST = Followed(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+
+
 class ImageModel:
     """Everything about image terms that does not change from frame to frame."""
 
@@ -43,13 +56,14 @@ class ImageModel:
         self.body = body
         self.settings = settings or ImageSettings()
         self.surface = surface or surface_of(body, nodes=self.settings.nodes)
-        self._predictors: dict[int, Predictor] = {}
+        self._predictors: dict[tuple[object, ...], Predictor] = {}
 
     def predictor(self, cues: ImageCues) -> Predictor:
         """The predictor of a camera at the cues' resolution, made once."""
-        key = id(cues.camera)
-        if key not in self._predictors or self._predictors[key].camera is not cues.camera:
-            self._predictors[key] = Predictor(self.surface, cues.camera, self.settings.fineness)
+        c = cues.camera
+        key = c.image_size, *(a.tobytes() for a in (c.K, c.distortion, c.R_camera_world, c.t_camera_world))
+        if key not in self._predictors:
+            self._predictors[key] = Predictor(self.surface, c, self.settings.fineness)
         return self._predictors[key]
 
     def evidence(self, cues: Sequence[ImageCues], extents: Sequence[float], detected: float = 0.0) -> Evidence:
@@ -77,8 +91,16 @@ class Evidence:
 
     def followed_each(self, pasts: Sequence[Past]) -> list[list[Term]]:
         """`followed` for many pasts: the picture is searched once for the points of all of them."""
-        by_camera = [camera.followed_each(pasts) for camera in self.cameras]
-        return [[term for terms in of_past for term in terms] for of_past in zip(*by_camera, strict=True)]
+        return [self.flow_terms(found) for found in self.follow(pasts)]
+
+    def follow(self, pasts: Sequence[Past]) -> list[list[Followed]]:
+        """What the flow of each camera says of each past; `flow_terms` makes terms of it."""
+        by_camera = [camera.follow(pasts) for camera in self.cameras]
+        return [list(of_past) for of_past in zip(*by_camera, strict=True)]
+
+    def flow_terms(self, followed: Sequence[Followed]) -> list[Term]:
+        """The terms of one past, from what the cameras say of it."""
+        return [term for camera, found in zip(self.cameras, followed, strict=True) for term in camera.flow_terms(found)]
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """For every camera with a foreground the share of the model's outline that lies on the foreground's."""
@@ -89,7 +111,7 @@ class CameraEvidence:
     """The evidence of one instant in one camera."""
 
     def __init__(self, model: ImageModel, cues: ImageCues, extent: float, detected: float = 0.0) -> None:
-        self.model, self.cues, self.extent = model, cues, float(extent)
+        self.model, self.cues, self.extent, self.detected = model, cues, float(extent), detected
         self.predictor = model.predictor(cues)
         self._trust = _outline_trust(cues)
         s = model.settings
@@ -111,18 +133,22 @@ class CameraEvidence:
 
     def followed_each(self, pasts: Sequence[Past]) -> list[list[AssignedPoints]]:
         """See `Evidence.followed_each`."""
+        return [self.flow_terms(found) for found in self.follow(pasts)]
+
+    def follow(self, pasts: Sequence[Past]) -> list[Followed]:
+        """See `Evidence.follow`; no nodes where there is no flow to follow."""
         flow = self.cues.flow
         if flow is None or not pasts or self.model.settings.flow_evidence <= 0.0:
-            return [[] for _ in pasts]
+            return [_LOST for _ in pasts]
         seen = [self._seen(past) for past in pasts]
         pixels, guess = (np.concatenate([part[k] for part in seen]) for k in (1, 2))
         target, sure = follow_points(flow, pixels, guess)
-        terms, first = [], 0
-        for point, before, _ in seen:
-            own = slice(first, first + len(point))
-            terms.append(self._flow_term(point, before, target[own], sure[own]))
+        found, first = [], 0
+        for node, before, _ in seen:
+            own = slice(first, first + len(node))
+            found.append(Followed(node, before, target[own], sure[own]))
             first = own.stop
-        return terms
+        return found
 
     def _seen(self, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""
@@ -136,10 +162,10 @@ class CameraEvidence:
             guess = self.cues.camera.project(world)
         return point, prediction.pixels[point], guess
 
-    def _flow_term(
-        self, point: np.ndarray, before: np.ndarray, target: np.ndarray, sure: np.ndarray
-    ) -> list[AssignedPoints]:
+    def flow_terms(self, followed: Followed) -> list[AssignedPoints]:
+        """See `Evidence.flow_terms`."""
         s, surface = self.model.settings, self.model.surface
+        point, before, target, sure = followed
         if not len(point):
             return []
         length = np.linalg.norm(target - before, axis=1)

@@ -13,6 +13,8 @@ from estimator.search.flips.parts import limbs_kept, part_flipped
 from estimator.search.flips.readings import ROUGHLY, Sight, limb_readings, sight_of, turned
 from humanoid.body import Body
 
+FAR = 2.0  # times the distance of poses that are the same: jumps to nearer ones would be a way round the transition
+
 
 class Flips:
     """The poses of a body that look alike to one camera.
@@ -44,7 +46,7 @@ class Flips:
                 yield flipped
 
     def draw(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
-        """One of them at random; None where the limb or part drawn has none."""
+        """One of them at random that is well away from q; None where the limb or part drawn has none."""
         count = len(self.limbs) + len(self.parts)
         if count == 0:
             return None
@@ -52,7 +54,7 @@ class Flips:
         if k >= len(self.limbs):
             return self._with_limbs(sight, self.parts[k - len(self.limbs)])
         limb = self.limbs[k]
-        found = [r for r in limb_readings(self.body, sight, limb) if r.moved > self.anatomy.same]
+        found = [r for r in limb_readings(self.body, sight, limb) if r.moved > FAR * self.anatomy.same]
         return turned(self.body, q, limb.dofs, found[rng.integers(len(found))].turns) if found else None
 
     def interpretations(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:

@@ -1,0 +1,166 @@
+"""Whether the uncertainty can be believed: how often the truth lies in the regions that the posterior says it is in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+from rich.table import Table
+
+from benchmarks.calibration_clips import CONDITIONS, HELD_OUT, TRAINING, Task, Tracked, motions, tracked
+from benchmarks.calibration_levels import (
+    KINDS,
+    Levels,
+    calibration_error,
+    coverage,
+    fitted_calibration,
+    levels_of,
+    together,
+)
+from benchmarks.calibration_plot import write_reliability
+from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell
+from estimator.filtering.calibration import Calibration
+from kinemode import report
+
+PLAIN = Calibration(
+    covariance_scale=1.0, scale_spread=0.0, weight_temperature=1.0, prior_weight=1.0, limit_lean=1e-3, size_std=0.0
+)
+TARGET_COVERAGE, TARGET_ERROR = (0.85, 0.95), 0.08
+
+
+def main(
+    *,
+    data: Path | None = None,
+    seconds: float = 2.0,
+    every: int = 6,
+    tracker: str = "css",
+    known_body: bool = False,
+    known_noise: bool = False,
+    fit: bool = False,
+    ablate: bool = False,
+    seed: int = 0,
+    changes: Changes = (),
+    jobs: int = 1,
+    plot: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Track clips of known motion and measure the coverage of the posterior's regions on motions held out.
+
+    Parameters
+    ----------
+    data
+        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
+    seconds
+        So much of each motion.
+    every
+        So many-th frames are looked at.
+    tracker
+        As in `kinemode track`.
+    known_body
+        Give the tracker the person's lengths instead of fitting them.
+    known_noise
+        Give it the true standard deviations of the keypoints.
+    fit
+        Fit the calibration on the training motions first; prints what belongs into `Calibration`.
+    ablate
+        Also measure with each part of the calibration taken away.
+    seed
+        Of the clips; held-out clips differ from training clips in any case.
+    changes
+        Changes to the settings, as cost.nu=8 css.scale=4.
+    jobs
+        Clips at a time, each in a process of its own.
+    plot
+        Write the reliability diagram here, a PNG.
+    json
+        Also write the figures here.
+    """
+    if data_folder(data) is None:
+        print("only authored motions: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+    make = partial(
+        Task, seconds=seconds, every=every, tracker=tracker, known_body=known_body, known_noise=known_noise,
+        changes=nested(changes),
+    )  # fmt: skip
+    calibration = Calibration()
+    if fit:
+        calibration = fitted_calibration(_clips(data, TRAINING, make, 1000 + 100 * seed, jobs), jobs, tell)
+        print(f"fitted: {calibration}")
+    held_out = _clips(data, HELD_OUT, make, 2000 + 100 * seed, jobs)
+    variants = {"as tracked": PLAIN, "calibrated": calibration}
+    if ablate:
+        variants |= {f"without {name}": replace(calibration, **{name: vars(PLAIN)[name]}) for name in vars(PLAIN)}
+    found = {name: measured(held_out, one, jobs) for name, one in variants.items()}
+    show(found, held_out)
+    if plot is not None:
+        pooled = {name: together(found[name]) for name in ("as tracked", "calibrated")}
+        write_reliability(plot, pooled, of_conditions(found["calibrated"], held_out))
+    save(json, {"measure": "calibration", "calibration": asdict(calibration), "targets": {
+        "coverage of 90 %": TARGET_COVERAGE, "expected calibration error": TARGET_ERROR}, "found": {
+        name: figures(together(levels)) for name, levels in found.items()}})  # fmt: skip
+
+
+def _clips(data: Path | None, names: Sequence[str], make: partial[Task], seed: int, jobs: int) -> list[Tracked]:
+    tasks = [make(m, c, seed + i) for i, m in enumerate(motions(data, names)) for c in CONDITIONS]
+    tell(f"{len(tasks)} clips to track")
+    return in_processes(tracked, tasks, jobs)
+
+
+def measured(cases: Sequence[Tracked], calibration: Calibration, jobs: int) -> list[Levels]:
+    """Levels of every clip under a calibration."""
+    return in_processes(partial(levels_of, calibration=calibration), cases, jobs)
+
+
+def of_conditions(levels: Sequence[Levels], cases: Sequence[Tracked]) -> dict[str, Levels]:
+    """The clips' levels by condition."""
+    names = dict.fromkeys(case.condition.name for case in cases)
+    return {n: together(one for one, c in zip(levels, cases, strict=True) if c.condition.name == n) for n in names}
+
+
+def figures(levels: Levels) -> dict[str, dict[str, float]]:
+    """Coverage of the 50 and 90 % regions and expected calibration error of every kind of region."""
+    found = {}
+    for kind in KINDS:
+        one = getattr(levels, kind)
+        half, most = coverage(one, np.array([0.5, 0.9]))
+        found[kind] = {"50 %": float(half), "90 %": float(most), "error": calibration_error(one)}
+    return found
+
+
+def show(found: Mapping[str, Sequence[Levels]], cases: Sequence[Tracked]) -> None:
+    """The tables and verdicts."""
+    out = report.console()
+    columns = [f"{kind}: {what}" for kind in KINDS for what in ("50 %", "90 %", "error")]
+    overall = report.table("held-out motions: coverage, expected calibration error", "", *columns)
+    for name, levels in found.items():
+        _add(overall, name, together(levels))
+    overall.add_section()
+    for name, one in of_conditions(found["calibrated"], cases).items():
+        _add(overall, name, one)
+    out.print(overall)
+    calibrated = together(found["calibrated"])
+    joints = report.table("calibrated, by degree of freedom", "", "50 %", "90 %", "error")
+    for name, column in zip(cases[0].tracked_body().v_names, calibrated.dof.T, strict=True):
+        shares = coverage(column, np.array([0.5, 0.9]))
+        joints.add_row(name, *(f"{s:.2f}" for s in shares), f"{calibration_error(column):.3f}")
+    out.print(joints)
+    low, high = TARGET_COVERAGE
+    for kind, got in figures(calibrated).items():
+        kept = low <= got["90 %"] <= high and got["error"] <= TARGET_ERROR
+        out.print(
+            f"{kind}: {100 * got['90 %']:.1f} % in the 90 % regions, target {100 * low:.0f} to {100 * high:.0f};"
+            f" error {got['error']:.3f}, target {TARGET_ERROR}: {'kept' if kept else 'missed'}"
+        )
+
+
+def _add(table: Table, name: str, levels: Levels) -> None:
+    cells = [(f"{f['50 %']:.2f}", f"{f['90 %']:.2f}", f"{f['error']:.3f}") for f in figures(levels).values()]
+    table.add_row(name, *(cell for three in cells for cell in three))
+
+
+if __name__ == "__main__":
+    start(main)

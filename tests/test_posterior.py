@@ -1,0 +1,227 @@
+"""The posterior over configurations: closed forms, nominal coverage of what it says, and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+from benchmarks import calibration_levels
+from benchmarks.calibration_levels import calibration_error, coverage
+from estimator.cost.priors import Stabilisers
+from estimator.filtering.calibration import Calibration
+from estimator.filtering.marginals import Marginals
+from estimator.filtering.posterior import Posterior
+from estimator.frame_result import FrameResult
+from humanoid.body import Body
+from humanoid.errors import InputError
+from tests.builders import bent, body_of, inside, random_pose
+
+AS_IT_IS = Calibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0)
+
+
+def frame(q: Sequence[np.ndarray], covariance: Sequence[np.ndarray], weight: Sequence[float] = (1.0,)) -> FrameResult:
+    count = len(q)
+    none = np.zeros(count)
+    return FrameResult(
+        0, 0.0, "tracked", np.array(q), np.array(weight), none, np.array(covariance), none.astype(int), none, none,
+        ("as_detected",) * count,
+    )  # fmt: skip
+
+
+def random_covariance(nv: int, rng: np.random.Generator, std: float) -> np.ndarray:
+    root = rng.normal(size=(nv, nv)) + 2.0 * np.eye(nv)
+    covariance = root @ root.T
+    scale = std / np.sqrt(np.diagonal(covariance))
+    return np.asarray(covariance * np.outer(scale, scale))
+
+
+def gaussian(body: Body, std: float = 0.01, seed: int = 0, calibration: Calibration = AS_IT_IS) -> Posterior:
+    """One mode, far from all limits by its narrowness."""
+    rng = np.random.default_rng(seed)
+    q = random_pose(body, rng, share=0.6)
+    return Posterior.of(body, frame([q], [random_covariance(body.nv, rng, std)]), calibration)
+
+
+def one_dimension(mean: Sequence[float], std: Sequence[float], weight: Sequence[float]) -> Marginals:
+    edge = np.array([np.inf])
+    return Marginals(np.array(weight), np.array([mean]), np.array([std]), np.zeros((1, len(mean))), -edge, edge)
+
+
+def test_a_single_gaussian_has_its_closed_forms() -> None:
+    posterior = gaussian(body_of("human34"), 0.02)
+    marginals = posterior.marginals()
+    std = np.sqrt(np.diagonal(posterior.covariance[0]))
+    assert np.allclose(marginals.quantile(0.9), std * norm.ppf(0.9), rtol=1e-2)
+    mean, found = marginals.moments()
+    assert np.allclose(found, std, rtol=1e-2)
+    assert np.allclose(mean / std, 0.0, atol=1e-6)
+    for x in (0.3, -1.0, 2.5):
+        assert np.allclose(marginals.level(x * std), 2.0 * norm.cdf(abs(x)) - 1.0, atol=0.02)
+    for intervals, one in zip(marginals.regions(0.9), std, strict=True):
+        assert np.allclose(intervals, [(-1.645 * one, 1.645 * one)], rtol=0.05)
+
+
+def test_the_level_of_a_whole_pose_is_that_of_its_mahalanobis_distance() -> None:
+    body, rng = body_of("human34"), np.random.default_rng(1)
+    posterior = gaussian(body)
+    direction = np.linalg.cholesky(posterior.covariance[0]) @ rng.normal(size=body.nv)
+    for share in (0.7, 1.0, 1.2):
+        step = share * direction
+        squared = step @ np.linalg.solve(posterior.covariance[0], step)
+        level = posterior.levels(rng, body.integrate(posterior.best, step)[None], 2000)
+        assert level[0] == pytest.approx(chi2.cdf(squared, body.nv), abs=0.04)
+
+
+def test_a_symmetric_mixture_is_symmetric_and_its_region_has_two_parts() -> None:
+    marginals = one_dimension([-3.0, 3.0], [0.5, 0.5], [0.5, 0.5])
+    assert marginals.quantile(0.5)[0] == pytest.approx(0.0, abs=0.1)
+    assert marginals.quantile(0.1)[0] == pytest.approx(-marginals.quantile(0.9)[0], rel=1e-3)
+    (left, right), edge = marginals.regions(0.9)[0], 0.5 * norm.ppf(0.95)
+    assert np.allclose([left, right], [(-3.0 - edge, -3.0 + edge), (3.0 - edge, 3.0 + edge)], atol=0.05)
+    assert marginals.level(np.zeros(1))[0] > 0.99  # between the modes lies next to nothing
+    assert marginals.cdf(np.array([[-3.0, 0.0, 3.0]]))[0] == pytest.approx([0.25, 0.5, 0.75], abs=1e-6)
+
+
+def mixture(body: Body, scale: float = 1.0) -> Posterior:
+    """Two modes, one near limits; covariances said to be `scale` times what they are."""
+    rng = np.random.default_rng(3)
+    q = body.neutral.copy()
+    apart = body.integrate(q, 0.2 * rng.normal(size=body.nv))
+    covariance = [random_covariance(body.nv, rng, 0.1) for _ in range(2)]
+    result = frame([q, apart], covariance, (0.7, 0.3))
+    return Posterior.of(body, result, replace(AS_IT_IS, covariance_scale=scale))
+
+
+def levels(truth: Posterior, said: Posterior, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Levels by degree of freedom, landmark and pose of configurations drawn from `truth`."""
+    rng, body = np.random.default_rng(4), said.body
+    marginals, drawn = said.marginals(), truth.sample(rng, count)
+    dof = np.array([marginals.level(body.difference(said.best, q)) for q in drawn])
+    places = np.array([body.landmarks(body.at(q)) for q in drawn])
+    return dof, said.landmark_levels(rng, places), said.levels(rng, drawn, 1000)
+
+
+def test_truths_drawn_from_the_posterior_itself_are_covered_as_often_as_it_says() -> None:
+    body = body_of("human34")
+    for found in levels(mixture(body), mixture(body), 150):
+        assert calibration_error(found) < 0.06
+        assert coverage(found, 0.9)[0] == pytest.approx(0.9, abs=0.06)
+    for found in levels(mixture(body), mixture(body, 0.25), 60):
+        assert calibration_error(found) > 0.1
+        assert coverage(found, 0.9)[0] < 0.8
+
+
+def test_a_spread_of_scales_covers_truths_whose_scale_nobody_knew() -> None:
+    body, rng = body_of("arm8"), np.random.default_rng(5)
+    spread = gaussian(body, calibration=replace(AS_IT_IS, scale_spread=0.4))
+    narrow = gaussian(body)
+    factor = np.linalg.cholesky(narrow.covariance[0])
+    truths = [
+        body.integrate(narrow.best, np.exp(0.4 * rng.normal()) * factor @ rng.normal(size=body.nv)) for _ in range(300)
+    ]
+    found = [p.levels(rng, np.array(truths), 1000) for p in (spread, narrow)]
+    assert calibration_error(found[0]) < 0.06
+    assert coverage(found[0], 0.9)[0] > coverage(found[1], 0.9)[0] + 0.05
+
+
+def test_samples_and_regions_stay_within_the_limits() -> None:
+    body = body_of("human34")
+    elbow = body.q_names.index("left_elbow_flexion")
+    knee = body.q_names.index("left_knee_flexion")
+    q = bent(body, left_elbow_flexion=-9.0)  # on the lower limit
+    covariance = 0.3**2 * np.eye(body.nv)
+    held = body.bounded_v[body.bounded_q.tolist().index(elbow)]
+    bending = body.bounded_v[body.bounded_q.tolist().index(knee)]
+    covariance[held] = covariance[:, held] = 0.0
+    posterior = Posterior.of(body, frame([q], [covariance]), AS_IT_IS)
+    drawn = posterior.sample(np.random.default_rng(6), 400)
+    assert inside(body, drawn)
+    gaps = drawn[:, elbow] - body.lower[elbow]
+    assert gaps.mean() == pytest.approx(0.1, abs=0.02)  # exponential: mean and standard deviation agree
+    assert gaps.std() == pytest.approx(0.1, abs=0.03)
+    marginals = posterior.marginals()
+    ((start, end),) = marginals.regions(0.9)[held]
+    assert (start, end) == (pytest.approx(0.0, abs=1e-3), pytest.approx(-0.1 * np.log(0.1), rel=0.05))
+    low, high = body.tangent_bounds(q)
+    for v in body.bounded_v:
+        assert all(low[v] <= a < b <= high[v] for a, b in marginals.regions(0.99)[v])
+    mean, std = marginals.moments()
+    assert mean[held] == pytest.approx(0.1, rel=0.05)
+    assert drawn[:, knee].mean() - q[knee] == pytest.approx(mean[bending], abs=0.04)
+    assert drawn[:, knee].std() == pytest.approx(std[bending], rel=0.1)
+
+
+def test_landmarks_scatter_as_their_covariance_says() -> None:
+    body = body_of("human34")
+    posterior = gaussian(body, 0.02, seed=8)
+    mean, covariance = posterior.landmark_moments()
+    drawn = posterior.sample(np.random.default_rng(9), 1500)
+    points = np.array([body.landmarks(body.at(q)) for q in drawn])
+    assert np.allclose(points.mean(axis=0), mean, atol=0.004)
+    size = np.trace(covariance, axis1=1, axis2=2)
+    off = points - points.mean(axis=0)
+    assert np.allclose(np.einsum("nli,nlj->lij", off, off) / len(off) / size[:, None, None],
+                       covariance / size[:, None, None], atol=0.1)  # fmt: skip
+
+
+def test_a_body_of_unknown_size_may_be_nearer_or_farther_but_looks_alike() -> None:
+    body = body_of("human34")
+    centre = np.array([4.0, 1.0, 1.5])
+    certain = 1e-12 * np.eye(body.nv)
+    posterior = Posterior.of(body, frame([body.neutral], [certain]), replace(AS_IT_IS, size_std=0.05), centre)
+    drawn = posterior.sample(np.random.default_rng(10), 500)[:, :3] - centre
+    distance = np.linalg.norm(drawn, axis=1)
+    assert distance.std() / distance.mean() == pytest.approx(0.05, rel=0.1)
+    assert np.allclose(drawn / distance[:, None], drawn[0] / distance[0], atol=1e-4)
+
+
+def test_temperature_evens_weights_out() -> None:
+    body = body_of("arm8")
+    rng = np.random.default_rng(11)
+    q = [random_pose(body, rng) for _ in range(2)]
+    result = frame(q, [0.01 * np.eye(body.nv)] * 2, (0.8, 0.2))
+    for temperature, ratio in ((1.0, 4.0), (2.0, 2.0), (1e6, 1.0)):
+        weight = Posterior.of(body, result, replace(AS_IT_IS, weight_temperature=temperature)).weight
+        assert weight[0] / weight[1] == pytest.approx(ratio, rel=1e-4)
+
+
+def test_the_prior_counts_as_many_times_as_asked_for() -> None:
+    body, rng = body_of("human34"), np.random.default_rng(12)
+    q, covariance = random_pose(body, rng, share=0.6), random_covariance(body.nv, rng, 0.3)
+    prior = np.zeros((body.nv, body.nv))
+    Stabilisers(body).accumulate(body.at(q), np.zeros(body.nv), prior)
+    found = Posterior.of(body, frame([q], [covariance]), replace(AS_IT_IS, prior_weight=3.0)).covariance[0]
+    assert np.allclose(np.linalg.inv(found), np.linalg.inv(covariance) + 2.0 * prior, rtol=1e-6, atol=1e-4)
+
+
+def test_the_error_of_a_perfect_calibration_is_zero_and_that_of_certainty_a_half() -> None:
+    even = (np.arange(2000) + 0.5) / 2000
+    assert calibration_error(even) == pytest.approx(0.0, abs=1e-3)
+    assert coverage(even, 0.9)[0] == pytest.approx(0.9, abs=1e-3)
+    assert calibration_error(np.ones(10)) == pytest.approx(0.5)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="covariance_scale is 0"):
+        Calibration(covariance_scale=0.0)
+    with pytest.raises(InputError, match="scale_spread is -1"):
+        Calibration(scale_spread=-1.0)
+    with pytest.raises(InputError, match="prior_weight is"):
+        Calibration(prior_weight=0.5)
+    body = body_of("arm8")
+    with pytest.raises(InputError, match="no hypotheses"):
+        Posterior.of(body, frame([], [], ()))
+
+
+def test_the_fit_of_a_calibration_undoes_a_known_wrong_scale(monkeypatch: pytest.MonkeyPatch) -> None:
+    def loss(c: Calibration, cases: Sequence[object]) -> float:
+        return float(np.log(c.covariance_scale / 0.6) ** 2 + np.log(c.weight_temperature / 16.0) ** 2)
+
+    monkeypatch.setattr(calibration_levels, "miscoverage", loss)
+    monkeypatch.setattr(calibration_levels, "_mean_lean", lambda cases: 0.2)
+    found = calibration_levels.fitted_calibration([], 1, lambda line: None)
+    assert (found.covariance_scale, found.weight_temperature) == (0.6, 16.0)
