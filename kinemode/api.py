@@ -17,6 +17,7 @@ from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.imaging.camera import Camera
 from estimator.initialisation.stages import fit_subject
 from estimator.runner import Cues, run_into
+from estimator.search.workers import checked_count, helped
 from estimator.smoothing import smooth_track
 from estimator.trackers.registry import Settings, make_tracker
 from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, startable
@@ -62,6 +63,7 @@ def track(
     overwrite: bool = False,
     person: str | int = "auto",
     settings: Mapping[str, Any] | PathLike | None = None,
+    workers: int = 1,
     progress: Reporter | None = None,
 ) -> Run:
     """Track a subject through one clip, or several synchronised ones, into a run file.
@@ -87,6 +89,8 @@ def track(
     out: the run file; a temporary one if not given.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
+    workers: how many processes search a frame's hypotheses, this one among them; the run is the same with any number.
+        Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
     progress: opens a progress report for each stage, such as `kinemode.progress.reported`; none by default.
 
     Raises
@@ -102,6 +106,7 @@ def track(
         person,
         _Target(path, resume, overwrite),
         progress or unreported,
+        checked_count(workers),
     )
     choice = cue_choice(cues)
     job.target.check()
@@ -119,7 +124,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> No
     chosen = chosen_cues(choice, inputs, job.settings.cues)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
-    with opened_cues(inputs, chosen) as cues:
+    with opened_cues(inputs, chosen, job.workers) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         if cues is not None:
             notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))
@@ -222,7 +227,8 @@ class _Target:
 
 @dataclass(frozen=True)
 class _Job:
-    """How to track, which with the subject and the inputs decides the result; and where to, and who hears of it."""
+    """How to track, which with the subject and the inputs decides the result; and where to, who hears of it, and how
+    many processes share the work."""
 
     tracker: str
     settings: Settings
@@ -231,6 +237,7 @@ class _Job:
     person: str | int
     target: _Target
     progress: Reporter
+    workers: int
 
 
 def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> None:
@@ -245,7 +252,7 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
     with writer:
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
-        with job.progress("tracking") as report:
+        with job.progress("tracking") as report, helped(tracker.search, job.workers):
             run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
         if job.settings.smooth.enabled:  # from the stored results, so that a resumed run has the same
             results = list(open_run(target.path))

@@ -22,7 +22,7 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 
 _FAINT = 1e-3  # modes with less weight than this are left out
-_NODES = ((-np.sqrt(3.0), 1 / 6), (0.0, 2 / 3), (np.sqrt(3.0), 1 / 6))  # Gauss and Hermite's, of a standard normal
+_NODES = np.array(np.polynomial.hermite_e.hermegauss(7)).T / (1.0, np.sqrt(2.0 * np.pi))  # of a standard normal
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Posterior:
         return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
 
     def _spread(self, spread: float) -> Posterior:
-        """The same with each mode three times, at the scales and weights of a quadrature over the log-normal factor."""
+        """The same with each mode several times, at the scales and weights of a quadrature over the log-normal factor."""
         if spread == 0.0:
             return self
         factors = [(np.exp(spread * node), share) for node, share in _NODES]

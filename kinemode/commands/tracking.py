@@ -24,6 +24,7 @@ def track(
     seed: int = 0,
     fit: Literal["auto", "proportions", "off"] = "auto",
     person: str = "auto",
+    workers: int = 1,
     out: Path,
     resume: Flag = False,
     overwrite: Flag = False,
@@ -71,6 +72,8 @@ def track(
         silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
     person
         Which of several people: auto (largest, then continuity) or an id of the keypoint file.
+    workers
+        How many processes share the work; the run is the same with any number.
     out
         The run file.
     resume
@@ -98,6 +101,7 @@ def track(
         resume=resume,
         overwrite=overwrite,
         person=person,
+        workers=workers,
         progress=reported,
     )
     report.print_run(run)

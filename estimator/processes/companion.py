@@ -1,0 +1,120 @@
+"""A process that works for this one: it ends with it, says what went wrong in it, and leaves Ctrl-C to it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import Any, NamedTuple, NoReturn
+
+from threadpoolctl import threadpool_limits
+
+from humanoid.errors import InputError
+
+_PARTING = 3.0  # s given to a process to end by itself
+_GUARD = 'a script needs `if __name__ == "__main__":` around what it runs'
+
+
+class Failure(NamedTuple):
+    """The last thing a process says: what went wrong, and where, as text."""
+
+    error: Exception
+    trace: str
+
+
+class Companion:
+    """A spawned process that runs `serve(connection, *arguments)` until the connection ends.
+
+    `serve` is a function of a module. It has to take EOFError from the connection for the end; what else it raises is
+    raised by `receive` here.
+    """
+
+    def __init__(self, serve: Callable[..., None], *arguments: Any) -> None:
+        spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
+        self.connection, there = spawn.Pipe()
+        self._process = spawn.Process(target=_attend, args=(there, serve, arguments), daemon=True)
+        with _uninterrupted():
+            self._process.start()
+        there.close()  # or nobody would hear of its end
+
+    def send(self, message: Any) -> None:
+        """Tell it something; raises what `receive` raises where it is gone."""
+        try:
+            self.connection.send(message)
+        except OSError:
+            self._lost()
+
+    def receive(self) -> Any:
+        """Its answer. Raises what went wrong there, or InputError where it has ended without a word."""
+        wait([self.connection, self._process.sentinel])
+        try:
+            answer = self.connection.recv()
+        except (EOFError, OSError):
+            self._lost()
+        return _checked(answer)
+
+    def close(self) -> None:
+        """Let it end: at once if it waits, after what it is at if it does not, by force if that takes long."""
+        self.connection.close()
+        self._process.join(_PARTING)
+        for force in (self._process.terminate, self._process.kill):
+            if self._process.exitcode is None:
+                force()
+                self._process.join(_PARTING)
+        self._process.close()
+
+    def _lost(self) -> NoReturn:
+        while self.connection.poll():
+            try:
+                _checked(self.connection.recv())
+            except (EOFError, OSError):
+                break
+        self._process.join(_PARTING)
+        code = self._process.exitcode
+        remedy = _GUARD if code == 1 else "too little memory is the usual cause; --workers 1 does without"
+        raise InputError("workers", f"a worker process has ended (exit code {code})", remedy=remedy)
+
+
+def check_not_imported_again() -> None:
+    """Raises InputError where a spawned process runs the script that spawned it once more, for want of a guard."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise InputError("workers", "a worker process runs the whole script again", remedy=_GUARD)
+
+
+def _checked(answer: Any) -> Any:
+    if isinstance(answer, Failure):
+        raise answer.error from RuntimeError(f"in a worker process:\n{answer.trace}")
+    return answer
+
+
+def _attend(connection: Connection, serve: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """Ctrl-C reaches every process of a terminal; the one that leads decides."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with threadpool_limits(limits=1):
+            serve(connection, *arguments)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except Exception as error:
+        trace = traceback.format_exc()
+        try:
+            connection.send(Failure(error, trace))
+        except OSError:
+            return
+        except Exception:  # not everything that is raised can travel
+            connection.send(Failure(RuntimeError(str(error)), trace))
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Processes started within never hear of Ctrl-C, not even before they can see to that themselves."""
+    resource_tracker.ensure_running()  # it would end the blocking if it had to start
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,42 @@
+"""How modes are found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from estimator.search.contact import ContactSettings
+from estimator.search.seek import SeekSettings
+from humanoid.errors import InputError
+
+BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importance")
+
+
+@dataclass(frozen=True)
+class ModeSearchSettings:
+    """How modes are found.
+
+    explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
+    refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
+    coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
+    distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
+    exchange: also read every frame with left and right swapped (detectors do swap them).
+    contact: what is done with modes whose parts overlap.
+    weigh: what a mode's weight is: "height", its probability density (CSS Figure 6, step 3); "volume", its probability
+    by the second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS
+    section 8). Raises InputError for another word.
+    """
+
+    explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
+    refine: SeekSettings = field(default_factory=SeekSettings)
+    follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
+    spare: int = 3
+    distinct: float = 0.03
+    settled: float = 0.01
+    exchange: bool = True
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    weigh: str = BY_HEIGHT
+    weigh_samples: int = 60
+
+    def __post_init__(self) -> None:
+        if self.weigh not in WEIGHINGS:
+            raise InputError("search settings", f"weigh is {self.weigh!r}", remedy="one of " + ", ".join(WEIGHINGS))

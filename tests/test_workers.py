@@ -1,0 +1,161 @@
+"""Worker processes: the same bits whoever does the work, and nothing left behind however it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from multiprocessing import active_children
+from multiprocessing.shared_memory import SharedMemory
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from estimator.cost.model import CostModel
+from estimator.formats.cameras import load_cameras
+from estimator.formats.keypoints import load_keypoints
+from estimator.frame_result import FrameResult
+from estimator.imaging.cues import CueReader, CueSettings
+from estimator.imaging.sequence import assemble
+from estimator.processes.board import SMALL, Board, BoardReader
+from estimator.runner import run
+from estimator.search import workers
+from estimator.search.frame_search import FrameCase, Hypothesis
+from estimator.search.mode_search import ModeSearch
+from estimator.search.workers import helped
+from estimator.trackers.registry import make_tracker, settings_for
+from humanoid.body import Body
+from humanoid.errors import InputError
+from humanoid.subject import load_subject
+from humanoid.unlimited import unlimited
+from kinemode.render import RenderedClip
+from tests.builders import body_of, camera_at, observe
+from tests.tiny_clip import tiny_clip
+
+FRAMES = 3
+QUICK = {"css": {"budget": {"searches": 9}}}
+ARRAYS = ("q", "weight", "energy", "covariance", "parent", "kkt_residual", "penetration")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
+    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
+
+
+def tracked(clip: RenderedClip, processes: int, changes: dict[str, Any]) -> list[FrameResult]:
+    """The clip's frames, edges and flow included."""
+    cameras = load_cameras(clip.cameras)
+    name = next(iter(cameras))
+    body = Body(load_subject("human34"))
+    keypoints = {name: load_keypoints(clip.keypoints[name])}
+    seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
+    cues = CueReader([clip.videos[name]], [cameras[name]], CueSettings(use_silhouette=False))
+    tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
+    with helped(tracker.search, processes):
+        return [result for result, _ in run(tracker, seen, 0, cues=cues)]
+
+
+def equal_bits(a: list[FrameResult], b: list[FrameResult]) -> bool:
+    pairs = [(getattr(x, name), getattr(y, name)) for x, y in zip(a, b, strict=True) for name in ARRAYS]
+    return all(mine.tobytes() == others.tobytes() for mine, others in pairs)
+
+
+def test_equal_bits_whoever_does_the_work(clip: RenderedClip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One process, three that take what they get, and a helper that is left all the pieces."""
+    importance = {"search": {"weigh": "importance", "weigh_samples": 5}}
+    assert equal_bits(tracked(clip, 1, importance), tracked(clip, 3, importance))
+    took: list[int] = []
+    monkeypatch.setattr(workers, "taken", lambda *_: took.append(1) or ())
+    volume = {"search": {"weigh": "volume"}}
+    assert equal_bits(tracked(clip, 1, volume), tracked(clip, 2, volume))
+    assert len(took) > 5 * (FRAMES - 1)
+
+
+@pytest.fixture
+def search() -> Iterator[ModeSearch]:
+    """Of an arm: quick to make anew."""
+    made = ModeSearch(CostModel(body_of("arm8")))
+    yield made
+    assert active_children() == []
+
+
+def case_of(search: ModeSearch) -> FrameCase:
+    return FrameCase(search.readings(observe(search.body, search.body.neutral, [camera_at(20.0)])))
+
+
+def starts(search: ModeSearch, count: int) -> list[Hypothesis]:
+    rng = np.random.default_rng(0)
+    return [Hypothesis(search.body.integrate(search.body.neutral, rng.normal(0.0, 0.1, search.body.nv)), 0)] * count
+
+
+def test_a_helper_that_dies_is_one_clear_error(search: ModeSearch) -> None:
+    """However many pieces it still had; the search goes on alone afterwards."""
+    case = case_of(search)
+    expected = search.explored(starts(search, 6), case)
+    with helped(search, 2):
+        assert [c.energy for c in search.explored(starts(search, 6), case)] == [c.energy for c in expected]
+        (helper,) = active_children()
+        assert helper.pid is not None
+        os.kill(helper.pid, signal.SIGKILL)
+        helper.join()
+        with pytest.raises(InputError, match=r"workers: a worker process has ended \(exit code -9\)"):
+            search.explored(starts(search, 6), case)
+        assert [c.energy for c in search.explored(starts(search, 6), case)] == [c.energy for c in expected]
+
+
+def test_what_goes_wrong_in_a_helper_is_raised_here(search: ModeSearch, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C, which a terminal sends to all, leaves helpers cold: their leader ends them."""
+    with helped(search, 2):
+        (helper,) = active_children()
+        assert helper.pid is not None
+        os.kill(helper.pid, signal.SIGINT)
+        case = case_of(search)
+        assert len(search.explored(starts(search, 4), case)) == 4
+        monkeypatch.setattr(workers, "taken", lambda *_: ())
+        with pytest.raises(IndexError) as raised:
+            search.explored([h._replace(reading=7) for h in starts(search, 2)], case)
+        assert "frame_search.py" in str(raised.value.__cause__)
+    with pytest.raises(KeyboardInterrupt), helped(search, 2):
+        raise KeyboardInterrupt
+
+
+def test_large_arrays_are_shared_not_copied() -> None:
+    rng = np.random.default_rng(0)
+    small, large, turned = rng.random(3), rng.random((SMALL, 3)), rng.random((70, 90)).astype(np.float32).T
+    with Board() as board:
+        reader = BoardReader()
+        for factor in (1.0, 2.0, 3.0):
+            thing = {"small": factor * small, "large": [factor * large] * 2, "turned": turned, "bytes": large > factor}
+            notice = board.post(thing)
+            assert len(notice.content) < SMALL
+            found = reader.read(notice)
+            assert found["large"][0] is found["large"][1]
+            for name in ("small", "turned", "bytes"):
+                assert np.array_equal(found[name], thing[name])
+                assert found[name].strides == thing[name].strides
+                assert found[name].flags.writeable  # compiled functions tell the kinds apart
+            assert np.array_equal(found["large"][0], factor * large)
+            assert found["large"][0].ctypes.data % 64 == 0
+        board.post({"large": 5.0 * large})
+        assert np.array_equal(found["large"][0], 5.0 * large)  # it looks at the board
+        bigger = board.post(np.zeros((100, SMALL)))
+        assert bigger.memory != notice.memory
+        assert not reader.read(bigger).any()
+        del found
+        reader.close()
+    for name in (notice.memory, bigger.memory):
+        with pytest.raises(FileNotFoundError):
+            SharedMemory(name)
+
+
+def test_what_cannot_be_shared_is_refused(search: ModeSearch) -> None:
+    for count in (0, -1, 1000):
+        with pytest.raises(InputError, match=r"workers.*1 to 64"), helped(search, count):
+            pass
+        with pytest.raises(InputError, match="workers"):
+            km.track("arm8", None, workers=count)
+    other = ModeSearch(CostModel(unlimited(search.body)))
+    with pytest.raises(ValueError, match="limits"), helped(other, 2):
+        pass
