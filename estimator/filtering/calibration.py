@@ -31,9 +31,9 @@ class Calibration:
 
     covariance_scale: float = 1.0
     scale_spread: float = 0.4
-    weight_temperature: float = 1.0
+    weight_temperature: float = 4.0
     prior_weight: float = 2.0
-    limit_lean: float = 0.1
+    limit_lean: float = 0.05
     size_std: float = 0.01
 
     def __post_init__(self) -> None:
