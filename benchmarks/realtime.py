@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -19,7 +19,6 @@ from estimator.cost.image.evidence import CameraEvidence
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
 from estimator.imaging.ahead import ReadAhead
-from estimator.imaging.ahead_process import CueRecipe, ReadAheadProcess
 from estimator.imaging.cues import CueReader, CueSettings
 from estimator.imaging.observation import Observation
 from estimator.imaging.sequence import assemble
@@ -32,9 +31,6 @@ from humanoid.body import Body
 from humanoid.subject import load_subject
 from kinemode import report
 from kinemode.render import render_clip
-
-Ahead = Literal["not", "thread", "process"]
-AHEAD: tuple[Ahead, ...] = get_args(Ahead)
 
 TARGET, WANTED, TARGET_RATIO = 15.0, 25.0, 1.7
 WARM_UP = 5  # frames in which kernels are loaded and hypotheses found
@@ -59,14 +55,10 @@ class Job:
     seed: int
 
     @contextmanager
-    def cues(self, ahead: Ahead) -> Iterator[CueReader | ReadAhead | ReadAheadProcess]:
-        """The pictures' cues, without the silhouette."""
-        recipe = CueRecipe([self.video], self.observations[0].cameras, CueSettings(use_silhouette=False))
-        opened: CueReader | ReadAhead | ReadAheadProcess
-        if ahead == "process":
-            opened = ReadAheadProcess(recipe)
-        else:
-            opened = ReadAhead(recipe.reader()) if ahead == "thread" else recipe.reader()
+    def cues(self, ahead: bool) -> Iterator[CueReader | ReadAhead]:
+        """The pictures' cues, without the silhouette; read ahead in a thread or when they are asked for."""
+        reader = CueReader([self.video], self.observations[0].cameras, CueSettings(use_silhouette=False))
+        opened = ReadAhead(reader) if ahead else reader
         try:
             yield opened
         finally:
@@ -78,14 +70,14 @@ class Job:
 
 @dataclass(frozen=True)
 class Way:
-    """One way to run: processes that search, and where cues are read ahead, if they are."""
+    """One way to run: processes that search, and whether cues are read ahead."""
 
     processes: int
-    ahead: Ahead
+    ahead: bool
 
     def __str__(self) -> str:
         count = f"{self.processes} process" + ("es" if self.processes > 1 else "")
-        return count + ("" if self.ahead == "not" else f", cues read ahead in a {self.ahead}")
+        return count + (", cues read ahead" if self.ahead else "")
 
 
 def main(
@@ -120,7 +112,7 @@ def main(
         Also write the figures here.
     """
     settings = settings_for("css", modes=modes, changes=nested(changes))
-    ways = [Way(count, ahead) for ahead in AHEAD for count in processes]
+    ways = [Way(count, ahead) for ahead in (False, True) for count in processes]
     with work_folder(work) as folder, threadpool_limits(limits=1):
         job = make_job(folder, seconds, fps, settings, seed)
         rates: dict[Way, list[float]] = {way: [] for way in ways}
@@ -154,7 +146,7 @@ def rate(job: Job, way: Way) -> float:
 def shares(job: Job) -> dict[str, float]:
     """Processor time of every part in one process [ms a frame], once warm."""
     tracker, watch = job.tracker(), Stopwatch()
-    with job.cues("not") as cues, watch.installed(PARTS):
+    with job.cues(False) as cues, watch.installed(PARTS):
         results = run(tracker, job.observations, job.seed, cues=cues)
         for _ in range(WARM_UP):
             next(results)
@@ -168,11 +160,10 @@ def shares(job: Job) -> dict[str, float]:
 
 def show(rates: dict[Way, list[float]], parts: dict[str, float], frames: int) -> None:
     out = report.console()
-    made = report.table(f"keypoints, edges and flow, {frames} frames", "way", "frames per second", "times one process")
+    made = report.table(f"keypoints, edges and flow, {frames} frames", "way", "frames per second", "times the first")
+    first = float(np.median(next(iter(rates.values()))))
     for way, of_way in rates.items():
-        one = rates.get(Way(1, way.ahead))
-        ratio = "" if one is None or way.processes == 1 else f"{np.median(of_way) / np.median(one):.2f}"
-        made.add_row(str(way), spread(of_way), ratio)
+        made.add_row(str(way), spread(of_way), f"{np.median(of_way) / first:.2f}")
     made.add_row("target", f"{TARGET:.0f}", f"{TARGET_RATIO:.1f}")
     out.print(made)
     whole = sum(parts.values())

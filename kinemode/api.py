@@ -124,7 +124,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> No
     chosen = chosen_cues(choice, inputs, job.settings.cues)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
-    with opened_cues(inputs, chosen, job.workers) as cues:
+    with opened_cues(inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         if cues is not None:
             notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))

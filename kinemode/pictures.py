@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.imaging.ahead import ReadAhead
-from estimator.imaging.ahead_process import CueRecipe, ReadAheadProcess
-from estimator.imaging.cues import CueSettings
+from estimator.imaging.cues import CueReader, CueSettings
 from estimator.trackers.tracker import startable
 from humanoid.errors import InputError
 from kinemode.inputs import Inputs
@@ -20,7 +19,6 @@ CUES = ("edges", "flow", "silhouette")
 ENOUGH = 0.5  # share of frames with keypoints from which keypoints alone are tracked unless cues are asked for
 ON_SILHOUETTE = 0.6  # share of the keypoints that a silhouette has to cover to be the person's
 _NEAR = 3.0  # px around it, at the cues' resolution
-OpenedCues = ReadAhead | ReadAheadProcess
 CueChoice = tuple[str, ...] | None
 """The cues that are asked for, none of them to go without; None where the input decides."""
 
@@ -89,7 +87,7 @@ def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> l
     return []
 
 
-def notes_on_silhouettes(reader: OpenedCues, inputs: Inputs) -> list[str]:
+def notes_on_silhouettes(reader: ReadAhead, inputs: Inputs) -> list[str]:
     """The cameras whose silhouette is not where the first keypoints are.
 
     A background learned from a clip takes a person who hardly moves for part of the scene.
@@ -112,16 +110,14 @@ def notes_on_silhouettes(reader: OpenedCues, inputs: Inputs) -> list[str]:
 
 
 @contextmanager
-def opened_cues(inputs: Inputs, chosen: CueSettings | None, processes: int = 1) -> Iterator[OpenedCues | None]:
-    """The reader of the chosen cues, closed when the block ends; None where no pictures are looked at. Where more than
-    one process tracks, it has one of its own."""
+def opened_cues(inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
+    """The reader of the chosen cues, closed when the block ends; None where no pictures are looked at."""
     if chosen is None:
         yield None
         return
     clips: list[Path] = [clip for clip in inputs.clips if clip is not None]
     cameras = inputs.observations[0].cameras
-    recipe = CueRecipe(clips, cameras, chosen, inputs.masks, inputs.backgrounds)
-    reader = ReadAheadProcess(recipe) if processes > 1 else ReadAhead(recipe.reader())
+    reader = ReadAhead(CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds))
     try:
         yield reader
     finally:

@@ -74,16 +74,14 @@ class BoardReader:
         self._memory: SharedMemory | None = None
         self._left: list[SharedMemory] = []
 
-    def read(self, notice: Notice, copied: bool = False) -> Any:
-        """The thing. Its large arrays lie in the shared memory, not to be written to, and change with the next one; or
-        they are copied."""
+    def read(self, notice: Notice) -> Any:
+        """The thing; its large arrays lie in the shared memory, not to be written to, and change with the next one."""
         if self._memory is None or self._memory.name != notice.memory:
             self.close()
             self._memory = SharedMemory(notice.memory)
         whole = self._memory.buf
         assert whole is not None
-        large = [whole[first : first + size] for first, size in notice.spans]
-        return pickle.loads(notice.content, buffers=[bytearray(part) for part in large] if copied else large)
+        return pickle.loads(notice.content, buffers=[whole[first : first + size] for first, size in notice.spans])
 
     def close(self) -> None:
         """Let go of the memory, as soon as nothing that was read is left."""

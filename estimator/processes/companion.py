@@ -76,7 +76,7 @@ class Companion:
         self._process.join(_PARTING)
         code = self._process.exitcode
         remedy = _GUARD if code == 1 else "too little memory is the usual cause; --workers 1 does without"
-        raise InputError("workers", f"a worker process has ended (exit code {code})", remedy=remedy)
+        raise InputError("workers", f"a worker process has ended (exit code {code})", remedy=remedy) from None
 
 
 def check_not_imported_again() -> None:

@@ -38,8 +38,9 @@ class FrameCase(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A start: configuration (nq,), index of the reading, parent mode (-1 none) and its log-score; if the change since
-    the parent is to be paid for, the parent's configuration, and where its velocity takes it."""
+    """A start: configuration (nq,), index of the reading, parent mode (-1 none) and its log-score; where the body was
+    before, from where flow is followed, and where its velocity takes it, None where that is not to count; whether the
+    change since then is paid for."""
 
     q: np.ndarray
     reading: int
@@ -47,6 +48,12 @@ class Hypothesis(NamedTuple):
     prior_score: float = 0.0
     q_previous: np.ndarray | None = None
     q_predicted: np.ndarray | None = None
+    pays: bool = True
+
+    @property
+    def q_paid(self) -> np.ndarray | None:
+        """The configuration (nq,) from which the change is paid for."""
+        return self.q_previous if self.pays else None
 
     @property
     def past(self) -> PastKey:
@@ -93,9 +100,9 @@ class FrameSearch:
 
     def __init__(self, model: CostModel, seeker: Seeker, settings: ModeSearchSettings, case: FrameCase) -> None:
         self.case = case
-        self.flows: dict[PastKey, list[Term]] = {}
+        self.flows: dict[PastKey, list[Followed]] = {}
         self._model, self._body, self._seeker, self._settings = model, model.body, seeker, settings
-        self._bases: dict[tuple[int, PastKey], Cost] = {}
+        self._bases: dict[tuple[int, bool, PastKey], Cost] = {}
 
     def follow(self, pasts: Sequence[tuple[np.ndarray, np.ndarray | None]]) -> list[list[Followed]]:
         """Work: the flow of the surface in every camera since it lay at a q_previous (nq,), looked for also where it
@@ -106,15 +113,14 @@ class FrameSearch:
 
     def learn(self, followed: Mapping[PastKey, list[Followed]]) -> None:
         """Take over what `follow` found, wherever that was."""
-        assert self.case.evidence is not None
-        self.flows.update({past: self.case.evidence.flow_terms(found) for past, found in followed.items()})
+        self.flows.update(followed)
 
     def look(self, h: Hypothesis) -> float:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
         return self._looked(h, self._assigned(h.q))
 
     def look_at_keypoints(self, h: Hypothesis) -> float:
-        """Work: log-weight of a hypothesis as it is, pictures left out."""
+        """Log-weight of a hypothesis as it is, pictures left out."""
         return self._looked(h, [])
 
     def explore(self, h: Hypothesis) -> Candidate:
@@ -149,10 +155,11 @@ class FrameSearch:
 
     def _base(self, h: Hypothesis) -> Cost:
         """The energy without the pictures' assigned features."""
-        key = h.reading, h.past
+        key = h.reading, h.pays, h.past
         if key not in self._bases:
-            term, flow = self.case.readings[h.reading].term, self.flows.get(h.past, [])
-            self._bases[key] = self._model.cost(term, h.q_previous, self.case.dt, flow)
+            term, followed, evidence = self.case.readings[h.reading].term, self.flows.get(h.past), self.case.evidence
+            flow = [] if followed is None or evidence is None else evidence.flow_terms(followed)
+            self._bases[key] = self._model.cost(term, h.q_paid, self.case.dt, flow)
         return self._bases[key]
 
     def _assigned(self, q: np.ndarray) -> list[Term]:
@@ -161,7 +168,7 @@ class FrameSearch:
 
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         reading = self.case.readings[h.reading]
-        cost = self._model.cost(reading.term, h.q_previous, self.case.dt, assigned)
+        cost = self._model.cost(reading.term, h.q_paid, self.case.dt, assigned)
         return h.prior_score - cost.at(h.q).value - reading.penalty
 
     def _followed(self, h: Hypothesis, base: Cost) -> np.ndarray:

@@ -110,8 +110,9 @@ class Proposals:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
     def _hypothesis(self, i: int, q: np.ndarray, reading: int) -> Hypothesis:
-        if not self._settings.transition:
-            return Hypothesis(q, reading, i)
+        if not self._settings.transition:  # flow is evidence of its own (CSS section 3.1.2), where there is any
+            before = self._prior.modes[i].q if self._case.evidence is not None else None
+            return Hypothesis(q, reading, i, 0.0, before, None, pays=False)
         score = self._settings.forgetting * float(self._prior.log_scores[i])
         return Hypothesis(q, reading, i, score, self._prior.modes[i].q, self._predicted[i])
 

@@ -100,8 +100,11 @@ class ModeSearch:
     ) -> list[Hypothesis]:
         """The `count` hypotheses of lowest energy as they are, the pictures' included or not: many cheap looks before a
         few searches."""
-        look = FrameSearch.look if pictures else FrameSearch.look_at_keypoints
-        scores = self.sharing.each(self.frame(case), look, hypotheses)
+        frame = self.frame(case)
+        if pictures:
+            scores = self.sharing.each(frame, FrameSearch.look, hypotheses)
+        else:
+            scores = [frame.look_at_keypoints(h) for h in hypotheses]  # sharing it would take longer
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
 
     def frame(self, case: FrameCase) -> FrameSearch:
