@@ -5,6 +5,11 @@ gets it as a sum of squares with the exact Jacobian (`benchmarks.mode_search_res
 residual is below 1e-6, scipy until it is as low as ours came, or to its own end where it never is. Both sides of a
 start run one after the other in one process, and CPU time counts, so that a busy machine slows both.
 
+The starts are those that the tracker searches from (`benchmarks.mode_search_starts`); their energy has the transition
+from the frame before as well, on both sides, as the tracker's has. That decides how often both sides end in the same
+minimum, since a frame alone has more of them: `--no-transition` leaves it out. The repulsion of body parts is on
+neither side, since it is no sum of squares. Random starts, from near to very far, have one frame's energy alone.
+
 One camera leaves several minima, and which of them a descent from afar falls into is luck, on both sides. So it is also
 counted how low ours comes with as many searches, from the start and from poses around it, as fit into a tenth of the
 time that scipy takes for its one.
@@ -13,15 +18,16 @@ time that scipy takes for its one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.common import Several, save, start
 from benchmarks.mode_search_duel import Contest, Duel, no_higher
+from benchmarks.mode_search_starts import KINDS, drawn, tracker_starts
 from kinemode import report
 
 TARGET, SHARE = 10.0, 0.95
@@ -30,31 +36,46 @@ DISTANCES = (0.05, 0.1, 0.2, 0.3, 0.5)  # standard deviation of every joint betw
 
 def main(
     *,
-    starts: int = 500,
+    starts: Literal["tracker", "random"] = "tracker",
+    count: int = 500,
+    transition: bool = True,
     seed: int = 0,
     distances: Annotated[tuple[float, ...], Several] = DISTANCES,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Search from random starts with ours and with scipy.
+    """Search from equal starts with ours and with scipy.
 
     Parameters
     ----------
     starts
-        Random starts, shared out among the distances.
+        Those that the tracker searches from, or random ones.
+    count
+        Starts: drawn evenly from the tracker's, or shared out among the distances.
+    transition
+        Whether the change since the frame before is paid for, from the tracker's starts.
     seed
         Of poses, keypoints and starts.
     distances
-        From truth to start: standard deviation of every joint and of the root's turn [rad] and place [m].
+        Random starts, from truth to start: standard deviation of every joint and of the root's turn [rad] and place
+        [m].
     json
         Also write the figures here.
     """
     contest, rng = Contest(), np.random.default_rng(seed)
-    contest.duel(distances[0], np.random.default_rng(seed))  # compiles
-    duels = [contest.duel(distances[i % len(distances)], rng) for i in range(starts)]
-    groups = {f"{d:g}": [x for x in duels if x.distance == d] for d in distances} | {"all": duels}
-    found = {name: figures(group) for name, group in groups.items()}
-    show(found)
-    save(json, {"measure": "mode search", "target": TARGET, "by_distance": found, "duels": [asdict(d) for d in duels]})
+    contest.duel(contest.random_start(0.1, np.random.default_rng(seed)), np.random.default_rng(seed))  # compiles
+    if starts == "tracker":
+        kinds: Sequence[str] = KINDS
+        begun = drawn(tracker_starts(seed), count, rng)
+        begun = begun if transition else [replace(start, q_previous=None) for start in begun]
+    else:
+        kinds = [f"{d:g}" for d in distances]
+        begun = [contest.random_start(distances[i % len(distances)], rng) for i in range(count)]
+    duels = [contest.duel(start, rng) for start in begun]
+    found = {kind: figures(group) for kind in kinds if (group := [d for d in duels if d.kind == kind])}
+    found["all"] = figures(duels)
+    show(found, "start" if starts == "tracker" else "start off by")
+    figure = {"measure": "mode search", "target": TARGET, "starts": starts, "transition": transition, "by_kind": found}
+    save(json, figure | {"duels": [asdict(d) for d in duels]})
 
 
 def figures(duels: Sequence[Duel]) -> dict[str, float]:
@@ -78,13 +99,13 @@ def figures(duels: Sequence[Duel]) -> dict[str, float]:
     }
 
 
-def show(found: Mapping[str, Mapping[str, Any]]) -> None:
+def show(found: Mapping[str, Mapping[str, Any]], first: str) -> None:
     out = report.console()
     names = (
         "starts", "ours [ms]", "scipy [ms]", "ratio", "of totals", "to its end", "its solver alone", "steps", "scipy's",
         "equal or lower", "scipy's", "in 1/10 time", "KKT < 1e-6",
     )  # fmt: skip
-    made = report.table("mode search, 34 degrees of freedom, one camera", "start off by", *names)
+    made = report.table("mode search, 34 degrees of freedom, one camera", first, *names)
     for name, f in found.items():
         times = [f"{f['our_ms']:.2f}", f"{f['their_ms']:.1f}"]
         ratios = [f"{f[n]:.1f}" for n in ("ratio", "ratio_of_totals", "ratio_to_the_end", "ratio_without_residuals")]

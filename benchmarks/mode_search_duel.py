@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 
-from benchmarks.mode_search_residuals import Residuals
+from benchmarks.mode_search_residuals import Change, Residuals
+from benchmarks.mode_search_scipy import Watched, scipy_search
 from estimator.cost.model import CostModel, CostSettings
 from estimator.cost.term import Cost
 from estimator.cost.upright import world_up
@@ -29,10 +28,25 @@ EQUAL = 1e-6  # relative difference up to which energies are equal
 
 
 @dataclass(frozen=True)
+class Start:
+    """Where both sides begin, and in which energy.
+
+    kind: what the figures are grouped by. q (nq,). observation: the frame's keypoints, as the start reads them.
+    q_previous (nq,): from which the change within `dt` [s] is paid for; None where none is.
+    """
+
+    kind: str
+    q: np.ndarray
+    observation: Observation
+    q_previous: np.ndarray | None = None
+    dt: float = 0.0
+
+
+@dataclass(frozen=True)
 class Duel:
     """Both sides from one start.
 
-    distance: from truth to start, see `Contest.duel`. energy: at the start. ours, theirs: where each ended.
+    kind: of the start. energy: at the start. ours, theirs: where each ended.
     in_a_tenth: the lowest of our searches that fit into a tenth of scipy's time.
     our_ms, their_ms: CPU time of ours, and of scipy until it was as low, or to its end. full_ms: of scipy to its end.
     residual_ms: the part of full_ms inside the residuals and their Jacobian.
@@ -40,7 +54,7 @@ class Duel:
     converged: whether our KKT residual is below its tolerance.
     """
 
-    distance: float
+    kind: str
     energy: float
     ours: float
     theirs: float
@@ -57,30 +71,6 @@ class Duel:
 def no_higher(energy: float, other: float) -> bool:
     """Whether one end is as low as the other, up to scipy's tolerances."""
     return energy <= other + EQUAL * max(1.0, abs(other))
-
-
-class Watched:
-    """Residuals that note the CPU time spent in them, and when half their square was first at a level or below."""
-
-    def __init__(self, residuals: Residuals, level: float) -> None:
-        self._residuals, self._level = residuals, level
-        self.inside = 0.0
-        self.reached: float | None = None
-
-    def residuals(self, x: np.ndarray) -> np.ndarray:
-        r = self._timed(self._residuals.residuals, x)
-        if self.reached is None and 0.5 * float(r @ r) <= self._level:
-            self.reached = time.process_time()
-        return r
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return self._timed(self._residuals.jacobian, x)
-
-    def _timed(self, function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-        begun = time.process_time()
-        found = function(x)
-        self.inside += time.process_time() - begun
-        return found
 
 
 class Contest:
@@ -108,18 +98,25 @@ class Contest:
         pixels = np.where(self._seen[:, None], pixels + rng.normal(0.0, NOISE_PX, pixels.shape), np.nan)
         return q, Observation(0, 0.0, self.cameras, pixels, self._seen[None].astype(float))
 
-    def forms(self, observation: Observation, q: np.ndarray) -> tuple[Cost, Residuals]:
-        """The energy as ours and as residuals about a start q (nq,)."""
-        s = self.settings
-        cost = self.model.cost(self.model.observation_term(observation))
-        sigma = self.model.keypoint_sigma(observation)
-        return cost, Residuals(self.body, q, observation, sigma, s.nu, world_up(self.cameras))
-
-    def duel(self, distance: float, rng: np.random.Generator) -> Duel:
+    def random_start(self, distance: float, rng: np.random.Generator) -> Start:
         """A problem, and a start off by `distance` in every joint (standard deviation; rad, and m for the root)."""
         truth, observation = self.problem(rng)
         q = self.body.integrate(truth, distance * rng.normal(size=self.body.nv))
-        cost, residuals = self.forms(observation, q)
+        return Start(f"{distance:g}", q, observation)
+
+    def forms(self, start: Start) -> tuple[Cost, Residuals]:
+        """The energy as ours and as residuals about a start."""
+        s, observation, change = self.settings, start.observation, None
+        if start.q_previous is not None:
+            change = Change(start.q_previous, self.model.transition_std(start.dt), s.transition_nu)
+        cost = self.model.cost(self.model.observation_term(observation), start.q_previous, start.dt)
+        sigma, up = self.model.keypoint_sigma(observation), world_up(observation.cameras)
+        return cost, Residuals(self.body, start.q, observation, sigma, s.nu, up, change=change)
+
+    def duel(self, start: Start, rng: np.random.Generator) -> Duel:
+        """Both from one start; rng: of our further searches."""
+        q = start.q
+        cost, residuals = self.forms(start)
         before = cost.at(q).value
         begun = time.process_time()
         found = self.seeker.seek(cost, q)
@@ -132,7 +129,7 @@ class Contest:
         until = full if watched.reached is None else watched.reached - begun
         lowest = self.further(cost, q, ours, TENTH * full - our_time, our_time, rng.spawn(1)[0])
         return Duel(
-            distance, before, ours, float(theirs.cost), lowest, 1e3 * our_time, 1e3 * until, 1e3 * full,
+            start.kind, before, ours, float(theirs.cost), lowest, 1e3 * our_time, 1e3 * until, 1e3 * full,
             1e3 * watched.inside, found.iterations, int(theirs.nfev), found.status == "converged",
         )  # fmt: skip
 
@@ -145,10 +142,3 @@ class Contest:
             q_near = self.body.integrate(q, AROUND * rng.normal(size=self.body.nv))
             lowest = min(lowest, self.seeker.seek(cost, q_near).quadratic.value)
         return lowest
-
-
-def scipy_search(watched: Watched, residuals: Residuals) -> OptimizeResult:
-    """With scipy's own tolerances and step limits."""
-    return least_squares(
-        watched.residuals, residuals.x0, watched.jacobian, bounds=(residuals.lower, residuals.upper), method="trf"
-    )

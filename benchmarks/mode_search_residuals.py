@@ -8,6 +8,8 @@ knows how the potential flattens.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 
@@ -31,8 +33,18 @@ def robust(e: np.ndarray, D: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndar
     return h[:, None] * e, h[:, None, None] * D + 2.0 * slope[:, None, None] * e[:, :, None] * inward[:, None]
 
 
+class Change(NamedTuple):
+    """What a change since the frame before costs: from q_previous (nq,), by std (nv,) [m, rad] and nu, see
+    `estimator.cost.priors.Transition`."""
+
+    q_previous: np.ndarray
+    std: np.ndarray
+    nu: float
+
+
 class Residuals:
-    """Keypoints (Lorentzian), stabilisers and the root's tilt as residuals of x (nv,).
+    """Keypoints, stabilisers, the root's tilt and the change since the frame before, all Lorentzian, as residuals of
+    x (nv,).
 
     x: the root's motion from its start, in the tangent space there (metres and radians, no bound, no singularity within
     half a turn), then the joints' angles themselves, so that their limits are bounds of x.
@@ -41,12 +53,12 @@ class Residuals:
     ----------
     body: with a free root, every other joint of one degree of freedom. start (nq,): where x's root is zero.
     observation, sigma (C, L), nu: see `estimator.cost.reprojection.Reprojection`. up (3,): see `Upright`.
-    prior_nu: of stabilisers and tilt.
+    prior_nu: of stabilisers and tilt. change: None where none is paid for.
     """
 
     def __init__(
         self, body: Body, start: np.ndarray, observation: Observation, sigma: np.ndarray, nu: float, up: np.ndarray,
-        prior_nu: float = 4.0,
+        prior_nu: float = 4.0, change: Change | None = None,
     ) -> None:  # fmt: skip
         self._body, self._start, self._nu, self._up, self._prior_nu = body, start, nu, up, prior_nu
         self._seen = np.argwhere(observation.confidence > 0.0)
@@ -62,6 +74,7 @@ class Residuals:
         self._axis, self._tilt_std = np.array(body.subject.upright.axis), body.subject.upright.std
         self.lower, self.upper = np.full(body.nv, -np.inf), np.full(body.nv, np.inf)
         self.lower[body.bounded_v], self.upper[body.bounded_v] = body.lower[body.bounded_q], body.upper[body.bounded_q]
+        self._change = change
         self._known: tuple[bytes, np.ndarray, np.ndarray] | None = None
 
     @property
@@ -88,6 +101,8 @@ class Residuals:
         if self._known is None or self._known[0] != key:
             posed = self._body.at(self.q(x))
             parts = [self._keypoints(posed), self._stabilisers(x), self._tilt(posed)]
+            if self._change is not None:
+                parts.append(self._changed(posed, self._change))
             r, J = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
             chart = pin.dIntegrate(self._body.model, self._start, _root_only(x), pin.ARG1)[:FREE, :FREE]
             J[:, :FREE] = J[:, :FREE] @ chart
@@ -120,6 +135,13 @@ class Residuals:
         D[:, :FREE] = np.cross(posed.columns[:FREE, 3:], u).T
         r, J = robust(((u - self._up) / self._tilt_std)[None], D[None] / self._tilt_std, self._prior_nu)
         return r[0], J[0]
+
+    def _changed(self, posed: PosedBody, change: Change) -> tuple[np.ndarray, np.ndarray]:
+        model = self._body.model
+        e = pin.difference(model, change.q_previous, posed.q) / change.std
+        D = pin.dDifference(model, change.q_previous, posed.q, pin.ARG1) / change.std[:, None]
+        r, J = robust(e[:, None], D[:, None], change.nu)
+        return r.ravel(), J[:, 0]
 
 
 def _root_only(x: np.ndarray) -> np.ndarray:

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.mode_search import figures
-from benchmarks.mode_search_duel import Contest, Duel, Watched
+from benchmarks.mode_search_duel import Contest, Duel, Start
 from benchmarks.mode_search_residuals import Residuals, robust
+from benchmarks.mode_search_scipy import Watched
+from benchmarks.mode_search_starts import EXCHANGED, JUMP, KEPT, KINDS, SAMPLE, drawn, tracker_starts
 
 CONTEST = Contest()
 
 
-def problem(seed: int, distance: float) -> tuple[np.ndarray, Residuals, np.ndarray]:
-    """The start, its residuals and some x within the limits, the root well away from the start."""
+def problem(seed: int, distance: float, changed: bool = False) -> tuple[Start, Residuals, np.ndarray]:
+    """A start, its residuals and some x within the limits, the root well away from the start."""
     rng = np.random.default_rng(seed)
-    truth, observation = CONTEST.problem(rng)
-    start = CONTEST.body.integrate(truth, distance * rng.normal(size=CONTEST.body.nv))
-    residuals = CONTEST.forms(observation, start)[1]
+    start = CONTEST.random_start(distance, rng)
+    if changed:
+        q_previous = CONTEST.body.integrate(start.q, 0.3 * rng.normal(size=CONTEST.body.nv))
+        start = replace(start, q_previous=q_previous, dt=1.0 / 30.0)
+    residuals = CONTEST.forms(start)[1]
     x = np.clip(residuals.x0 + distance * rng.normal(size=CONTEST.body.nv), residuals.lower, residuals.upper)
     return start, residuals, x
 
 
+@pytest.mark.parametrize("changed", [False, True])
 @pytest.mark.parametrize("seed", range(4))
-def test_half_the_squares_are_the_energy(seed: int) -> None:
+def test_half_the_squares_are_the_energy(seed: int, changed: bool) -> None:
+    start, _, _ = problem(seed, 0.4, changed)
     rng = np.random.default_rng(seed)
-    truth, observation = CONTEST.problem(rng)
-    start = CONTEST.body.integrate(truth, 0.4 * rng.normal(size=CONTEST.body.nv))
-    cost, residuals = CONTEST.forms(observation, start)
-    assert np.array_equal(residuals.q(residuals.x0), start)
+    cost, residuals = CONTEST.forms(start)
+    assert np.array_equal(residuals.q(residuals.x0), start.q)
     for step in (0.0, 0.1, 0.5):
         x = np.clip(residuals.x0 + step * rng.normal(size=CONTEST.body.nv), residuals.lower, residuals.upper)
         here = cost.at(residuals.q(x))
@@ -41,7 +47,7 @@ def test_half_the_squares_are_the_energy(seed: int) -> None:
 
 def test_the_jacobian_is_the_derivative() -> None:
     for seed in range(3):
-        _, residuals, x = problem(seed, 0.5)
+        _, residuals, x = problem(seed, 0.5, changed=True)
         J = residuals.jacobian(x).copy()
         for v in np.random.default_rng(seed).normal(size=(6, len(x))):
             slope = (residuals.residuals(x + 1e-6 * v) - residuals.residuals(x - 1e-6 * v)) / 2e-6
@@ -60,7 +66,7 @@ def test_a_robust_group_halved_and_squared_is_its_potential() -> None:
 
 def test_near_the_truth_both_find_the_same_minimum() -> None:
     rng = np.random.default_rng(1)
-    duels = [CONTEST.duel(0.02, rng) for _ in range(5)]
+    duels = [CONTEST.duel(CONTEST.random_start(0.02, rng), rng) for _ in range(5)]
     assert all(d.converged and d.in_a_tenth <= d.ours for d in duels)
     assert sum(d.ours == pytest.approx(d.theirs, rel=1e-5) for d in duels) >= 4
     assert all(0.0 < d.their_ms <= d.full_ms and 0.0 < d.residual_ms < d.full_ms for d in duels)
@@ -78,10 +84,30 @@ def test_reaching_a_level_is_noticed() -> None:
 
 def test_figures_count_what_they_say() -> None:
     def duel(ours: float, in_a_tenth: float) -> Duel:
-        return Duel(0.1, 50.0, ours, 10.0, in_a_tenth, 1.0, 12.0, 20.0, 5.0, 10, 20, True)
+        return Duel("0.1", 50.0, ours, 10.0, in_a_tenth, 1.0, 12.0, 20.0, 5.0, 10, 20, True)
 
     found = figures([duel(10.0, 10.0), duel(10.0 + 1e-4, 8.0), duel(9.0, 9.0), duel(11.0, 11.0)])
     assert found["ratio"] == found["ratio_of_totals"] == pytest.approx(12.0)
     assert found["ratio_to_the_end"] == pytest.approx(20.0)
     assert found["ratio_without_residuals"] == pytest.approx(15.0)
     assert (found["no_higher"], found["scipy_no_higher"], found["no_higher_in_a_tenth"]) == (0.5, 0.75, 0.75)
+
+
+def test_the_trackers_starts_are_what_they_are_called() -> None:
+    found = tracker_starts(3, motions=("reach",), frames=4)
+    frames = sorted({s.observation.time for s in found})
+    assert len(frames) == 3  # the first frame has no parents
+    assert {s.kind for s in found} == set(KINDS)
+    for time in frames:
+        here = [s for s in found if s.observation.time == time]
+        parents = {s.q.tobytes() for s in here if s.kind == KEPT}
+        assert all(s.q_previous is not None and s.dt == pytest.approx(1.0 / 30.0) for s in here)
+        assert all((s.q.tobytes() in parents) == (s.kind in (KEPT, EXCHANGED)) for s in here)
+        assert all((s.kind == SAMPLE) != np.array_equal(s.q, s.q_previous) for s in here)
+        kept = {s.q.tobytes(): s.observation.pixels for s in here if s.kind == KEPT}
+        for s in here:
+            assert s.kind == JUMP or s.q_previous.tobytes() in parents  # type: ignore[union-attr]
+            assert s.kind != EXCHANGED or not np.array_equal(s.observation.pixels, kept[s.q.tobytes()], equal_nan=True)
+    few = drawn(found, 20, np.random.default_rng(0))
+    assert len({id(s) for s in few}) == 20
+    assert len(drawn(found, 10**6, np.random.default_rng(0))) == len(found)

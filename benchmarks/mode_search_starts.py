@@ -1,0 +1,83 @@
+"""The starts that a tracker really searches from: every hypothesis of `css` over clips of human34, one camera."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from benchmarks.mode_search_duel import NOISE_PX, Start
+from estimator import synthesis
+from estimator.imaging.observation import Observation
+from estimator.imaging.sequence import assemble
+from estimator.runner import run
+from estimator.search.frame_search import Candidate, FrameCase, Hypothesis
+from estimator.search.mode_search import ModeSearch
+from estimator.synthesis.motion_keys import motion_named
+from estimator.trackers.css import CovarianceScaledSampling
+from estimator.trackers.registry import make_tracker
+from humanoid.body import Body
+from humanoid.subject import load_subject
+
+KINDS = KEPT, EXCHANGED, JUMP, SAMPLE = "kept", "other reading", "jump", "sample"
+MOTIONS = ("reach", "turn_reach")
+FPS = 30.0
+
+
+class Recorder(ModeSearch):
+    """A mode search that notes what it is asked to search from, except for the first frame, which has no parents."""
+
+    def __init__(self, search: ModeSearch) -> None:
+        super().__init__(search.model, search.settings)
+        self.starts: list[Start] = []
+        self._case: FrameCase | None = None
+        self._kept: dict[int, Hypothesis] = {}
+
+    def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
+        """See `ModeSearch.explored`."""
+        hypotheses = list(hypotheses)
+        first, self._case = case is not self._case, case
+        if first:  # a frame's parents come before all else
+            self._kept = {h.parent: h for h in hypotheses}
+        for h in hypotheses:
+            if h.parent >= 0:
+                kind = KEPT if first else self._kind(h)
+                observation = case.readings[h.reading].term.observation
+                self.starts.append(Start(kind, self.body.clamp(h.q), observation, h.q_paid, case.dt))
+        return super().explored(hypotheses, case)
+
+    def _kind(self, h: Hypothesis) -> str:
+        """A jump pays a flat price, and for a change only from where it landed, see `estimator.search.hypotheses`."""
+        if np.array_equal(h.q, self._kept[h.parent].q):
+            return EXCHANGED
+        return JUMP if h.q_previous is not None and np.array_equal(h.q, h.q_previous) else SAMPLE
+
+
+def tracker_starts(seed: int, motions: Sequence[str] = MOTIONS, frames: int | None = None) -> list[Start]:
+    """All starts of the tracker over authored motions, as many frames of each as are asked for."""
+    body, found = Body(load_subject("human34")), list[Start]()
+    for k, name in enumerate(motions):
+        usual = make_tracker("css", body)
+        recorder = Recorder(usual.search)
+        tracker = CovarianceScaledSampling(recorder)
+        deque(run(tracker, _clip(body, name, frames, np.random.default_rng((seed, k))), seed), maxlen=0)
+        found += recorder.starts
+    return found
+
+
+def drawn(starts: Sequence[Start], count: int, rng: np.random.Generator) -> list[Start]:
+    """So many of them (or all, if there are fewer), each as likely as any other, in their order."""
+    chosen = rng.choice(len(starts), size=min(count, len(starts)), replace=False)
+    return [starts[i] for i in np.sort(chosen)]
+
+
+def _clip(body: Body, name: str, frames: int | None, rng: np.random.Generator) -> list[Observation]:
+    motion = motion_named(name)
+    times = np.arange(round(FPS * motion.seconds))[:frames] / FPS
+    q = synthesis.authored_motion(body, times, motion)
+    points = np.array([body.landmarks(body.at(one)) for one in q])
+    cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(azimuth=motion.azimuth))
+    tracks = synthesis.keypoints(body, q, cameras, rng, noise_px=NOISE_PX, fps=FPS)
+    camera = cameras[0]
+    return assemble(body, {camera.name: tracks[0]}, {camera.name: camera}, times)
