@@ -13,7 +13,7 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.cost.term import Cost, Term
 from estimator.search.contact import ContactSettings, contact_kkt_residual, separate
 from estimator.search.covariance import MAX_STD, free_directions, mode_covariance
-from estimator.search.proposals import CovarianceScaledProposal
+from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from estimator.search.seek import Found, Seeker, SeekSettings, trust_box
 from humanoid.body import Body, PosedBody
 from humanoid.clearance import Clearance

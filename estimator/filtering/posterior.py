@@ -69,7 +69,7 @@ class Posterior:
         return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
 
     def _spread(self, spread: float) -> Posterior:
-        """The same with each mode several times, at the scales and weights of a quadrature over the log-normal factor."""
+        """The same with each mode several times, at scales and weights of a quadrature over the log-normal factor."""
         if spread == 0.0:
             return self
         factors = [(np.exp(spread * node), share) for node, share in _NODES]
