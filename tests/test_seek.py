@@ -269,4 +269,4 @@ def test_samples_stay_in_the_limits_and_repeat() -> None:
     assert inside(body, np.array(draws[0]))
     held = np.setdiff1d(np.arange(body.nv), free_directions(body, q, model.gradient))
     assert len(held) > 0
-    assert max(np.abs(body.difference(q, s)[held]).max() for s in draws[0]) < 1e-4
+    assert max(np.abs(body.difference(q, s)[held]).max() for s in draws[0]) < 6.0 * HELD_STD
