@@ -82,7 +82,7 @@ def test_flow_of_a_shifted_picture() -> None:
     moved = cv2.warpAffine(
         wide, np.float32([[1, 0, shift[0]], [0, 1, shift[1]]]), wide.shape[1::-1], flags=cv2.INTER_CUBIC
     )
-    field = flow_field(picture(wide[20:-20, 20:-20]), picture(moved[20:-20, 20:-20]), FlowSettings(finest_scale=1))
+    field = flow_field(picture(wide[20:-20, 20:-20]), picture(moved[20:-20, 20:-20]), FlowSettings())
     inner = field.flow[12:-12, 12:-12]
     assert np.median(np.abs(inner - shift), axis=(0, 1)).max() < 0.1
     assert np.quantile(np.linalg.norm(inner - shift, axis=-1), 0.95) < 0.2
@@ -95,7 +95,7 @@ def test_motion_boundaries_lie_around_what_moves() -> None:
     before, now = room.copy(), room.copy()
     before[40:80, 50:90] = thing[40:80, 50:90]
     now[40:80, 56:96] = thing[40:80, 50:90]
-    field = flow_field(picture(before), picture(now), FlowSettings(finest_scale=1))
+    field = flow_field(picture(before), picture(now), FlowSettings())
     np.testing.assert_allclose(np.median(field.flow[48:72, 58:82], axis=(0, 1)), (6.0, 0.0), atol=0.2)
     outline = np.concatenate([field.boundary[42:78, (56, 95)].ravel(), field.boundary[(40, 79), 58:94].ravel()])
     assert np.mean(outline < 0.25) > 0.9

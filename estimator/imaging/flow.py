@@ -19,14 +19,14 @@ class FlowSettings:
     """How flow is found and judged.
 
     finest_scale: where the search ends: 0 at full resolution, 1 at half, 2 at a quarter; each is some 4 times quicker.
-        The field leads single points, which are refined (`estimator.imaging.point_flow`): a quarter is enough for that.
+        Half leads the points that are refined (`estimator.imaging.point_flow`) well; at a quarter limbs are lost.
     tolerance: disagreement of the flows there and back that makes a pixel half an outlier [px].
     relative_tolerance: the same as a share of the flow's length; both are added.
     boundary_reach: standard deviation of the smoothing of the motion boundaries [px].
     Raises InputError where a value cannot be.
     """
 
-    finest_scale: int = 2
+    finest_scale: int = 1
     tolerance: float = 0.7
     relative_tolerance: float = 0.1
     boundary_reach: float = 4.0
@@ -72,7 +72,7 @@ def _flow_field(before: np.ndarray, now: np.ndarray, settings: FlowSettings) -> 
     search.setFinestScale(settings.finest_scale)
     search.setVariationalRefinementIterations(0)  # it takes as long as the search and evens motion boundaries out
     forward, backward = search.calc(before, now, None), search.calc(now, before, None)
-    # the flows are judged at half the resolution: they are smooth over several pixels
+    # the flows are judged at half the resolution, where they were found
     height, width = before.shape
     half = (max(1, width // 2), max(1, height // 2))
     there, back = (cv2.resize(flow, half, interpolation=cv2.INTER_AREA) for flow in (forward, backward))
