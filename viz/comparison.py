@@ -56,7 +56,7 @@ def write_plot(plot: Plot, path: str | Path) -> None:
     for i, curve in enumerate(plot.curves):
         _draw(axes, i, curve)
     _dress(axes, plot)
-    figure.legend(loc="outside right upper", frameon=False)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     figure.savefig(path, format="png", dpi=110)
 
 
@@ -91,6 +91,7 @@ def _dress(axes: Axes, plot: Plot) -> None:
         axes.set_ylim(bottom=0.0)
     if plot.limit is not None and high > _NEAR_LIMIT * plot.limit:
         axes.axhline(plot.limit, color="0.4", linewidth=1.0, linestyle=":")
+        axes.set_ylim(top=max(1.1 * plot.limit, axes.get_ylim()[1]))
         axes.annotate(
             "lost", (1.0, plot.limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="0.4"
         )
