@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings, ImageCues, scaled_camera
 from estimator.imaging.edges import EdgeSettings, edge_map
 from estimator.imaging.flow import FlowSettings, flow_field
@@ -248,7 +249,14 @@ def test_any_order_gives_the_same_cues(tmp_path: Path, crossing) -> None:
         cv2.setNumThreads(threads)
     with pytest.raises(InputError, match="frame 12"):
         reader.at(12)
-    reader.close()
+    ahead = ReadAhead(reader)
+    for i in (0, 1, 2, 7, 8, 3, 10, 11):  # as a track goes, and out of order
+        same(ahead.at(i), in_order[i])
+    with pytest.raises(InputError, match="frame 12"):  # asked for ahead, and now in earnest
+        ahead.at(12)
+    same(ahead.at(5), in_order[5])
+    ahead.close()
+    assert cv2.getNumThreads() == threads
 
 
 def test_bad_input_is_named(tmp_path: Path, crossing) -> None:
