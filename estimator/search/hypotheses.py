@@ -12,8 +12,13 @@ from estimator.filtering.mixture import Mixture
 from estimator.imaging.observation import Observation
 from estimator.search.flips import only_camera
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
-from estimator.search.proposals import CovarianceScaledProposal, LimbProposal, Proposal, SphericalProposal
-from estimator.search.proposals import WeakestDirections as Weakest
+from estimator.search.proposals import (
+    CovarianceScaledProposal,
+    LimbProposal,
+    Proposal,
+    SphericalProposal,
+    WeakestDirections,
+)
 
 SHAPES = ("covariance", "spherical", "weakest")
 
@@ -119,7 +124,7 @@ class Proposals:
     def _proposal(self, i: int) -> Proposal:
         mode, s = self._prior.modes[i], self._settings
         if s.shape == "weakest":
-            return Weakest(self._search.body, mode.q, mode.covariance, radii=(s.scale, 2.0 * s.scale))
+            return WeakestDirections(self._search.body, mode.q, mode.covariance, radii=(s.scale, 2.0 * s.scale))
         kind = SphericalProposal if s.shape == "spherical" else CovarianceScaledProposal
         return kind(self._search.body, mode.q, mode.covariance, s.scale, s.tail or np.inf)
 

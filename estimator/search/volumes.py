@@ -13,6 +13,7 @@ import numpy as np
 
 from estimator.cost.term import Cost, Quadratic
 from estimator.search.covariance import MAX_STD, free_mask
+from estimator.search.proposals import log_density_at_centre
 from humanoid.body import Body
 
 TAIL = 5.0  # degrees of freedom of the importance density: heavier than the posterior, so that no weight runs away
@@ -58,8 +59,11 @@ class Surroundings:
         if (depth < -1e-12).any():
             return -math.inf
         n, whitened = len(self._free), self._root.T @ step[self._free]
-        constant = math.lgamma(0.5 * (TAIL + n)) - math.lgamma(0.5 * TAIL) - 0.5 * n * math.log(TAIL * math.pi)
-        core = constant + 0.5 * self._log_determinant - 0.5 * (TAIL + n) * math.log1p(float(whitened @ whitened) / TAIL)
+        core = (
+            log_density_at_centre(n, TAIL)
+            + 0.5 * self._log_determinant
+            - 0.5 * (TAIL + n) * math.log1p(float(whitened @ whitened) / TAIL)
+        )
         return core + float((np.log(self._rate) - self._rate * depth).sum())
 
 

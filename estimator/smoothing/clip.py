@@ -16,7 +16,7 @@ from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.runner import Cues, Progress
 from estimator.search.contact import separate
-from estimator.search.mode_search import ModeSearch
+from estimator.search.mode_search import EXCHANGED, ModeSearch
 from estimator.search.seek import Found
 from estimator.smoothing.chain import Chain
 from estimator.smoothing.frames import frame_costs, frame_energies, only
@@ -90,7 +90,7 @@ class _Track:
         body, settings = self._search.body, self._settings
         start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
         q = smooth(body, costs, self._times, start, self._motion, settings, progress)
-        exchanged = sum(self._results[t].association[k] == "exchanged" for t, k in zip(self.some, path, strict=True))
+        exchanged = sum(self._results[t].association[k] == EXCHANGED for t, k in zip(self.some, path, strict=True))
         energy = Chain(body, costs, self._times, self._motion, settings.tolerance).energy(q)
         return q, energy + exchanged * self._search.model.settings.exchange_penalty
 

@@ -5,7 +5,12 @@ no density over all of them.
 """
 
 from estimator.search.proposals.contract import Proposal
-from estimator.search.proposals.elliptical import HELD_STD, CovarianceScaledProposal, SphericalProposal
+from estimator.search.proposals.elliptical import (
+    HELD_STD,
+    CovarianceScaledProposal,
+    SphericalProposal,
+    log_density_at_centre,
+)
 from estimator.search.proposals.limb import LimbProposal
 from estimator.search.proposals.weakest import WeakestDirections
 
@@ -16,4 +21,5 @@ __all__ = [
     "Proposal",
     "SphericalProposal",
     "WeakestDirections",
+    "log_density_at_centre",
 ]

@@ -38,7 +38,9 @@ class CovarianceScaledProposal:
         shape = np.diag(np.full(body.nv, HELD_STD**2))
         shape[np.ix_(free, free)] = scale**2 * covariance[np.ix_(free, free)]
         self._factor = np.linalg.cholesky(shape)
-        self._log_constant = _log_constant(body.nv, degrees_of_freedom) - float(np.log(np.diag(self._factor)).sum())
+        self._log_constant = log_density_at_centre(body.nv, degrees_of_freedom) - float(
+            np.log(np.diag(self._factor)).sum()
+        )
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
         """See `estimator.search.proposals.Proposal`."""
@@ -86,7 +88,7 @@ def geometric_mean_variance(covariance: np.ndarray) -> float:
     return math.exp(float(np.linalg.slogdet(covariance[np.ix_(free, free)])[1]) / len(free))
 
 
-def _log_constant(n: int, tail: float) -> float:
+def log_density_at_centre(n: int, tail: float) -> float:
     """Log-density at the centre of a standard Gaussian or t distribution of n dimensions."""
     if not math.isfinite(tail):
         return -0.5 * n * math.log(2.0 * math.pi)
