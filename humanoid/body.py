@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.compiled import jit
+from humanoid.kinematics import kinematics_of
 from humanoid.subject import Subject
 
 ON_LIMIT = 1e-12  # rad or m
-_SE3_DOUBLES = 12  # Pinocchio keeps an SE3 as its rotation, column by column, then its translation
 
 
 class PosedBody(NamedTuple):
@@ -69,6 +69,16 @@ def _tree(model: pin.Model) -> Tree:
     return Tree(joint_parent, dof_joint, dof_parent)
 
 
+def _supports(model: pin.Model) -> np.ndarray:
+    """Which degrees of freedom move each joint, (njoints, nv) bool."""
+    moved = np.zeros((model.njoints, model.nv), dtype=bool)
+    for j, (parent, first, count) in enumerate(zip(model.parents, model.idx_vs, model.nvs, strict=True)):
+        if j > 0:
+            moved[j] = moved[parent]
+            moved[j, first : first + count] = True
+    return moved
+
+
 class Body:
     """A subject's kinematics on plain arrays.
 
@@ -93,12 +103,10 @@ class Body:
         self.landmark_joint, self.landmark_local = points_on_links(
             model, [(landmark.link, landmark.xyz) for landmark in subject.landmarks]
         )
-        self.landmark_support = np.array([self.support(int(j)) for j in self.landmark_joint]).reshape(-1, self.nv)
+        self._support = _supports(model)
+        self.landmark_support = self._support[self.landmark_joint]
         self._limits(model)
-        self._data = model.createData()
-        pin.computeJointJacobians(model, self._data, pin.neutral(model))
-        self._raw_placements = _raw_placements(self._data, model.njoints)
-        self._raw_columns = self._data.J.T
+        self._kinematics = kinematics_of(model)
         self.neutral = self._rest()
 
     def _limits(self, model: pin.Model) -> None:
@@ -121,10 +129,7 @@ class Body:
 
     def at(self, q: np.ndarray) -> PosedBody:
         """Forward kinematics and joint Jacobians at q (nq,); the result owns its arrays."""
-        pin.computeJointJacobians(self.model, self._data, q)
-        raw = self._raw_placements
-        placements = gathered_placements(self._data) if raw is None else raw.copy()
-        return PosedBody(q, placements, self._raw_columns.copy())
+        return PosedBody(q, *self._kinematics.at(q))
 
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """q (+) v on the configuration manifold, (nq,); angles are kept inside the limits to the last bit."""
@@ -163,12 +168,7 @@ class Body:
 
     def support(self, joint: int) -> np.ndarray:
         """Which degrees of freedom move a joint, (nv,) bool."""
-        moved = np.zeros(self.nv, dtype=bool)
-        k = self.last_dof(joint)
-        while k >= 0:
-            moved[k] = True
-            k = int(self.tree.dof_parent[k])
-        return moved
+        return self._support[joint].copy()
 
     def __reduce__(self) -> tuple[type[Body], tuple[Subject, pin.Model]]:
         """Made anew when it is sent to another process: its views look into this process' memory."""
@@ -225,21 +225,3 @@ def points_on_links(
 def points_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Points fixed to joints, in the world [m], (N, 3)."""
     return np.einsum("nij,nj->ni", posed.rotations[joints], local) + posed.translations[joints]
-
-
-def _raw_placements(data: pin.Data, njoints: int) -> np.ndarray | None:
-    """The memory of data.oMi seen as one array (njoints, 12); None where this build of Pinocchio lays it out otherwise.
-
-    Pinocchio's vector of SE3 is contiguous; looking through it costs one copy instead of a Python loop ten times as
-    slow as the kinematics.
-    """
-    first, last = data.oMi[0].rotation, data.oMi[njoints - 1].rotation
-    if last.ctypes.data - first.ctypes.data != 8 * _SE3_DOUBLES * (njoints - 1) or first.strides != (8, 24):
-        return None
-    raw = np.lib.stride_tricks.as_strided(first, (njoints, _SE3_DOUBLES), (8 * _SE3_DOUBLES, 8))
-    return raw if np.array_equal(raw, gathered_placements(data)) else None
-
-
-def gathered_placements(data: pin.Data) -> np.ndarray:
-    """The placements of `PosedBody` read joint by joint, (njoints, 12)."""
-    return np.array([np.concatenate([M.rotation.T.ravel(), M.translation]) for M in data.oMi])

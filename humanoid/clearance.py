@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -15,8 +17,11 @@ from humanoid.errors import InputError
 from humanoid.solids import Geometry, Solid, solids_of
 
 LinkPair = tuple[str, str]
+_Query = tuple[int, int, Any, Any]
+"""The two solids, coal's query of their distance and how it is to be answered."""
 
 REST_OVERLAP = 0.003  # [m] pairs that overlap by more at the neutral configuration are drawn so, and left out
+MOST_PAIRS = 100_000  # every pair is looked at in every pose
 _ITERATIONS = 500
 _HULL_TOLERANCES = 1e-8, 1e-6  # of GJK and EPA
 # On ellipsoids EPA takes long, and at 1e-8 fails, or answers wrongly, in some of a thousand deep overlaps; from here
@@ -62,7 +67,8 @@ class Clearance:
 
     Raises
     ------
-    InputError: a name in `exclude` or `include` has no solid, a pair cannot move, or a mesh cannot be read.
+    InputError: a name in `exclude` or `include` has no solid, a pair cannot move, a mesh cannot be read, or there are
+        more than `MOST_PAIRS` pairs.
     """
 
     def __init__(
@@ -77,6 +83,7 @@ class Clearance:
         self.margin = margin
         self.solids = solids_of(body, geometry)
         self._body = body
+        _check_count(body.subject.source, self.solids)
         self._set_solids(body)
         included, excluded = self._checked(include, "include"), self._checked(exclude, "exclude")
         pairs = _tree_pairs(body.model, self.solids)
@@ -109,7 +116,7 @@ class Clearance:
         )
         count, result = 0, self._result
         for k in self._found[:found].tolist():
-            i, j, query, request = self._queries[k]
+            i, j, query, request = self._queries[k] or self._made_query(k)
             for s in (i, j):
                 self._transforms[s].setRotation(self._rotations[s])
                 self._transforms[s].setTranslation(self._translations[s])
@@ -156,12 +163,8 @@ class Clearance:
         self._solid_pairs = np.array(pairs, dtype=np.int64).reshape(count, 2)
         last_dof = np.array([self._body.last_dof(s.joint) for s in solids], dtype=np.int64)
         self._pair_dof = last_dof[self._solid_pairs]
-        requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
-        round_ = [bool(s.radii.any()) for s in solids]
-        self._queries = [
-            (i, j, coal.ComputeDistance(solids[i].geometry, solids[j].geometry), requests[round_[i] or round_[j]])
-            for i, j in pairs
-        ]
+        self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
+        self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
         self._found, self._near = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self._distance = np.zeros(count)
         self._point_a, self._point_b, self._normal = np.zeros((3, count, 3))
@@ -169,6 +172,14 @@ class Clearance:
         self._nothing = Contacts(
             np.zeros(0, dtype=np.int64), np.zeros(0), empty, empty, empty, np.zeros((0, self._body.nv))
         )
+
+    def _made_query(self, k: int) -> _Query:
+        i, j = self._solid_pairs[k].tolist()
+        a, b = self.solids[i], self.solids[j]
+        query = coal.ComputeDistance(a.geometry, b.geometry)
+        made = i, j, query, self._requests[bool(a.radii.any() or b.radii.any())]
+        self._queries[k] = made
+        return made
 
     def _checked(self, pairs: Iterable[LinkPair], place: str) -> set[frozenset[str]]:
         """Pairs of links as sets, every name known."""
@@ -224,6 +235,15 @@ def _request(gjk_tolerance: float, epa_tolerance: float) -> coal.DistanceRequest
     request.gjk_tolerance, request.epa_tolerance = gjk_tolerance, epa_tolerance
     request.gjk_max_iterations = request.epa_max_iterations = _ITERATIONS
     return request
+
+
+def _check_count(source: str, solids: tuple[Solid, ...]) -> None:
+    in_joint = Counter(solid.joint for solid in solids).values()
+    pairs = math.comb(len(solids), 2) - sum(math.comb(count, 2) for count in in_joint)
+    if pairs > MOST_PAIRS:
+        problem = f"{len(solids)} shapes make {pairs} pairs to keep apart, more than {MOST_PAIRS}"
+        remedy = "leave shapes out of the URDF, or set cost.interpenetration_weight to 0"
+        raise InputError(source, problem, place="collision geometry", remedy=remedy)
 
 
 def _movable_pairs(solids: tuple[Solid, ...]) -> list[tuple[int, int]]:

@@ -8,6 +8,7 @@ clearance="off" have no solid.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -17,10 +18,14 @@ import pinocchio as pin
 
 from humanoid.body import Body
 from humanoid.errors import InputError
+from humanoid.quiet import quiet
 from humanoid.subject import Flesh
 from humanoid.urdf_flesh import limb_capsule
 
 Geometry = Literal["auto", "flesh", "collision", "visual"]
+MOST_METRES = 1e4  # from a link's origin to a vertex of its meshes
+LEAST_METRES = 1e-6  # of a mesh's thickness
+_FLAT = 1e-6  # thickness over length
 
 
 @dataclass(frozen=True)
@@ -80,28 +85,53 @@ def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
 def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
     subject, model = body.subject, body.model
     try:
-        found = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
+        with quiet():  # Eigen complains of vertices that are not finite, which are refused below
+            found = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
     except ValueError as error:
-        raise InputError(
-            subject.source, str(error).strip(), place="geometry", remedy="put the meshes where the URDF says they are"
-        ) from error
+        raise _unreadable(subject.source, str(error)) from error
     return tuple(
-        _solid(
-            model.frames[o.parentFrame].name, o.parentJoint, _convex(o.geometry, subject.source, o.name), o.placement
-        )
+        _solid(model.frames[o.parentFrame].name, o.parentJoint, _convex(o, subject.source), o.placement)
         for o in found.geometryObjects
     )
 
 
-def _convex(shape: Any, source: str, name: str) -> coal.CollisionGeometry:
+def _unreadable(source: str, report: str) -> InputError:
+    """What coal's mesh loader says, without where in its own code it says so."""
+    said = [line.strip() for line in report.split("message:")[-1].splitlines()]
+    said = [line for line in said if line and not line.startswith("Hint")]
+    problem = ": ".join(said).replace("Could not load resource", "the mesh cannot be read") or "a mesh cannot be read"
+    remedy = "give intact STL, OBJ or DAE meshes of triangles, or leave the shape out"
+    return InputError(source, problem, place="geometry", remedy=remedy)
+
+
+def _convex(part: pin.GeometryObject, source: str) -> coal.CollisionGeometry:
     """Meshes become their convex hulls, primitives stay."""
+    shape = part.geometry
     if not hasattr(shape, "buildConvexHull"):
         return shape
+
+    def fault(problem: str, remedy: str) -> InputError:
+        return InputError(source, f"the mesh {part.meshPath} cannot be used: {problem}", place=part.name, remedy=remedy)
+
+    _check_vertices(shape, fault)
     try:
         shape.buildConvexHull(True, "Qt")
-    except (RuntimeError, ValueError) as error:  # Qhull, on a flat mesh
-        raise InputError(source, "the mesh has no convex hull", place=name, remedy="give it some thickness") from error
+    except (RuntimeError, ValueError) as error:
+        raise fault("it has no convex hull", "give it some thickness") from error
     return shape.convex
+
+
+def _check_vertices(mesh: Any, fault: Callable[[str, str], InputError]) -> None:
+    """Qhull ends the process on vertices that are not finite or lie in a plane, and is lost among absurd ones."""
+    points = mesh.vertices()
+    size = float(np.abs(points).max(initial=0.0))
+    if not size <= MOST_METRES:
+        found = "a vertex is not finite" if not np.isfinite(size) else f"a vertex lies {size:.1e} m out"
+        raise fault(found, "repair it, and check its unit: metres times the URDF's scale")
+    centred = points - points.mean(axis=0)
+    thickness = np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0)
+    if len(thickness) < 3 or thickness.min() < max(LEAST_METRES, _FLAT * thickness.max()):
+        raise fault("it has no convex hull, because it is flat", "give it some thickness")
 
 
 def _solid(link: str, joint: int, shape: Any, placement: pin.SE3) -> Solid:

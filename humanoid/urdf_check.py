@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections import Counter
 
 from humanoid.urdf_document import PLAUSIBLE, Document, elements, nearest
 
@@ -220,11 +219,15 @@ def natural_base(document: Document) -> str:
     root = root_link(document)
     if root == "world":
         return "fixed"
-    joints = list(elements(document.root, "joint"))
-    rigid, grown = {root}, True
-    while grown:
-        new = {ends_of(j)[1] for j in joints if j.get("type") == "fixed" and ends_of(j)[0] in rigid} - rigid
-        rigid |= new
-        grown = bool(new)
-    leaving = Counter(ends_of(j)[0] in rigid and j.get("type") != "fixed" for j in joints)[True]
+    below: dict[str, list[tuple[str, bool]]] = {}
+    for joint in elements(document.root, "joint"):
+        parent, child = ends_of(joint)
+        below.setdefault(parent, []).append((child, joint.get("type") == "fixed"))
+    rest, leaving = [root], 0
+    while rest:
+        for child, rigid in below.get(rest.pop(), ()):
+            if rigid:
+                rest.append(child)
+            else:
+                leaving += 1
     return "fixed" if leaving == 1 else "free"

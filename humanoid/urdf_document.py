@@ -66,6 +66,17 @@ class Document:
         """One finite number in an attribute."""
         return self.numbers(element, key, 1, default)[0]
 
+    def plausible(self, element: ET.Element, key: str) -> float:
+        """One number of plausible size: a length, an angle or a factor."""
+        value = self.number(element, key)
+        if abs(value) > PLAUSIBLE:
+            raise self._implausible(element, key)
+        return value
+
+    def _implausible(self, element: ET.Element, key: str) -> InputError:
+        value = _short(element.get(key, ""))
+        return self.fault(element, f"{key}={value} is out of all range", "metres and radians are meant")
+
     def _number(self, element: ET.Element, key: str, part: str) -> float:
         if _NUMBER.fullmatch(part):
             value = float(part)
@@ -81,9 +92,7 @@ class Document:
         """Three finite numbers of plausible size, lengths or angles."""
         a, b, c = self.numbers(element, key, 3, default)
         if max(abs(a), abs(b), abs(c)) > PLAUSIBLE:
-            raise self.fault(
-                element, f"{key}={_short(element.get(key, ''))} is out of all range", "metres and radians are meant"
-            )
+            raise self._implausible(element, key)
         return a, b, c
 
 

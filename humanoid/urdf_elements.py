@@ -34,6 +34,7 @@ from humanoid.urdf_flesh import Flesh, numbers_text, read_flesh, stretched, writ
 
 T = TypeVar("T")
 
+LEAST_STD = 1e-6  # rad, m or a factor: what is surer than this divides by zero
 _KEPT = {
     "robot": ("link", "joint"),
     "link": ("inertial", "visual", "collision"),
@@ -140,14 +141,14 @@ def _upright(document: Document, roots: set[str]) -> Upright | None:
     link, axis, std = (
         document.attribute(e, "link"),
         np.array(document.triple(e, "xyz", None)),
-        document.number(e, "std"),
+        document.plausible(e, "std"),
     )
     if len(found) > 1:
         raise document.fault(e, "a second <upright>", "keep one")
     if link not in roots:
         raise document.fault(e, f"{link!r} is not the root link", nearest(link, roots, "root link"))
-    if not np.any(axis) or std <= 0.0:
-        raise document.fault(e, "no direction, or std not positive", 'such as xyz="0 0 1" std="0.35"')
+    if not np.any(axis) or std < LEAST_STD:
+        raise document.fault(e, f"no direction, or std below {LEAST_STD:g}", 'such as xyz="0 0 1" std="0.35"')
     x, y, z = (axis / np.linalg.norm(axis)).tolist()
     return Upright(link, (x, y, z), std)
 
@@ -196,15 +197,15 @@ def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
     if kind not in ("revolute", "prismatic"):
         movable = [n for n, j in joints.items() if j.get("type") in ("revolute", "prismatic")]
         raise document.fault(e, f"joint {name!r} is {kind} and has no rest position", nearest(name, movable, "joints"))
-    rest, std = document.number(e, "rest"), document.number(e, "std")
-    if std <= 0.0:
-        raise document.fault(e, f"std={std:g} is not positive", "give the standard deviation in rad or m, above 0")
+    rest, std = document.plausible(e, "rest"), document.plausible(e, "std")
+    if std < LEAST_STD:
+        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in rad or m, above 0")
     return Stabiliser(name, rest, std)
 
 
 def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Proportion:
     name = document.attribute(e, "joint")
-    low, high, mean, std = (document.number(e, key) for key in ("scale_min", "scale_max", "mean", "std"))
+    low, high, mean, std = (document.plausible(e, key) for key in ("scale_min", "scale_max", "mean", "std"))
     found = Proportion(name, low, high, mean, std, tuple(e.get("symmetric_with", "").split()))
     for joint in found.joints:
         origin = _joint_named(document, e, joint, joints).find("origin")
@@ -212,7 +213,7 @@ def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
             raise document.fault(e, f"joint {joint!r} has no offset to scale", "name a joint whose origin is not zero")
     if not 0.0 < low <= high:
         raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is no range", "0 < scale_min <= scale_max")
-    if std <= 0.0 or mean <= 0.0:
+    if std < LEAST_STD or mean <= 0.0:
         raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "mean near 1, std near 0.05")
     return found
 

@@ -8,8 +8,9 @@ import pytest
 from builders import SUBJECTS, body_of, inside, random_pose, slope
 
 from humanoid.body import Body
+from humanoid.kinematics import JointKinematics
 from humanoid.proportions import ProportionedBody
-from humanoid.subject import load_subject, subject_from_text
+from humanoid.subject import Base, Subject, load_subject, subject_from_text
 
 
 @pytest.fixture(params=SUBJECTS)
@@ -131,23 +132,69 @@ def test_a_left_proportion_moves_the_right_side_as_far() -> None:
 @pytest.mark.parametrize("name", SUBJECTS)
 def test_placements_are_the_same_read_at_once_or_joint_by_joint(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A build of Pinocchio with another memory layout is slower, not wrong."""
-    monkeypatch.setattr("humanoid.body._raw_placements", lambda data, njoints: None)
+    monkeypatch.setattr("humanoid.kinematics._raw_placements", lambda data, njoints: None)
     slow, fast = Body(load_subject(name)), body_of(name)
     q = random_pose(fast, np.random.default_rng(31))
     assert np.array_equal(slow.at(q).placements, fast.at(q).placements)
     assert np.ptp(fast.at(q).placements) > 0.1
 
 
-def test_every_entry_of_q_has_its_own_name() -> None:
-    """A planar joint is x, y and the cosine and sine of its turn; a continuous one the last two alone."""
+def test_kinematics_joint_by_joint_are_the_same() -> None:
+    """What large models use, on models of every kind of joint."""
+    bodies = [*(body_of(name) for name in SUBJECTS), Body(of_all_joints()), Body(of_all_joints("free"))]
+    for body in bodies:
+        q = pin.integrate(body.model, body.neutral, np.random.default_rng(32).normal(size=body.nv))
+        expected, slow = body.at(q), JointKinematics(body.model).at(q)
+        assert np.abs(slow[0] - expected.placements).max() < 1e-12
+        assert np.abs(slow[1] - expected.columns).max() < 1e-12
+        assert np.ptp(expected.columns) > 0.1
+
+
+def test_a_long_chain_does_without_the_memory_of_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`pin.Data` of 400 joints takes 2 GB, of 800 more than most machines have."""
+    monkeypatch.setattr(pin.Model, "createData", None)
+    count = 400
+    body = Body(subject_from_text(chain(count), source="test"))
+    q = body.integrate(body.neutral, np.full(body.nv, 0.01))
+    angles = 0.01 * np.arange(1, count + 1)  # all turn about y
+    tip = [0.05 * np.sin(angles).sum(), 0.05 * np.cos(angles).sum()]
+    assert body.landmarks(body.at(q))[-1] == pytest.approx([tip[0], 0.0, tip[1]], abs=1e-9)
+    assert body.support(body.njoints - 1).sum() == count
+
+
+def of_all_joints(base: Base = "fixed") -> Subject:
     limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
     joints = "".join(
-        f'<joint name="{kind}" type="{kind}"><parent link="{a}"/><child link="{b}"/><axis xyz="0 0 1"/>{limits}</joint>'
-        for kind, a, b in (("planar", "a", "b"), ("continuous", "b", "c"), ("revolute", "c", "d"))
+        f'<joint name="{kind}" type="{kind}"><parent link="{a}"/><child link="{b}"/><origin xyz="0.1 0.2 0.3"'
+        f' rpy="0.3 0.2 0.1"/><axis xyz="{axis}"/>{limits}</joint>'
+        for kind, a, b, axis in (
+            ("planar", "a", "b", "0 0 1"),
+            ("continuous", "b", "c", "0 0 1"),
+            ("revolute", "c", "d", "1 2 2"),
+            ("prismatic", "d", "e", "0 1 0"),
+        )
     )
-    links = "".join(f'<link name="{n}"/>' for n in "abcd")
-    body = Body(subject_from_text(f'<robot name="r">{links}{joints}</robot>', source="test", base="fixed"))
+    links = "".join(f'<link name="{n}"/>' for n in "abcde")
+    return subject_from_text(f'<robot name="r">{links}{joints}</robot>', source="test", base=base)
+
+
+def chain(count: int) -> str:
+    """A URDF of `count` joints about y, 0.05 m above each other."""
+    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<origin xyz="0 0 {0.05 if k else 0}"/><axis xyz="0 1 0"/>{limits}</joint>'
+        for k in range(count)
+    )
+    links = "".join(f'<link name="l{k}"/>' for k in range(count + 1))
+    tip = f'<landmark name="tip" link="l{count}" xyz="0 0 0.05"/>'
+    return f'<robot name="chain">{links}{joints}{tip}</robot>'
+
+
+def test_every_entry_of_q_has_its_own_name() -> None:
+    """A planar joint is x, y and the cosine and sine of its turn; a continuous one the last two alone."""
+    body = Body(of_all_joints())
     planar = tuple(f"planar_{s}" for s in ("x", "y", "cos", "sin"))
-    assert body.q_names == (*planar, "continuous_cos", "continuous_sin", "revolute")
-    turned = pin.integrate(body.model, body.neutral, np.array([0.3, 0.0, 0.0, 0.0, 0.0]))
+    assert body.q_names == (*planar, "continuous_cos", "continuous_sin", "revolute", "prismatic")
+    turned = pin.integrate(body.model, body.neutral, np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]))
     assert turned[:4] == pytest.approx([0.3, 0.0, 1.0, 0.0])

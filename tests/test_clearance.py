@@ -176,7 +176,7 @@ def test_a_failed_query_still_gives_an_overlap(human: Body) -> None:
         if not right.pair.size:
             continue
         queries = clearance._queries
-        clearance._queries = [(i, j, lambda *_: -np.finfo(float).max, None) for i, j, *_ in queries]
+        clearance._queries = [q and (*q[:2], lambda *_: -np.finfo(float).max, None) for q in queries]
         failed = clearance.near(posed, 0.0)
         clearance._queries = queries
         kept = dict(zip(failed.pair, failed.distance, strict=True))
@@ -311,3 +311,18 @@ def test_potential_along_one_line(power: float) -> None:
 def test_potential_settings_are_checked(human: Body, wrong: dict[str, float]) -> None:
     with pytest.raises(InputError):
         Interpenetration(Clearance(human), **wrong)
+
+
+def test_too_many_shapes_are_refused_at_once() -> None:
+    """Pairs grow with the square of the shapes; a thousand would take minutes and gigabytes in every worker."""
+    shape = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    links = "".join(f'<link name="l{k}">{shape}</link>' for k in range(500))
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<origin xyz="0 0 0.05"/><axis xyz="0 1 0"/>{limits}</joint>'
+        for k in range(499)
+    )
+    body = Body(subject_from_text(f'<robot name="chain">{links}{joints}</robot>', source="chain.urdf"))
+    with pytest.raises(InputError, match=r"chain.urdf: collision geometry: 500 shapes make 124750 pairs"):
+        Clearance(body)
