@@ -10,6 +10,7 @@ from typing import Literal
 import pinocchio as pin
 
 from humanoid import example_robots, urdf_elements
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 from humanoid.files import read_bytes
 from humanoid.landmark_file import SUFFIX, merge_landmark_file
@@ -93,10 +94,8 @@ class Subject:
 
     def write(self, path: str | Path) -> None:
         """Write the URDF; `load_subject(path)` gives the same subject. Raises InputError if it cannot be written."""
-        try:
-            Path(path).write_text(self.urdf, encoding="utf-8")
-        except OSError as error:
-            raise InputError(path, f"cannot be written: {error.strerror}", remedy="name another file") from error
+        with replacing(path) as temporary:
+            temporary.write_text(self.urdf, encoding="utf-8")
 
 
 @dataclass(frozen=True)

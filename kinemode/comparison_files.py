@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.atomic import replacing
+from humanoid.atomic import replacing
 from kinemode.comparison_scores import FAR, Course, TrackerScore
 from viz.comparison import Curve, Plot, write_plot
 

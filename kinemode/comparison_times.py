@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from estimator.formats.atomic import replacing
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 from kinemode.progress import Progress, Reporter
 

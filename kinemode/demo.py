@@ -11,6 +11,7 @@ import numpy as np
 from estimator import synthesis
 from estimator.evaluation import Evaluation, Reference, evaluate
 from estimator.formats.cameras import write_cameras
+from estimator.formats.film import write_film
 from estimator.formats.keypoints import write_keypoints
 from estimator.formats.run_file import Run
 from humanoid.body import Body
@@ -103,7 +104,7 @@ def _render(clip: DemoClip, body: Body, q: np.ndarray, rng: np.random.Generator,
         return renderer.frame(posed[t], camera, rng)
 
     for c, camera in enumerate(cameras):
-        synthesis.write_video(clip.videos[camera.name], (picture(c, t) for t in range(len(q))), FPS)
+        write_film(clip.videos[camera.name], (picture(c, t) for t in range(len(q))), FPS, fine=True)
 
 
 def track_clip(

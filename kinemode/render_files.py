@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from estimator import synthesis
-from estimator.formats.atomic import replacing
+from estimator.formats.film import write_film
 from estimator.formats.keypoints import write_keypoints
+from estimator.formats.picture import write_picture
 from estimator.imaging.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings
 from humanoid.body import Body, PosedBody
@@ -99,18 +99,18 @@ def write_pictures(
     for c, camera in enumerate(cameras):
         rng = np.random.default_rng((seed, 2, c))
         if camera.name in clip.plates:
-            _write_png(clip.plates[camera.name], renderer.plate(c))
+            write_picture(clip.plates[camera.name], renderer.plate(c))
 
         def picture(t: int, c: int = c, rng: np.random.Generator = rng) -> np.ndarray:
             progress(c * len(q) + t + 1, len(cameras) * len(q))
             return renderer.frame(opened[t], c, rng, t / fps)
 
         if camera.name in clip.videos:
-            synthesis.write_video(clip.videos[camera.name], map(picture, range(len(q))), fps)
+            write_film(clip.videos[camera.name], map(picture, range(len(q))), fps, fine=True)
         if camera.name in clip.masks:
             for t, one in enumerate(q):
                 mask = renderer.maps(body.at(one), c).mask
-                _write_png(clip.masks[camera.name] / f"{t:05d}.png", np.where(mask, 255, 0).astype(np.uint8))
+                write_picture(clip.masks[camera.name] / f"{t:05d}.png", np.where(mask, 255, 0).astype(np.uint8))
 
 
 def while_open(body: Body, q: np.ndarray, t: int, scene: SceneSettings) -> list[PosedBody]:
@@ -121,11 +121,3 @@ def while_open(body: Body, q: np.ndarray, t: int, scene: SceneSettings) -> list[
     after = body.difference(q[t], q[min(t + 1, len(q) - 1)])
     shares = scene.shutter * (np.arange(scene.sub_frames) + 0.5) / scene.sub_frames - 0.5 * scene.shutter
     return [body.at(body.integrate(q[t], s * after if s > 0.0 else -s * before)) for s in shares]
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    done, data = cv2.imencode(".png", image)
-    if not done:
-        raise InputError(path, "cannot be encoded as PNG")
-    with replacing(path) as temporary:
-        temporary.write_bytes(data.tobytes())

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from estimator.formats.atomic import replacing
 from estimator.formats.settings_file import load_settings, settings_text
 from estimator.trackers.registry import GROUPS, Settings, settings_for
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 PathLike = str | Path

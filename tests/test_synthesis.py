@@ -23,7 +23,6 @@ from estimator.synthesis import (
     keypoints,
     scene_cameras,
     write_truth,
-    write_video,
 )
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import place_of
@@ -162,7 +161,7 @@ def test_cloth_moves_with_the_body(body: Body, q: np.ndarray) -> None:
     assert np.corrcoef(first, second)[0, 1] > 0.9
 
 
-def test_pictures_show_the_body_where_it_is(body: Body, q: np.ndarray, tmp_path: Path) -> None:
+def test_pictures_show_the_body_where_it_is(body: Body, q: np.ndarray) -> None:
     cameras = scene_cameras()
     settings = SceneSettings(shadow=0.0, noise=0.0, ambient=0.4, diffuse=0.4)  # no pixel saturates
     renderer = Renderer(body, cameras, np.random.default_rng(0), settings)
@@ -177,12 +176,6 @@ def test_pictures_show_the_body_where_it_is(body: Body, q: np.ndarray, tmp_path:
     np.testing.assert_array_equal(again.frame(posed[0], 0, np.random.default_rng(5)), frames[0])
     blurred = renderer.frame(posed, 0, np.random.default_rng(5))
     assert np.abs(blurred - np.mean(frames, axis=0)).max() <= 1.0  # rounding
-    write_video(tmp_path / "a.mp4", frames, 30.0)
-    capture = cv2.VideoCapture(str(tmp_path / "a.mp4"))
-    assert int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) == 2
-    capture.release()
-    with pytest.raises(InputError, match="no frame"):
-        write_video(tmp_path / "b.mp4", [], 30.0)
 
 
 def test_light_shadow_noise_and_blur(body: Body, q: np.ndarray) -> None:

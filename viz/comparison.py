@@ -46,7 +46,7 @@ class Plot:
 
 
 def write_plot(plot: Plot, path: str | Path) -> None:
-    """Write the figure as a PNG."""
+    """Write the figure as a PNG; raises OSError where that cannot be done."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.cost.image.prediction import Contours, Prediction
 from estimator.cost.image.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
+from estimator.formats.picture import write_picture
 from estimator.imaging.cues import ImageCues
 from humanoid.errors import InputError
 from viz import palette
@@ -87,9 +88,7 @@ def write_cue_pictures(views: Sequence[CueView], folder: str | Path) -> list[Pat
     for view in views:
         for name, picture in cue_pictures(view):
             path = folder / f"{view.camera}_{name}.png".replace("/", "_")
-            if not cv2.imwrite(str(path), picture):
-                raise InputError(path, "cannot be written")
-            written.append(path)
+            written.append(write_picture(path, picture))
     return written
 
 

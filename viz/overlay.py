@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from estimator.formats.film import check_film_name, write_film
 from estimator.formats.run_file import Run
 from humanoid.errors import InputError
 from viz import palette
@@ -30,33 +30,32 @@ def write_overlay(
     hypotheses: bool = True,
     progress: Progress | None = None,
 ) -> Path:
-    """Write the overlay as an mp4; several cameras stand side by side.
+    """Write the overlay as .mp4, .webm or .gif; several cameras stand side by side.
 
     camera: draw only this one. hypotheses: draw the others as thin skeletons, fainter the smaller their weight.
     progress: called with (frames done, frames in all).
     Raises InputError where the camera does not exist or the file cannot be written.
     """
-    path, scene = Path(path), as_scene(run)
+    check_film_name(Path(path))
+    scene = as_scene(run)
     chosen = chosen_cameras(scene, camera)
+    return write_film(path, _pictures(scene, chosen, hypotheses, progress), scene.rate)
+
+
+def _pictures(scene: Scene, chosen: list[int], hypotheses: bool, progress: Progress | None) -> Iterator[np.ndarray]:
+    """One picture an instant, the chosen cameras side by side."""
     views = [camera_view(scene.cameras[c], LONGEST) for c in chosen]
     painter = BodyPainter(scene.body)
-    size = (sum(v.size[0] for v in views), max(v.size[1] for v in views))
     rows = range(len(scene))
     streams = [scene.images(c, rows) for c in chosen]
-    with ExitStack() as stack:
-        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), scene.rate, size)
-        stack.callback(writer.release)
-        if not writer.isOpened():
-            raise InputError(path, "cannot be written", remedy="give a path ending in .mp4 in a folder that exists")
-        for t, *images in zip(rows, *streams, strict=True):
-            tiles = [
-                drawn(scene, painter, view, c, t, image, hypotheses=hypotheses)
-                for view, c, image in zip(views, chosen, images, strict=True)
-            ]
-            writer.write(side_by_side(tiles))
-            if progress is not None:
-                progress(t + 1, len(scene))
-    return path
+    for t, *images in zip(rows, *streams, strict=True):
+        tiles = [
+            drawn(scene, painter, view, c, t, image, hypotheses=hypotheses)
+            for view, c, image in zip(views, chosen, images, strict=True)
+        ]
+        yield side_by_side(tiles)
+        if progress is not None:
+            progress(t + 1, len(scene))
 
 
 def chosen_cameras(scene: Scene, camera: str | None) -> list[int]:

@@ -21,8 +21,8 @@ from meshcat.animation import Animation, AnimationClip, AnimationTrack
 
 from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
+from humanoid.atomic import replacing
 from humanoid.body import Body
-from humanoid.errors import InputError
 from viz import palette
 from viz.painter import BodyPainter
 from viz.recorder import CommandRecorder, TexturedPlane
@@ -40,13 +40,9 @@ _HOME_FOV = np.radians(38.0)
 
 def write_html(run: Run | Scene, path: str | Path) -> Path:
     """Write a page that needs nothing else: no server, no network. Raises InputError where it cannot be written."""
-    path = Path(path)
-    try:
-        path.write_text(page(run), encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or "unknown reason"
-        raise InputError(path, f"cannot be written: {reason}", remedy="give a file in a folder that exists") from error
-    return path
+    with replacing(path) as temporary:
+        temporary.write_text(page(run), encoding="utf-8")
+    return Path(path)
 
 
 def page(run: Run | Scene) -> str:

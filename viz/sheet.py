@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from estimator.formats.picture import write_picture
 from estimator.formats.run_file import Run
-from humanoid.errors import InputError
 from viz import palette
 from viz.overlay import chosen_cameras, drawn
 from viz.painter import BodyPainter, CameraView, OrthographicView, camera_view
@@ -29,7 +29,7 @@ def write_sheet(run: Run | Scene, path: str | Path, *, frames: int = FRAMES, cam
     The side view is a parallel projection from the camera's left, the depths of that camera running to the right:
     there the hypotheses, alike in the image, differ.
     """
-    path, scene = Path(path), as_scene(run)
+    scene = as_scene(run)
     chosen = chosen_cameras(scene, camera)[0]
     rows = evenly(len(scene), frames)
     painter = BodyPainter(scene.body)
@@ -41,9 +41,7 @@ def write_sheet(run: Run | Scene, path: str | Path, *, frames: int = FRAMES, cam
     pieces = [piece for column in columns for piece in (gap, column)] + [gap]
     body = np.concatenate(pieces, axis=1)
     sheet = np.concatenate([_header(scene, chosen, body.shape[1]), body], axis=0)
-    if not cv2.haveImageWriter(str(path)) or not path.parent.is_dir() or not cv2.imwrite(str(path), sheet):
-        raise InputError(path, "cannot be written", remedy="give a path ending in .png in a folder that exists")
-    return path
+    return write_picture(path, sheet)
 
 
 def _column(

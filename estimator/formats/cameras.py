@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.atomic import replacing
 from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
 from estimator.imaging.camera import Camera, guessed_camera
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.atomic import replacing
 from estimator.formats.coordinates import opensim_coordinates, q_columns
 from estimator.formats.opensim import write_mot, write_trc
 from estimator.formats.run_reader import Run
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.formats.atomic import replacing
 from estimator.formats.keypoints_layouts import Reading, read_layout
 from estimator.formats.keypoints_people import Person, select
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 

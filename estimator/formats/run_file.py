@@ -14,12 +14,12 @@ from types import TracebackType
 import numpy as np
 
 from estimator.formats import run_store
-from estimator.formats.atomic import replacing
 from estimator.formats.packing import pack, unpack
 from estimator.formats.run_header import RunHeader
 from estimator.formats.run_reader import Run
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 __all__ = ["Run", "RunHeader", "RunWriter"]
@@ -45,7 +45,7 @@ class RunWriter:
         if path.exists() and not overwrite:
             raise InputError(path, "exists already", remedy="--resume goes on with it, --overwrite replaces it")
         with replacing(path) as temporary:
-            run_store.create_store(temporary, header.to_json())
+            run_store.create_store(temporary, header.to_json(), path)
             for suffix in ("-wal", "-shm"):  # a killed run's log must not be taken for the new run's
                 with suppress(FileNotFoundError):
                     os.unlink(f"{path}{suffix}")
@@ -96,7 +96,7 @@ class RunWriter:
             )
             for i, o in enumerate(observations)
         ]
-        with run_store.translated(self.path):
+        with run_store.translated(self.path, kept=True):
             stored = self._connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()
             if not stored:
                 self._connection.execute("BEGIN IMMEDIATE")
@@ -114,7 +114,7 @@ class RunWriter:
         """Store a frame and, in the same transaction, the tracker's exact state after it in place of the last one."""
         data, exact = pack(_packed(result)), pack(state)
         execute = self._connection.execute
-        with run_store.translated(self.path):
+        with run_store.translated(self.path, kept=True):
             execute("BEGIN IMMEDIATE")
             try:
                 execute("INSERT INTO frame VALUES (?, ?)", (self._position, data))
@@ -129,7 +129,7 @@ class RunWriter:
     def put_smoothed(self, q: np.ndarray) -> None:
         """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, in place of any other."""
         execute = self._connection.execute
-        with run_store.translated(self.path):
+        with run_store.translated(self.path, kept=True):
             execute("BEGIN IMMEDIATE")
             execute("DELETE FROM smoothed")
             execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
@@ -138,7 +138,7 @@ class RunWriter:
     def finish(self) -> None:
         """Mark the run complete and close it; one file is left."""
         now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-        with run_store.translated(self.path):
+        with run_store.translated(self.path, kept=True):
             self._connection.execute("INSERT INTO finished SELECT ? WHERE NOT EXISTS (SELECT * FROM finished)", (now,))
         self.close()
 

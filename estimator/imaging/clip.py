@@ -11,10 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.formats.picture import read_picture
 from humanoid.errors import InputError
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg writes its own complaints to the terminal otherwise
 import cv2
+
+if "OPENCV_LOG_LEVEL" not in os.environ:
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what goes wrong is said here, once
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 DEFAULT_FPS = 30.0
@@ -110,14 +114,17 @@ class FolderClip(Clip):
         self.path, self.files = path, sorted(files, key=natural_order)
         self.frame_count = len(self.files)
         self._declared_fps, self.fps = fps, fps or DEFAULT_FPS
-        first = _read_image(self.files[0])
+        first, _ = read_picture(self.files[0])
+        self._damaged: set[int] = set()
         self.image_size = (first.shape[1], first.shape[0])
 
     def frame(self, index: int) -> np.ndarray:
         """See `Clip.frame`; raises InputError for an image that cannot be read or has another size."""
         if not 0 <= index < len(self.files):
             raise IndexError(f"{self.path} has no frame {index}")
-        image = _read_image(self.files[index])
+        image, whole = read_picture(self.files[index])
+        if not whole:
+            self._damaged.add(index)
         if (image.shape[1], image.shape[0]) != self.image_size:
             size, first = f"{image.shape[1]} x {image.shape[0]}", "{} x {}".format(*self.image_size)
             raise InputError(self.files[index], f"is {size} pixels, the images before it {first}")
@@ -131,8 +138,11 @@ class FolderClip(Clip):
     def report(self) -> ClipReport:
         """See `Clip.report`; every image is checked."""
         read = sum(1 for _ in self.frames())
-        notes = () if self._declared_fps else (f"a folder of images has no frame rate: {DEFAULT_FPS:g} assumed",)
-        return ClipReport(len(self.files), read, np.arange(read) / self.fps, self.fps, notes)
+        notes = [] if self._declared_fps else [f"a folder of images has no frame rate: {DEFAULT_FPS:g} assumed"]
+        if self._damaged:
+            first = self.files[min(self._damaged)].name
+            notes.append(f"{len(self._damaged)} images are damaged and not seen as they were, {first} first")
+        return ClipReport(len(self.files), read, np.arange(read) / self.fps, self.fps, tuple(notes))
 
 
 class VideoClip(Clip):
@@ -265,17 +275,6 @@ def _capture(path: Path) -> cv2.VideoCapture:
     if not capture.isOpened():
         raise InputError(path, "is no video that can be decoded", remedy="try converting it: ffmpeg -i IN out.mp4")
     return capture
-
-
-def _read_image(path: Path) -> np.ndarray:
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except (OSError, cv2.error):
-        image = None
-    if image is None:
-        raise InputError(path, "is no image that can be decoded")
-    return np.asarray(image, dtype=np.uint8)
 
 
 def _sane_fps(fps: float) -> bool:

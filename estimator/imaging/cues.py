@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from estimator.formats.picture import read_picture
 from estimator.imaging.background import FEWEST_FRAMES
 from estimator.imaging.camera import Camera
 from estimator.imaging.clip import Clip
@@ -180,9 +181,9 @@ class _View:
         return background
 
     def _from_plate(self, path: Path, camera: Camera) -> Background:
-        plate = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if plate is None:
-            raise InputError(path, "is no image that can be decoded")
+        plate, whole = read_picture(path)
+        if not whole:
+            self.notes += (f"{self.camera.name}: {path.name} is damaged and not seen as it was",)
         _check_size(path, (plate.shape[1], plate.shape[0]), camera)
         mean = self._reduced(plate).astype(np.float32)
         return Background(mean, np.full_like(mean, 2.0), np.ones(mean.shape[:2], bool))

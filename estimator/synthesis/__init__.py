@@ -5,7 +5,6 @@ from estimator.synthesis.motion import MOTION_SECONDS, authored_motion
 from estimator.synthesis.render import Renderer
 from estimator.synthesis.scene import write_truth
 from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
-from estimator.synthesis.video import write_video
 from estimator.synthesis.views import framing_cameras, scene_cameras
 
 __all__ = [
@@ -20,5 +19,4 @@ __all__ = [
     "keypoints",
     "scene_cameras",
     "write_truth",
-    "write_video",
 ]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.formats.atomic import replacing
+from humanoid.atomic import replacing
 from humanoid.body import Body
 
 _WALLS = (-2.9, 3.9, 3.6, 3.2)  # x of the back and front wall, half the width, height [m]

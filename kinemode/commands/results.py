@@ -46,7 +46,7 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     run
         A run file.
     out
-        An mp4 file.
+        A file ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).
     camera
         Name of one camera; all of them side by side unless given.
     """
