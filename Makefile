@@ -38,16 +38,17 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 10) <= v < (3, 15) else "kinemode needs Python 3.10 to 3.14, this is %d.%d: PYTHON=python3.12 make ..." % v)'
 	@$(PYTHON) -m venv --clear $(VENV) || { echo "this Python cannot make environments; on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@echo "installing into $(VENV), some minutes the first time ..."
-	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 	@touch $(STAMP)
 
-# --no-emit-index-url and the grep: the lock names versions, never where they came from.
+# --no-emit-index-url and the grep: the lock names versions and what their files hash to, never where they came from.
 lock:
 	$(PYTHON) -m venv $(VENV)-lock
 	$(VENV)-lock/bin/python -m pip install --quiet uv
 	$(VENV)-lock/bin/uv pip compile pyproject.toml --universal --python-version 3.10 --extra dev --quiet \
-		--upgrade --no-header --no-annotate --no-emit-index-url --no-emit-find-links --output-file requirements.tmp
+		--upgrade --generate-hashes --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+		--output-file requirements.tmp
 	{ echo '# Written by "make lock" for every supported Python and platform; change pyproject.toml instead.'; \
 		grep -v -e '^-' -e '://' requirements.tmp; } > requirements.lock
 	rm -rf requirements.tmp $(VENV)-lock
