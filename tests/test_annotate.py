@@ -6,7 +6,6 @@ import http.client
 import itertools
 import json
 import queue
-import shutil
 import signal
 import subprocess
 import sys
@@ -343,12 +342,6 @@ def test_the_command_says_what_comes_next(
 
 # ---- in a browser
 
-BROWSER_OPTIONS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--window-size=1200,800",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--force-device-scale-factor=1",
-    "--force-color-profile=srgb",
-)  # fmt: skip
-
 
 class Person:
     """Works the page by what can be seen of it: places are found in pictures of the window, by colour."""
@@ -400,24 +393,8 @@ class Person:
 
 
 @pytest.fixture(scope="module")
-def person(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Person]:
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    from selenium.webdriver.chrome.service import Service
-
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-    chromium, chromedriver = next(filter(None, map(shutil.which, names)), None), shutil.which("chromedriver")
-    if chromium is None or chromedriver is None:
-        pytest.skip("Chromium and its chromedriver are not installed")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for option in (*BROWSER_OPTIONS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
-        options.add_argument(option)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(chromedriver))
-    try:
-        yield Person(driver)
-    finally:
-        driver.quit()
+def person(browser: Any) -> Person:
+    return Person(browser)
 
 
 RED, GREEN, PINK, YELLOW = MARKS[0]
