@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import sys
@@ -27,9 +28,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         _say(str(stop) or _how_to_go_on(arguments))
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output (head, less) has left
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 0
     except Exception as error:
+        if _no_room(error):
+            _drop_output()
         return _report(error, debug)
     return 0
 
@@ -58,7 +61,17 @@ def _users_problem(error: Exception) -> str | None:
         return f"{error} (see kinemode --help)"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
-    return None
+    return f"standard output: cannot be written: {error}" if _no_room(error) else None
+
+
+def _no_room(error: Exception) -> bool:
+    """The disk that standard output goes to takes no more; our own files are written by functions that name them."""
+    return isinstance(error, OSError) and error.filename is None and error.errno in (errno.ENOSPC, errno.EDQUOT)
+
+
+def _drop_output() -> None:
+    """What is still to be written would fail again when the process ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _say(text: str) -> None:

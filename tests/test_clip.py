@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from estimator.formats.picture import read_picture
 from estimator.imaging.clip import Clip
 from humanoid.errors import InputError
+from humanoid.quiet import overheard
 
 COUNT, SIZE = 90, (96, 64)
 
@@ -122,3 +126,50 @@ def test_real_clip(shared_data: Path) -> None:
         if i == 60:
             np.testing.assert_array_equal(image, late)
             break
+
+
+def damaged(data: bytes, *at: int) -> bytes:
+    changed = bytearray(data)
+    for i in at:
+        changed[i] ^= 0x55
+    return bytes(changed)
+
+
+def test_decoders_keep_their_words_to_themselves(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """They print below Python, beside our one line; what they mean is in our notes and errors."""
+    image = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (96, 128, 3), np.uint8), (0, 0), 2.0)
+    good = {e: cv2.imencode(f".{e}", image)[1].tobytes() for e in ("png", "jpg", "bmp")}
+    good["mp4"] = video(tmp_path / "a.mp4", "mp4v").read_bytes()
+    half = {f"half.{e}": data[: len(data) // 2] for e, data in good.items()}
+    bad = half | {"header.png": damaged(good["png"], 20), "crc.png": damaged(good["png"], len(good["png"]) // 2)}
+    for name, data in bad.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(InputError, match=name):
+            read_picture(tmp_path / name) if name != "half.mp4" else Clip.open(tmp_path / name)
+
+    (tmp_path / "clip").mkdir()
+    broken = damaged(good["jpg"], *range(700, len(good["jpg"]) - 10, 97))
+    for i, data in enumerate((good["jpg"], broken, broken, good["jpg"])):
+        (tmp_path / "clip" / f"{i}.jpg").write_bytes(data)
+    report = Clip.open(tmp_path / "clip", fps=30.0).report
+    assert report.read == 4
+    assert report.notes == ("2 images are damaged and not seen as they were, 1.jpg first",)
+    (tmp_path / "broken.mp4").write_bytes(damaged(good["mp4"], *range(2000, len(good["mp4"]) // 2, 301)))
+    assert Clip.open(tmp_path / "broken.mp4").report.read > 0
+    assert capfd.readouterr() == ("", "")
+
+
+def test_threads_do_not_lose_standard_error(capfd: pytest.CaptureFixture[str]) -> None:
+    def worker() -> None:
+        for _ in range(50):
+            with overheard() as said:
+                os.write(2, b"x")
+            assert said == ["x"]
+
+    threads = [threading.Thread(target=worker) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    os.write(2, b"still there")
+    assert capfd.readouterr().err == "still there"

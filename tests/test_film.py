@@ -142,8 +142,8 @@ def test_an_encoder_that_fails_is_an_error_of_the_film(tmp_path: Path, monkeypat
 
 
 PLAYED = """
-const [data, type, time, done] = arguments;
-const bytes = Uint8Array.from(atob(data), c => c.charCodeAt(0));
+const [film, type, time, done] = arguments;
+const bytes = Uint8Array.from(atob(film), c => c.charCodeAt(0));
 const video = document.createElement("video"), canvas = document.createElement("canvas");
 video.muted = true;
 video.onerror = () => done(video.error.message);
@@ -152,7 +152,8 @@ video.onseeked = () => {
   canvas.width = video.videoWidth; canvas.height = video.videoHeight;
   const context = canvas.getContext("2d");
   context.drawImage(video, 0, 0);
-  done([video.duration, canvas.width, canvas.height, [...context.getImageData(0, 0, canvas.width, canvas.height).data]]);
+  const {data} = context.getImageData(0, 0, canvas.width, canvas.height);
+  done([video.duration, canvas.width, canvas.height, [...data]]);
 };
 video.src = URL.createObjectURL(new Blob([bytes], {type}));
 """
