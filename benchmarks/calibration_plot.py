@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.calibration_levels import GRID, KINDS, Levels, calibration_error, coverage
+from humanoid.atomic import replacing
 
 TITLES = {"dof": "degrees of freedom", "landmark": "landmark places", "pose": "whole poses"}
 _COLOURS = ("#c44e52", "#1f4e79")
@@ -36,4 +37,5 @@ def write_reliability(path: Path, variants: Mapping[str, Levels], conditions: Ma
         axes.legend(loc="upper left", fontsize=7.5, frameon=False)
     panels[0].set_ylabel("share of truths inside")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110, format="png")
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=110, format="png")

@@ -18,6 +18,7 @@ import cyclopts
 import numpy as np
 from cyclopts import Parameter
 
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 from kinemode.api import InputWarning
 from kinemode.render_files import made_folder
@@ -109,7 +110,8 @@ def nested(changes: Sequence[str]) -> dict[str, Any]:
 def save(path: Path | None, figures: dict[str, Any]) -> None:
     """Write the figures as JSON, if a file was asked for; what is not finite becomes null."""
     if path is not None:
-        path.write_text(json.dumps(_plain(figures), indent=1, allow_nan=False) + "\n")
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(_plain(figures), indent=1, allow_nan=False) + "\n")
         print(f"figures: {path}")
 
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 from benchmarks.css_tables_minima import Searches, distinct, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
 from estimator.search.seek import Seeker
+from humanoid.atomic import replacing
 from humanoid.body import PosedBody
 from kinemode.render_files import made_folder
 
@@ -48,7 +49,8 @@ def _page(path: Path, rows: int, columns: int, size: tuple[float, float], draw: 
     figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     draw(list(figure.subplots(rows, columns, squeeze=False).ravel()))
-    figure.savefig(path)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix.lstrip("."))
 
 
 def _spectra(axes: Axes, problems: dict[str, Problem]) -> None:

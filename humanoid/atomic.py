@@ -47,9 +47,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         raise unwritable(path, error) from None
     finally:
-        for left in (temporary, Path(f"{temporary}-journal")):  # the latter where SQLite was cut short
-            with suppress(OSError):
-                left.unlink()
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def unwritable(path: str | Path, error: OSError) -> InputError:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.formats.checked_json import mapping, member, read_json, sequence, shaped
+from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 SHIPPED = Path(__file__).with_name("pose_prior.json")
@@ -64,7 +65,8 @@ class PoseMixture:
                 for w, m, c in zip(self.weight, self.mean, self.covariance, strict=True)
             ],
         }  # fmt: skip
-        path.write_text(_laid_out(content), encoding="utf-8")
+        with replacing(path) as temporary:
+            temporary.write_text(_laid_out(content), encoding="utf-8")
 
 
 def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
