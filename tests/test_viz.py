@@ -12,7 +12,6 @@ import sys
 import threading
 import urllib.request
 from dataclasses import replace
-from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
 from humanoid import Body, InputError, load_subject
 from viz.live import serve
+from viz.local_server import LocalServer
 from viz.overlay import write_overlay
 from viz.painter import BodyPainter, camera_view
 from viz.preview import page, write_html
@@ -282,7 +282,7 @@ def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None
     run = Run.open(path)
     counts: list[int] = []
 
-    def visit(server: ThreadingHTTPServer, address: str) -> None:
+    def visit(server: LocalServer, address: str) -> None:
         def load() -> None:
             with urllib.request.urlopen(address) as response:
                 found = re.search(r'"status": (\[.*?\])', response.read().decode())

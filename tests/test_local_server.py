@@ -1,0 +1,119 @@
+"""The servers of this machine's browser, on real sockets: who is answered, and what is left behind."""
+
+from __future__ import annotations
+
+import http.client
+import signal
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from humanoid.errors import InputError
+from tests.test_viz import moving_scene
+from viz import live
+from viz.local_server import LocalServer
+
+PAGE = b"<!DOCTYPE html>" + b"x" * 40_000_000  # more than any socket takes at once
+
+
+@contextmanager
+def serving(page: bytes = b"<!DOCTYPE html>") -> Iterator[LocalServer]:
+    with live.PreviewServer(lambda: page) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join(10)
+            assert not thread.is_alive()
+
+
+def ask(server: LocalServer, route: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], bytes]:
+    connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
+    connection.request(method, route, headers=headers)
+    answer = connection.getresponse()
+    return answer.status, dict(answer.headers), answer.read()
+
+
+def test_only_who_knows_the_address_sees_the_page() -> None:
+    with serving() as server:
+        port, secret = server.server_address[1], f"/{server.token}/"
+        assert server.address == f"http://127.0.0.1:{port}{secret}"
+        assert ask(server, secret)[::2] == (200, b"<!DOCTYPE html>")
+        assert ask(server, secret, Host=f"localhost:{port}")[0] == 200
+        for route in ("/", "/index.html", secret[:-1], f"/{server.token}x/", "//", "/../"):
+            assert ask(server, route)[0] == 403, route
+        for host in ("elsewhere.example", f"elsewhere.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}", ""):
+            assert ask(server, secret, Host=host)[0] == 403, host
+            assert ask(server, "/favicon.ico", Host=host)[0] == 403, host
+        assert ask(server, f"{secret}other")[0] == 404
+        assert ask(server, secret, "POST")[0] == 501
+
+
+def test_head_has_no_body_and_an_icon_is_not_missed() -> None:
+    with serving() as server:
+        status, headers, body = ask(server, f"/{server.token}/", "HEAD")
+        assert (status, headers["Content-Length"], body) == (200, "15", b"")
+        assert ask(server, "/favicon.ico")[::2] == (204, b"")
+        raw = socket.create_connection(server.server_address[:2], timeout=10)
+        raw.sendall(f"HEAD /{server.token}/ HTTP/1.1\r\nHost: {server.hosts[0]}\r\n\r\n".encode())
+        assert b"".join(iter(lambda: raw.recv(4096), b"")).endswith(b"\r\n\r\n")
+
+
+def test_who_says_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(live._Handler, "timeout", 0.1)
+    with serving() as server:
+        for said in (b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost"):
+            silent = socket.create_connection(server.server_address[:2], timeout=5)
+            silent.sendall(said)
+            assert silent.recv(100) == b""
+        assert ask(server, f"/{server.token}/")[0] == 200
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_browser_that_leaves_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    with serving(PAGE) as server:
+        before = threading.active_count()
+        for reset in (True, False):
+            leaving = socket.create_connection(server.server_address[:2], timeout=10)
+            if reset:  # close by RST instead of FIN
+                leaving.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            leaving.sendall(f"GET /{server.token}/ HTTP/1.1\r\nHost: {server.hosts[0]}\r\n\r\n".encode())
+            assert leaving.recv(100).startswith(b"HTTP/1.0 200")
+            leaving.close()
+        for thread in threading.enumerate():
+            if "process_request" in thread.name:
+                thread.join(10)
+        assert threading.active_count() <= before
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_cannot_be_shown_is_said_to_the_browser() -> None:
+    def fail() -> bytes:
+        raise InputError("walk.run", "there is no such file")
+
+    with serving() as server:
+        server.make_page = fail  # type: ignore[attr-defined]
+        status, _, body = ask(server, f"/{server.token}/")
+        assert status == 500
+        assert b"walk.run: there is no such file" in body
+
+
+def test_an_interrupt_ends_the_view_and_frees_its_port(capfd: pytest.CaptureFixture[str]) -> None:
+    places: list[tuple[str, int]] = []
+
+    def ready(server: LocalServer, address: str) -> None:
+        places.append(server.server_address[:2])
+        threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+
+    live.serve(moving_scene(2), open_browser=False, ready=ready)
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(places[0], timeout=5)
+    assert capfd.readouterr() == ("", "")
+    with pytest.raises(InputError, match="port: 70000 cannot be used"):
+        live.serve(moving_scene(2), open_browser=False, port=70000)
