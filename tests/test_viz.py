@@ -33,7 +33,8 @@ from viz.painter import BodyPainter, camera_view
 from viz.preview import page, write_html
 from viz.scene import Scene, as_scene, evenly
 from viz.sheet import write_sheet
-from viz.solids import body_solids, merged, side_of, skeleton
+from viz.solid import merged, side_of
+from viz.solids import body_solids, skeleton
 
 
 def looking_camera(name: str, eye: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:

@@ -1,4 +1,4 @@
-"""Paints posed bodies and skeletons into an image: shaded triangles, farthest first."""
+"""Paints posed bodies and skeletons into an image: shaded triangles with a depth buffer, lines over them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ import cv2
 import numpy as np
 
 from estimator.imaging.camera import Camera
-from humanoid.body import Body, PosedBody
+from estimator.synthesis.raster import paint
+from humanoid.body import Body, PosedBody, points_in_world
 from viz import palette
-from viz.solids import Skeleton, Solid, body_solids, skeleton
+from viz.solid import Solid, sides_among
+from viz.solids import Skeleton, body_solids, drawing_notes, skeleton
 
 _FINE = 2  # the body is painted this many times larger and then reduced, which smooths its edges
 _SHIFT = 4  # binary places of OpenCV's fixed-point coordinates
 _NEAR = 0.05  # what is closer to the eye than this is not drawn [m]
 _AMBIENT, _DIFFUSE, _RIM = 0.55, 0.55, 0.2
+_LIGHT = np.array([-0.45, -0.65, -0.62])  # towards the viewer's upper left
 
 
 class View(Protocol):
@@ -82,43 +85,67 @@ def camera_view(camera: Camera, longest: int) -> CameraView:
 
 
 class BodyPainter:
-    """Draws one body; holds its meshes as flat arrays."""
+    """Draws one body; holds its meshes as flat arrays.
+
+    Attributes
+    ----------
+    local (V, 3) [m], normal (V, 3), joint (V,): vertices in the frames of their joints. faces (F, 3).
+    colour (V, 3): BGR. sides: the sides that are told apart by colour. notes: see `viz.solids.drawing_notes`.
+    """
 
     def __init__(self, body: Body) -> None:
         self.body = body
         self.skeleton: Skeleton = skeleton(body)
-        self._set(body_solids(body))
+        self.notes = drawing_notes(body)
+        solids = body_solids(body)
+        self.sides = sides_among([*(s.name for s in solids if s.colour is None), *body.landmark_names])
+        self._set(solids)
 
     def _set(self, solids: tuple[Solid, ...]) -> None:
-        starts = np.cumsum([0] + [len(s.vertices) for s in solids])[:-1]
+        counts = [len(s.vertices) for s in solids]
+        starts = np.cumsum([0, *counts[:-1]])
         self.local = np.concatenate([s.vertices for s in solids])
-        self.joint = np.concatenate([np.full(len(s.vertices), s.joint) for s in solids])
+        self.normal = np.concatenate([s.shading() for s in solids])
+        self.joint = np.repeat([s.joint for s in solids], counts)
         self.faces = np.concatenate([s.faces + start for s, start in zip(solids, starts, strict=True)])
-        self.colour = np.concatenate([np.tile(palette.bgr(palette.SIDES[s.side]), (len(s.faces), 1)) for s in solids])
+        self._corners = tuple(np.ascontiguousarray(self.faces.T))
+        self.colour = np.repeat([palette.bgr(s.paint) for s in solids], counts, axis=0).astype(np.float64)
+        self._closed_vertex = np.repeat([s.closed for s in solids], counts)
+        self._closed = self._closed_vertex[self.faces[:, 0]]
 
     def vertices(self, posed: PosedBody) -> np.ndarray:
         """All vertices in the world [m], (V, 3)."""
-        return np.einsum("nij,nj->ni", posed.rotations[self.joint], self.local) + posed.translations[self.joint]
+        return points_in_world(posed, self.joint, self.local)
 
     def solid(
         self, image: np.ndarray, view: View, posed: PosedBody, opacity: float, colour: palette.Rgb | None = None
     ) -> None:
         """Blend the shaded body into the image (H, W, 3) uint8 in place."""
-        world = self.vertices(posed)
-        pixels, depth = view.project(world)
-        with np.errstate(invalid="ignore"):
-            # NaN compares false: points behind the camera are lost as well
-            lost = ~((np.abs(pixels) < 4.0 * max(view.size)).all(axis=1) & (depth > _NEAR))
-        corners = pixels[self.faces]
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        with np.errstate(invalid="ignore"):
-            front = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0) & ~lost[self.faces].any(axis=1)
-        order = np.flatnonzero(front)
-        if len(order) == 0:
-            return
-        order = order[np.argsort(-depth[self.faces[order]].mean(axis=1))]
-        base = self.colour[order] if colour is None else np.tile(palette.bgr(colour), (len(order), 1))
-        _blend(image, corners[order], _lit(world, self.faces[order], base, view.axes()), opacity)
+        pixels, depth = view.project(self.vertices(posed))
+        faces = self.faces[self._visible(pixels, depth, 4.0 * max(view.size))]
+        if len(faces) > 0:
+            base = (
+                self.colour if colour is None else np.tile(np.array(palette.bgr(colour), np.float64), (len(depth), 1))
+            )
+            _blend(image, pixels, depth, self._lit(posed, base, view.axes()), faces, opacity)
+
+    def _visible(self, pixels: np.ndarray, depth: np.ndarray, farthest: float) -> np.ndarray:
+        """Faces (F,) in front of the viewer, not too far outside; of closed solids only those turned to the viewer."""
+        x, y = np.ascontiguousarray(pixels.T)
+        a, b, c = self._corners
+        with np.errstate(invalid="ignore"):  # NaN compares false: points behind the camera are lost as well
+            seen = (np.abs(x) < farthest) & (np.abs(y) < farthest) & (depth > _NEAR)
+            front = (x[b] - x[a]) * (y[c] - y[a]) < (y[b] - y[a]) * (x[c] - x[a])
+        return np.asarray((front | ~self._closed) & seen[a] & seen[b] & seen[c])
+
+    def _lit(self, posed: PosedBody, colour: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """Colours (V, 3) lit from the viewer's upper left, with darker rims where the surface turns away."""
+        turned = np.einsum("ij,njk->nik", axes, posed.rotations)  # R_view_joint
+        seen = np.einsum("nij,nj->ni", turned[self.joint], self.normal)  # components to the right, down, away
+        seen[~self._closed_vertex & (seen[:, 2] > 0.0)] *= -1.0  # what is open shows its inner side
+        facing = np.clip(-seen[:, 2], 0.0, 1.0)
+        strength = _AMBIENT + _DIFFUSE * np.clip(seen @ _LIGHT, 0.0, 1.0) - _RIM * (1.0 - facing) ** 2
+        return np.asarray(np.clip(colour * strength[:, None], 0.0, 255.0))
 
     def bones(self, mask: np.ndarray, view: View, posed: PosedBody, strength: float) -> None:
         """Draw the skeleton into a mask (H, W) uint8, as bright as `strength` (0 to 1)."""
@@ -131,33 +158,23 @@ class BodyPainter:
                 cv2.line(mask, first, second, int(255 * strength), thickness, cv2.LINE_AA, _SHIFT)
 
 
-def _lit(world: np.ndarray, faces: np.ndarray, colour: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Colours (F, 3) of faces lit from the viewer's upper left, with darker rims where they turn away."""
-    p = world[faces]
-    normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    seen = normals @ axes.T  # components to the right, down, away
-    light = np.array([-0.45, -0.65, -0.62])
-    facing = np.clip(-seen[:, 2], 0.0, 1.0)
-    strength = _AMBIENT + _DIFFUSE * np.clip(seen @ light, 0.0, 1.0) - _RIM * (1.0 - facing) ** 2
-    return np.clip(colour * strength[:, None], 0.0, 255.0)
-
-
-def _blend(image: np.ndarray, corners: np.ndarray, colour: np.ndarray, opacity: float) -> None:
-    """Paint triangles (F, 3, 2) in their order on a layer of their own, and lay that over the image."""
+def _blend(
+    image: np.ndarray, pixels: np.ndarray, depth: np.ndarray, colour: np.ndarray, faces: np.ndarray, opacity: float
+) -> None:
+    """Paint triangles, the nearest in front, on a layer of their own, and lay that over the image."""
     height, width = image.shape[:2]
-    low = np.clip(np.floor(corners.min(axis=(0, 1))) - 2, 0, (width, height)).astype(int)
-    high = np.clip(np.ceil(corners.max(axis=(0, 1))) + 3, 0, (width, height)).astype(int)
+    used = pixels[faces.reshape(-1)]
+    low = np.clip(np.floor(used.min(axis=0)) - 2, 0, (width, height)).astype(int)
+    high = np.clip(np.ceil(used.max(axis=0)) + 3, 0, (width, height)).astype(int)
     if (high - low < 1).any():
         return
-    layer = np.zeros(((high[1] - low[1]) * _FINE, (high[0] - low[0]) * _FINE, 4), dtype=np.uint8)
-    points = (corners - low + 0.5) * _FINE - 0.5
-    fixed = np.round(points * (1 << _SHIFT)).astype(np.int32)
-    for triangle, (b, g, r) in zip(fixed, colour.tolist(), strict=True):
-        cv2.fillConvexPoly(layer, triangle, (b, g, r, 255.0), cv2.LINE_8, _SHIFT)
+    shape = ((high[1] - low[1]) * _FINE, (high[0] - low[0]) * _FINE)
+    layer, nearness = np.zeros((*shape, 3)), np.zeros(shape)
+    paint(layer, nearness, (pixels - low + 0.5) * _FINE - 0.5, depth, colour, faces)
     layer = cv2.resize(layer, None, fx=1.0 / _FINE, fy=1.0 / _FINE, interpolation=cv2.INTER_AREA)
-    alpha = layer[..., 3]
+    painted = (nearness > 0.0).astype(np.uint8) * 255
+    alpha = cv2.resize(painted, None, fx=1.0 / _FINE, fy=1.0 / _FINE, interpolation=cv2.INTER_AREA)
     part = image[low[1] : high[1], low[0] : high[0]]
     rim = cv2.subtract(cv2.dilate(alpha, np.ones((3, 3), np.uint8)), alpha)
     kept = 1.0 - (alpha * np.float32(opacity) + rim * np.float32(0.5 * opacity)) / np.float32(255.0)
-    part[:] = (part * kept[..., None] + layer[..., :3] * np.float32(opacity)).astype(np.uint8)
+    part[:] = (part * kept[..., None] + layer * opacity).astype(np.uint8)

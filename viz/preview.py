@@ -27,7 +27,8 @@ from viz import palette
 from viz.painter import BodyPainter
 from viz.recorder import CommandRecorder, TexturedPlane
 from viz.scene import Scene, as_scene, evenly
-from viz.solids import Solid, body_solids, merged
+from viz.solid import Solid, merged
+from viz.solids import body_solids
 
 KEY_FRAMES = 600
 PICTURES = 240

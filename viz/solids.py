@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
 
-import coal
 import numpy as np
 import pinocchio as pin
-import trimesh
 
 from humanoid.body import Body, PosedBody, points_in_world
-from humanoid.errors import InputError
 from humanoid.flesh import flesh_meshes, solid_mesh
-from humanoid.solids import solids_of
 from humanoid.subject import Flesh
+from viz.solid import Side, Solid, side_of
+from viz.visual_solids import missing_meshes, visual_solids
 
-Side = Literal["left", "right", "trunk"]
-
-_LEFT = re.compile(r"left|(^|[_\W])l([_\W\d]|$)", re.IGNORECASE)
-_RIGHT = re.compile(r"right|(^|[_\W])r([_\W\d]|$)", re.IGNORECASE)
-_HULL_GRID = 14  # cells along a visual mesh's longest side when it is simplified
+_BALL = 0.03  # radius of what stands for a link that nothing is known of [m]
 
 # pairs of landmark names, COCO's where COCO has one
 LIMBS: tuple[tuple[str, str], ...] = (
@@ -47,21 +38,6 @@ _TRUNK: tuple[tuple[str, str], ...] = (
 
 
 @dataclass(frozen=True)
-class Solid:
-    """A triangle mesh fixed to a joint.
-
-    name: of the link (or geometry) it stands for. joint: index of the joint it moves with. side: for its colour.
-    vertices (V, 3): in the joint's frame [m]. faces (F, 3): counter-clockwise seen from outside.
-    """
-
-    name: str
-    joint: int
-    side: Side
-    vertices: np.ndarray
-    faces: np.ndarray
-
-
-@dataclass(frozen=True)
 class Skeleton:
     """Line segments between points fixed to joints.
 
@@ -78,37 +54,44 @@ class Skeleton:
         return points_in_world(posed, self.joint, self.local)
 
 
-def side_of(name: str) -> Side:
-    """The side a link, joint or landmark name speaks of: left_hip, l_hip, hip_L, ..."""
-    if _LEFT.search(name):
-        return "left"
-    return "right" if _RIGHT.search(name) else "trunk"
-
-
 def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
-    """The body's surface: its flesh, else its visual geometry, else its joint tree as thin capsules.
+    """The body's surface: its flesh, else its visual or collision geometry, else its joint tree as thin capsules.
 
-    coarse: fewer triangles on the flesh, enough for a translucent hypothesis.
+    coarse: fewer triangles, enough for a translucent hypothesis. Where meshes are missing, see `drawing_notes`.
+
+    Raises
+    ------
+    InputError: a mesh cannot be read, or its coordinates are not finite; it names the file and the link.
     """
     if body.subject.flesh:
         around, along = (12, 6) if coarse else (20, 12)
         meshes = flesh_meshes(body, around, along)
         return tuple(Solid(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
-    return _visual_solids(body) or _tree_solids(body)
+    solids, bare = visual_solids(body, coarse=coarse)
+    if not solids:
+        return _tree_solids(body)
+    return (*solids, *(solid for link in bare for solid in _stand_ins(body, link)))
 
 
-def merged(solids: Iterable[Solid]) -> tuple[Solid, ...]:
-    """One solid per joint and side: fewer moving parts to send to a browser."""
-    groups: dict[tuple[int, Side], list[Solid]] = {}
-    for solid in solids:
-        groups.setdefault((solid.joint, solid.side), []).append(solid)
-    return tuple(_joined(group) for group in groups.values())
+def drawing_notes(body: Body) -> tuple[str, ...]:
+    """What a user should know about how the body is drawn, one sentence each."""
+    missing = () if body.subject.flesh else missing_meshes(body)
+    if not missing:
+        return ()
+    links = sorted({shape.link for shape in missing})
+    named = ", ".join(links[:5]) + (f" and {len(links) - 5} more" if len(links) > 5 else "")
+    return (f"drawn without their meshes, which are gone (the first is {missing[0].file}): {named}",)
 
 
-def _joined(group: Sequence[Solid]) -> Solid:
-    starts = np.cumsum([0] + [len(s.vertices) for s in group[:-1]])
-    faces = np.concatenate([s.faces + start for s, start in zip(group, starts, strict=True)])
-    return Solid(group[0].name, group[0].joint, group[0].side, np.concatenate([s.vertices for s in group]), faces)
+def _stand_ins(body: Body, link: str) -> tuple[Solid, ...]:
+    """Capsules from a link's joint to the next ones, or a small ball at the end of the tree."""
+    frame = body.model.frames[body.model.getFrameId(link, pin.FrameType.BODY)]
+    found = tuple(solid for solid in _tree_solids(body) if solid.joint == frame.parentJoint)
+    if found:
+        return found
+    vertices, faces = solid_mesh(Flesh(link, "capsule", (_BALL, 1e-3, 0.0), (0, 0, 0), (0, 0, 0)))
+    placed = vertices @ frame.placement.rotation.T + frame.placement.translation
+    return (Solid(link, int(frame.parentJoint), side_of(link), placed, faces),)
 
 
 def _tree_solids(body: Body) -> tuple[Solid, ...]:
@@ -134,38 +117,6 @@ def _tree_solids(body: Body) -> tuple[Solid, ...]:
 def _first_joint(body: Body) -> int:
     """The first joint whose placement is a length of the body rather than its place in the world."""
     return 2 if body.subject.base == "free" else 1
-
-
-def _visual_solids(body: Body) -> tuple[Solid, ...]:
-    """The URDF's visual geometry, simplified; empty where there is none or its meshes cannot be read."""
-    try:
-        found = solids_of(body, "visual")
-    except InputError:
-        return ()
-    solids = []
-    for part in found:
-        mesh = _shape_mesh(part.geometry)
-        if mesh is not None:
-            vertices = np.asarray(mesh.vertices) @ part.rotation.T + part.translation
-            solids.append(Solid(part.link, part.joint, side_of(part.link), vertices, np.asarray(mesh.faces)))
-    return tuple(solids)
-
-
-def _shape_mesh(shape: Any) -> trimesh.Trimesh | None:
-    """A coal shape as a mesh in its own frame; a hull of many corners is reduced to a coarse one."""
-    if isinstance(shape, coal.ConvexBase):
-        points = np.array([shape.point(i) for i in range(shape.num_points)])
-        cell = max(float(np.ptp(points, axis=0).max()) / _HULL_GRID, 1e-6)
-        _, kept = np.unique(np.round(points / cell), axis=0, return_index=True)
-        # a part thinner than a cell keeps all its corners, or it would lose its volume
-        return trimesh.Trimesh(points[kept] if len(kept) > 60 else points).convex_hull
-    if isinstance(shape, coal.Sphere):
-        return trimesh.creation.uv_sphere(radius=shape.radius, count=[12, 24])
-    if isinstance(shape, coal.Box):
-        return trimesh.creation.box(extents=2.0 * np.array(shape.halfSide))
-    if isinstance(shape, coal.Cylinder):
-        return trimesh.creation.cylinder(radius=shape.radius, height=2.0 * shape.halfLength, sections=20)
-    return None
 
 
 def skeleton(body: Body) -> Skeleton:
