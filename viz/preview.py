@@ -8,7 +8,7 @@ reduced to PICTURE_LONGEST px, freed of lens distortion and JPEG-compressed.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,9 @@ from humanoid.atomic import replacing
 from humanoid.body import Body
 from viz import palette
 from viz.painter import BodyPainter
-from viz.recorder import CommandRecorder, TexturedPlane
+from viz.recorder import CommandRecorder, ShadedMesh, TexturedPlane
 from viz.scene import Scene, as_scene, evenly
-from viz.solid import Solid, merged
+from viz.solid import Solid, merged, sides_among
 from viz.solids import body_solids
 
 KEY_FRAMES = 600
@@ -57,10 +57,11 @@ def page(run: Run | Scene) -> str:
     _set_lights(root, stage)
     _set_ground(root, stage)
     animation = Animation(default_framerate=_key_rate(scene, rows))
-    _add_bodies(root, animation, scene, rows)
+    parts = merged(body_solids(scene.body))
+    _add_bodies(root, animation, scene, rows, parts)
     cameras = [_add_camera(root, scene, c, rows, stage) for c in range(len(scene.cameras))]
     root.set_animation(animation, play=True)
-    return recorder.page(f"{scene.body.subject.name} - kinemode", _player_data(scene, rows, stage, cameras))
+    return recorder.page(f"{scene.body.subject.name} - kinemode", _player_data(scene, rows, stage, cameras, parts))
 
 
 class _Stage:
@@ -120,31 +121,32 @@ def _lines(points: np.ndarray, colour: palette.Rgb) -> g.LineSegments:
     return g.LineSegments(geometry, g.LineBasicMaterial(color=palette.hexadecimal(colour)))
 
 
-def _add_bodies(root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int]) -> None:
-    parts = merged(body_solids(scene.body))
-    _add_body(root["body"], animation, scene.body, parts, scene.q[rows], None)
-    coarse = merged(body_solids(scene.body, coarse=True))
+def _add_bodies(
+    root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int], parts: tuple[Solid, ...]
+) -> None:
+    _add_body(root["body"], animation, scene.body, parts, scene.q[rows], 1.0)
+    coarse = merged(replace(part, colour=palette.HYPOTHESIS) for part in body_solids(scene.body, coarse=True))
     for k in range(scene.mode_q.shape[1]):
-        _add_body(root[f"hypothesis_{k}"], animation, scene.body, coarse, scene.mode_q[rows, k], palette.HYPOTHESIS)
+        _add_body(root[f"hypothesis_{k}"], animation, scene.body, coarse, scene.mode_q[rows, k], 0.3)
 
 
 def _add_body(
     node: meshcat.Visualizer,
     animation: Animation,
     body: Body,
-    parts: Iterable[Solid],
+    parts: tuple[Solid, ...],
     q: np.ndarray,
-    colour: palette.Rgb | None,
+    opacity: float,
 ) -> None:
-    """Meshes below `node`, one per joint, and a position and a quaternion per instant (a missing one holds still)."""
-    joints, positions, quaternions = _motion(body, q, sorted({part.joint for part in parts}))
-    for i, part in enumerate(parts):
-        child = node[f"{i}_{part.name}"]
-        paint = palette.hexadecimal(palette.SIDES[part.side] if colour is None else colour)
-        # front faces only: the far side of a translucent limb would show through it as dark bands
-        material = g.MeshPhongMaterial(color=paint, opacity=1.0 if colour is None else 0.3, shininess=18, side=0)
-        child.set_object(g.TriangularMeshGeometry(part.vertices, part.faces), material)
-        j = joints[part.joint]
+    """A node per joint below `node`, with its meshes, and a position and a quaternion per instant (a missing one holds
+    still)."""
+    names = {part.joint: part.name for part in reversed(parts)}
+    moved = sorted(names)
+    positions, quaternions = _motion(body, q, moved)
+    for j, joint in enumerate(moved):
+        child = node[f"{joint}_{names[joint]}"]
+        for i, part in enumerate(part for part in parts if part.joint == joint):
+            child[str(i)].set_object(_mesh(part), _material(part, opacity))
         child.set_transform(_matrix(positions[0, j], quaternions[0, j]))
         keys = list(range(len(q)))
         tracks = {
@@ -154,7 +156,19 @@ def _add_body(
         animation.clips[child.path] = AnimationClip(tracks, fps=animation.default_framerate)
 
 
-def _motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[dict[int, int], np.ndarray, np.ndarray]:
+def _mesh(part: Solid) -> g.Geometry:
+    if part.normals is None:  # the viewer takes the means of the faces itself
+        return g.TriangularMeshGeometry(part.vertices, part.faces)
+    return ShadedMesh(part.vertices, part.normals, part.faces)
+
+
+def _material(part: Solid, opacity: float) -> g.Material:
+    """Front faces alone where the solid is closed: the far side of a translucent limb would show as dark bands."""
+    paint, side = palette.hexadecimal(part.paint), 0 if part.closed else 2
+    return g.MeshPhongMaterial(color=paint, opacity=opacity, shininess=18, side=side)
+
+
+def _motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Positions (T, J, 3) [m] and quaternions xyzw (T, J, 4) of some joints; instants without q repeat the last."""
     positions, quaternions = np.zeros((len(q), len(moved), 3)), np.zeros((len(q), len(moved), 4))
     quaternions[..., 3] = 1.0
@@ -166,7 +180,7 @@ def _motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[dict[int, int]
         posed = body.at(configuration)
         positions[t] = posed.translations[moved]
         quaternions[t] = [pin.Quaternion(np.ascontiguousarray(R)).coeffs() for R in posed.rotations[moved]]
-    return {joint: i for i, joint in enumerate(moved)}, positions, quaternions
+    return positions, quaternions
 
 
 def _matrix(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
@@ -190,14 +204,16 @@ def _add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int],
         node["frustum"].set_object(_lines(_pyramid(camera, far), palette.GRID))
     axes, centre = camera.R_camera_world, camera.centre_world
     distance = max(0.5, float(axes[2] @ (stage.centre - centre)))
+    sight = (_corners(camera, 1.0) - centre) @ axes.T
     return {
         "name": camera.name,
         "node": f"camera_{c}",
         "eye": centre.tolist(),
         "target": (centre + distance * axes[2]).tolist(),
         "up": (-axes[1]).tolist(),
-        "half_height": float(camera.image_size[1] / 2.0 / camera.K[1, 1]),
-        "half_width": float(camera.image_size[0] / 2.0 / camera.K[0, 0]),
+        # the view's middle is the principal point, so what is farther from it decides
+        "half_width": float(np.abs(sight[:, 0]).max()),
+        "half_height": float(np.abs(sight[:, 1]).max()),
         "pictures": pictures,
         "picture_of": picture_of,
     }
@@ -252,8 +268,9 @@ def _data_address(image: np.ndarray, camera: Camera) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
-def _player_data(scene: Scene, rows: list[int], stage: _Stage, cameras: list[dict[str, Any]]) -> dict[str, Any]:
-    weights = np.round(scene.mode_weight[rows], 4)
+def _player_data(
+    scene: Scene, rows: list[int], stage: _Stage, cameras: list[dict[str, Any]], parts: tuple[Solid, ...]
+) -> dict[str, Any]:
     rate = _key_rate(scene, rows)
     tangent = float(np.tan(_HOME_FOV / 2.0))
     return {
@@ -263,7 +280,7 @@ def _player_data(scene: Scene, rows: list[int], stage: _Stage, cameras: list[dic
         "index": [int(i) for i in scene.index[rows]],
         "status": [scene.status[t] for t in rows],
         "best": [int(k) for k in scene.path[rows]],
-        "weight": [[float(w) if np.isfinite(w) else None for w in row] for row in weights],
+        "weight": [[float(f"{w:.3g}") if np.isfinite(w) else None for w in row] for row in scene.mode_weight[rows]],
         "cameras": cameras,
         "home": {
             "eye": stage.eye().tolist(),
@@ -272,11 +289,23 @@ def _player_data(scene: Scene, rows: list[int], stage: _Stage, cameras: list[dic
             "half_height": tangent,
             "half_width": tangent,
         },
-        "legend": [[name, _css(palette.SIDES[name])] for name in ("left", "right", "trunk")],
+        "legend": _legend(scene, parts),
         "best_colour": _css(palette.GOOD),
         "other_colour": _css(palette.HYPOTHESIS),
         "status_colour": {name: _css(colour) for name, colour in palette.STATUS.items()},
     }
+
+
+def _legend(scene: Scene, parts: tuple[Solid, ...]) -> list[tuple[str, str | None]]:
+    """Names and colours: of the sides that are told apart by colour, else one name for the body."""
+    sides = sides_among(part.side for part in parts if part.colour is None)
+    legend: list[tuple[str, str | None]] = [(side, _css(palette.SIDES[side])) for side in sides]
+    if not legend:
+        colours = {part.paint for part in parts}
+        legend = [("body", _css(colours.pop()))] if len(colours) == 1 else [("body in its own colours", None)]
+    if scene.mode_q.shape[1] > 1:
+        legend.append(("other hypotheses", _css(palette.HYPOTHESIS)))
+    return legend
 
 
 def _css(colour: palette.Rgb) -> str:

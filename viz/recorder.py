@@ -51,6 +51,20 @@ class CommandRecorder:
         return template
 
 
+class ShadedMesh(Geometry):
+    """Triangles with a normal at every vertex: vertices (V, 3) [m], normals (V, 3), faces (F, 3)."""
+
+    def __init__(self, vertices: np.ndarray, normals: np.ndarray, faces: np.ndarray) -> None:
+        super().__init__()
+        self.vertices = np.asarray(vertices, dtype=np.float32)
+        self.normals = np.asarray(normals, dtype=np.float32)
+        self.faces = np.asarray(faces, dtype=np.uint32)
+
+    def lower(self, object_data: Json) -> Json:
+        """See meshcat's Geometry."""
+        return _buffer(self.uuid, self.faces, position=self.vertices, normal=self.normals)
+
+
 class TexturedPlane(Geometry):
     """A rectangle given by its corners (4, 3): top left, top right, bottom right, bottom left of the picture."""
 
@@ -62,9 +76,14 @@ class TexturedPlane(Geometry):
         """See meshcat's Geometry."""
         uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], dtype=np.float32)
         faces = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
-        attributes = {"position": pack_numpy_array(self.corners.T), "uv": pack_numpy_array(uv.T)}
-        index = pack_numpy_array(faces.T)
-        return {"uuid": self.uuid, "type": "BufferGeometry", "data": {"attributes": attributes, "index": index}}
+        return _buffer(self.uuid, faces, position=self.corners, uv=uv)
+
+
+def _buffer(uuid: str, faces: np.ndarray, **attributes: np.ndarray) -> Json:
+    """Three.js's BufferGeometry of faces (F, 3) and attributes with a row for every vertex."""
+    packed = {name: pack_numpy_array(rows.T) for name, rows in attributes.items()}
+    data = {"attributes": packed, "index": pack_numpy_array(faces.T)}
+    return {"uuid": uuid, "type": "BufferGeometry", "data": data}
 
 
 def _plain(value: Any) -> Any:
