@@ -10,8 +10,8 @@ import numpy as np
 import trimesh
 
 from humanoid.errors import InputError
-from viz.decimation import Triangles, merged_vertices
 from viz.palette import Rgb
+from viz.triangles import Triangles, merged_vertices
 
 _LARGEST = 200_000_000  # bytes
 _SHADES = 12  # colours of one mesh; where it has more it gets their mean

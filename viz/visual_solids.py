@@ -14,18 +14,14 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.surface_hulls import vertex_normals
 from viz import palette
-from viz.decimation import Triangles, clustered, creased, merged_vertices, oriented
+from viz.decimation import simplified
 from viz.mesh_files import ColouredMesh, MeshFile, mesh_file, read_mesh
 from viz.palette import Rgb
 from viz.solid import Solid, side_of
+from viz.triangles import Triangles, compact, creased, merged_vertices, oriented
 from viz.visual_shapes import Shape, shapes_of
 
 FINE, COARSE = 18_000, 5_000  # triangles of a whole body
-_FEW = 150  # a mesh with no more triangles stays as it is
-_KEPT = 14  # cells along the longest side of a small mesh, which keep its shape
-_FINER = 0.5  # but its cells are at least so large beside those of the other meshes
-_LEAST = 4  # cells along any mesh, and faces of it
-_ROUNDS = 6
 _FACETS = 24
 
 
@@ -144,29 +140,43 @@ def _primitive(kind: str, size: tuple[float, ...]) -> trimesh.Trimesh:
 
 @lru_cache(maxsize=16)
 def _lightened(sources: tuple[_Source, ...], most: int) -> tuple[tuple[_Piece, ...], ...]:
-    """Every source's triangles by colour, together not many more than `most`; kept for this process."""
+    """Every source's triangles by colour, together about `most`; kept for this process."""
     meshes = {source: _mesh(source) for source in sources}
-    light = {source: mesh.triangles for source, mesh in meshes.items()}
-    cell = np.sqrt(3.0 * sum(light[source].area for source in sources) / most)
-    for _ in range(_ROUNDS):
-        count = sum(len(light[source].faces) for source in sources)
-        if count <= 1.1 * most:
-            break
-        light = {source: _light(mesh.triangles, source, cell) for source, mesh in meshes.items()}
-        count = sum(len(light[source].faces) for source in sources)
-        cell *= np.sqrt(count / most)
+    light = _light(sources, most)
     pieces = {source: _pieces(light[source], mesh.colours, oriented(mesh.triangles)) for source, mesh in meshes.items()}
     return tuple(pieces[source] for source in sources)
 
 
-def _light(mesh: Triangles, source: _Source, cell: float) -> Triangles:
-    if source.file is None or len(mesh.faces) <= _FEW:
-        return mesh
-    longest = float(np.ptp(mesh.vertices, axis=0).max())
-    cell = min(cell, max(longest / _KEPT, _FINER * cell), longest / _LEAST)
-    while len((found := clustered(mesh, cell)).faces) < _LEAST and cell > 1e-3 * longest:  # thin, all of it in one cell
-        cell *= 0.5
-    return found if len(found.faces) >= _LEAST else mesh
+@lru_cache(maxsize=16)
+def _light(sources: tuple[_Source, ...], most: int) -> dict[_Source, Triangles]:
+    names = list(dict.fromkeys(sources))
+    # the coarse ones are made from the fine ones, which are there already
+    before = [_mesh(name).triangles for name in names] if most >= FINE else list(_light(sources, FINE).values())
+    whole = _together(before)
+    counts = {name: len(mesh.faces) for name, mesh in zip(names, before, strict=True)}
+    most = most * len(whole.faces) // sum(counts[source] for source in sources)  # what is used twice counts twice
+    return dict(zip(names, _apart(simplified(whole, most), before), strict=True))
+
+
+def _together(meshes: Sequence[Triangles]) -> Triangles:
+    """All in one, so that triangles stay where they show most; labels become different ones."""
+    vertices = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    labels = np.cumsum([0, *(int(mesh.label.max()) + 1 for mesh in meshes)])
+    return Triangles(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, vertices, strict=False)]),
+        np.concatenate([mesh.label + start for mesh, start in zip(meshes, labels, strict=False)]),
+    )
+
+
+def _apart(mesh: Triangles, before: Sequence[Triangles]) -> list[Triangles]:
+    """The opposite of `_together`; a mesh of which nothing is left stays as it was."""
+    labels = np.cumsum([0, *(int(one.label.max()) + 1 for one in before)])
+    found = []
+    for one, low, high in zip(before, labels, labels[1:], strict=False):
+        own = (mesh.label >= low) & (mesh.label < high)
+        found.append(compact(mesh.vertices, mesh.faces[own], mesh.label[own] - low) if own.any() else one)
+    return found
 
 
 def _pieces(mesh: Triangles, colours: Sequence[Rgb | None], closed: bool) -> tuple[_Piece, ...]:
