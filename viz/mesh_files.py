@@ -80,7 +80,8 @@ def _pieces(loaded: Any) -> list[tuple[np.ndarray, np.ndarray, tuple[Rgb | None,
 
 def _colours(piece: trimesh.Trimesh) -> tuple[np.ndarray, tuple[Rgb | None, ...]]:
     """Label (F,) and colours of one piece."""
-    visual, one = piece.visual, np.zeros(len(piece.faces), dtype=np.int64)
+    visual: Any = piece.visual
+    one = np.zeros(len(piece.faces), dtype=np.int64)
     if not visual.defined:
         return one, (None,)
     if visual.kind in ("face", "vertex"):

@@ -87,7 +87,7 @@ def drawn(
         _draw_others(scene, painter, view, t, canvas)
     _draw_keypoints(scene, view, camera, t, canvas)
     if caption:
-        _draw_caption(scene, camera, t, canvas)
+        _draw_caption(scene, painter, camera, t, canvas)
     return canvas
 
 
@@ -123,7 +123,7 @@ def _draw_keypoints(scene: Scene, view: CameraView, camera: int, t: int, canvas:
         palette.dot(canvas, point, radius, palette.SIDES[side_of(name)], hollow=confidence < CONFIDENT)
 
 
-def _draw_caption(scene: Scene, camera: int, t: int, canvas: np.ndarray) -> None:
+def _draw_caption(scene: Scene, painter: BodyPainter, camera: int, t: int, canvas: np.ndarray) -> None:
     height, width = canvas.shape[:2]
     size = 10.0
     line = int(2.4 * size)
@@ -134,7 +134,7 @@ def _draw_caption(scene: Scene, camera: int, t: int, canvas: np.ndarray) -> None
     status = scene.status[t]
     palette.text(canvas, status, (x + 14, baseline), size, palette.STATUS.get(status, palette.TEXT))
     right = width - 10
-    for side in ("right", "left"):
+    for side in reversed([side for side in painter.sides if side != "trunk"]):
         right -= palette.text_width(side, size)
         palette.text(canvas, side, (right, baseline), size, palette.SIDES[side])
         right -= 12

@@ -98,12 +98,12 @@ def _set_lights(root: meshcat.Visualizer, stage: _Stage) -> None:
         root[name].set_property("visible", False)
     key = stage.centre + 4.0 * stage.towards_home + np.array([0.0, 0.0, 3.0])
     lamp = root["/Lights/PointLightNegativeX/<object>"]
-    for name, value in (("position", key.tolist()), ("distance", 0.0), ("intensity", 0.5)):
+    for name, value in (("position", key.tolist()), ("distance", 0.0), ("intensity", 0.45)):
         lamp.set_property(name, value)
     back = -stage.towards_home + np.array([0.0, 0.0, 0.8])
     root["/Lights/FillLight/<object>"].set_property("position", (10.0 * back).tolist())
-    root["/Lights/FillLight/<object>"].set_property("intensity", 0.35)
-    root["/Lights/AmbientLight/<object>"].set_property("intensity", 0.55)
+    root["/Lights/FillLight/<object>"].set_property("intensity", 0.3)
+    root["/Lights/AmbientLight/<object>"].set_property("intensity", 0.52)
 
 
 def _set_ground(root: meshcat.Visualizer, stage: _Stage) -> None:

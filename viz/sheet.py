@@ -40,7 +40,7 @@ def write_sheet(run: Run | Scene, path: str | Path, *, frames: int = FRAMES, cam
     gap = palette.plain(_GAP, columns[0].shape[0], palette.PANEL)
     pieces = [piece for column in columns for piece in (gap, column)] + [gap]
     body = np.concatenate(pieces, axis=1)
-    sheet = np.concatenate([_header(scene, chosen, body.shape[1]), body], axis=0)
+    sheet = np.concatenate([_header(scene, painter, chosen, body.shape[1]), body], axis=0)
     return write_picture(path, sheet)
 
 
@@ -114,12 +114,13 @@ def _caption(scene: Scene, t: int) -> np.ndarray:
     return strip
 
 
-def _header(scene: Scene, camera: int, width: int) -> np.ndarray:
+def _header(scene: Scene, painter: BodyPainter, camera: int, width: int) -> np.ndarray:
     strip = palette.plain(width, _HEADER, palette.PANEL)
     x = palette.text(strip, scene.body.subject.name, (_GAP + 4, 26), 13.0)
     x = palette.text(strip, f"camera {scene.cameras[camera].name}", (x + 18, 26), 11.0, palette.MUTED)
-    for name, colour in (("left", palette.SIDES["left"]), ("right", palette.SIDES["right"])):
-        x = palette.text(strip, name, (x + 18, 26), 11.0, colour)
+    for side in painter.sides:
+        if side != "trunk":
+            x = palette.text(strip, side, (x + 18, 26), 11.0, palette.SIDES[side])
     x = palette.text(strip, "other hypotheses", (x + 18, 26), 11.0, palette.HYPOTHESIS)
     note = "below: from the side, away from the camera to the right"
     if x + 40 + palette.text_width(note, 11.0) < width:

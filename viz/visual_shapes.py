@@ -56,7 +56,7 @@ def _shape(
     if found is None:
         return None
     if found.tag == "mesh":
-        size = document.triple(found, "scale", "1 1 1")
+        size: tuple[float, ...] = document.triple(found, "scale", "1 1 1")
     else:
         size = tuple(v for key in _SIZES[found.tag] for v in document.numbers(found, key, 3 if key == "size" else 1))
     material = element.find("material")

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from estimator.formats.run_file import Run
 
 Format = Literal["npz", "csv", "trc", "mot"]
 
@@ -26,14 +30,24 @@ def view(run: Path, /, *, html: Path | None = None) -> None:
     """
     from kinemode.api import open_run
 
+    opened = open_run(run)
+    _say_how_it_is_drawn(opened)
     if html is None:
         from viz.live import serve
 
-        serve(open_run(run))
+        serve(opened)
     else:
         from viz.preview import write_html
 
-        print(write_html(open_run(run), html))
+        print(write_html(opened, html))
+
+
+def _say_how_it_is_drawn(run: Run) -> None:
+    from kinemode.api import InputWarning
+    from viz.solids import drawing_notes
+
+    for note in drawing_notes(run.body):
+        warnings.warn(note, InputWarning, stacklevel=2)
 
 
 def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
@@ -54,8 +68,10 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     from kinemode.progress import reported
     from viz.overlay import write_overlay
 
+    opened = open_run(run)
+    _say_how_it_is_drawn(opened)
     with reported("overlay") as progress:
-        written = write_overlay(open_run(run), out, camera=camera, progress=progress)
+        written = write_overlay(opened, out, camera=camera, progress=progress)
     print(written)
 
 
