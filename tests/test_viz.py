@@ -195,12 +195,16 @@ def test_page_is_whole_in_itself_and_holds_the_run() -> None:
     assert nodes == {"hypothesis_0", "hypothesis_1", "hypothesis_2"}
     (animation,) = [c for c in sent if c["type"] == "set_animation"]
     tracks = {clip["path"]: clip["clip"]["tracks"] for clip in animation["animations"]}
-    assert {len(track["keys"]) for clip in tracks.values() for track in clip} == {len(scene)}
+    assert {len(array(track["times"])) for clip in tracks.values() for track in clip} == {len(scene)}
     joint = scene.body.model.getJointId("left_knee_flexion")
     (knee,) = [clip for path, clip in tracks.items() if "/body/" in path and path.endswith("left_shank")]
     for t in (0, 7):
         expected = scene.body.at(scene.q[t]).translations[joint]
-        assert np.allclose(knee[0]["keys"][t]["value"], expected, atol=1e-6)
+        assert np.allclose(array(knee[0]["values"]).reshape(-1, 3)[t], expected, atol=1e-6)
+
+
+def array(packed: umsgpack.Ext) -> np.ndarray:
+    return np.frombuffer(packed.data, dtype=np.float32)
 
 
 def test_long_runs_are_thinned() -> None:

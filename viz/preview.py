@@ -17,7 +17,7 @@ import meshcat
 import meshcat.geometry as g
 import numpy as np
 import pinocchio as pin
-from meshcat.animation import Animation, AnimationClip, AnimationTrack
+from meshcat.animation import Animation, AnimationClip
 
 from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
@@ -25,7 +25,7 @@ from humanoid.atomic import replacing
 from humanoid.body import Body
 from viz import palette
 from viz.painter import BodyPainter
-from viz.recorder import CommandRecorder, ShadedMesh, TexturedPlane
+from viz.recorder import CommandRecorder, MotionTrack, ShadedMesh, TexturedPlane
 from viz.scene import Scene, as_scene, evenly
 from viz.solid import Solid, merged, sides_among
 from viz.solids import body_solids
@@ -148,10 +148,9 @@ def _add_body(
         for i, part in enumerate(part for part in parts if part.joint == joint):
             child[str(i)].set_object(_mesh(part), _material(part, opacity))
         child.set_transform(_matrix(positions[0, j], quaternions[0, j]))
-        keys = list(range(len(q)))
         tracks = {
-            "position": AnimationTrack("position", "vector3", keys, positions[:, j].tolist()),
-            "quaternion": AnimationTrack("quaternion", "quaternion", keys, quaternions[:, j].tolist()),
+            "position": MotionTrack("position", "vector3", positions[:, j]),
+            "quaternion": MotionTrack("quaternion", "quaternion", quaternions[:, j]),
         }
         animation.clips[child.path] = AnimationClip(tracks, fps=animation.default_framerate)
 

@@ -51,6 +51,20 @@ class CommandRecorder:
         return template
 
 
+class MotionTrack:
+    """Values (T, D) of a property at instants 0 to T - 1: meshcat's AnimationTrack as plain arrays, a third as long."""
+
+    def __init__(self, name: str, kind: str, values: np.ndarray) -> None:
+        self.name, self.kind, self.values = name, kind, np.asarray(values, dtype=np.float32)
+
+    def lower(self) -> Json:
+        """See meshcat's AnimationTrack; three.js takes `times` and `values` as well as its `keys`."""
+        times = np.arange(len(self.values), dtype=np.float32)
+        packed = {"times": times, "values": self.values.reshape(-1)}
+        arrays = {key: pack_numpy_array(array)["array"] for key, array in packed.items()}
+        return {"name": f".{self.name}", "type": self.kind, **arrays}
+
+
 class ShadedMesh(Geometry):
     """Triangles with a normal at every vertex: vertices (V, 3) [m], normals (V, 3), faces (F, 3)."""
 

@@ -1,0 +1,186 @@
+"""The preview's page in a browser: what it opens on, what it marks and hides, and that bodies lie on their pictures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.imaging.camera import Camera
+from humanoid import Body, load_subject
+from tests.test_viz import commands, moving_scene
+from viz.preview import page, write_html
+from viz.scene import Scene
+
+Open = Callable[..., None]
+
+
+@pytest.fixture
+def show(browser: Any, tmp_path: Path) -> Open:
+    """Opens a scene's page in a window of a size, standing still."""
+
+    def open_page(scene: Scene, place: str = "t=0", size: tuple[int, int] = (900, 600)) -> None:
+        browser.set_window_size(*size)
+        browser.get("about:blank")  # or a change behind # would load nothing
+        browser.get(f"{write_html(scene, tmp_path / 'p.html').as_uri()}#{place}")
+        end = time.monotonic() + 20.0
+        while not browser.execute_script("return viewer.renderer.info.render.frame > 1 && !viewer.needs_render"):
+            assert time.monotonic() < end
+            time.sleep(0.02)
+
+    return open_page
+
+
+def odd_camera(scene: Scene) -> Camera:
+    """The scene's camera with an eccentric principal point, oblong pixels and a tilted head."""
+    camera = scene.cameras[0]
+    turn = np.radians(12.0)
+    R = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    K = np.array([[560.0, 0.0, 250.0], [0.0, 700.0, 300.0], [0.0, 0.0, 1.0]])
+    return replace(camera, K=K, R_camera_world=R @ camera.R_camera_world, t_camera_world=R @ camera.t_camera_world)
+
+
+# Where the window shows the middle of every joint of a body, and the corners of the picture, in pixels of the window.
+PLACES = """
+const size = viewer.renderer.getSize(new MeshCat.THREE.Vector2());
+const seen = point => { const p = point.clone().project(viewer.camera);
+                        return [(p.x + 1) / 2 * size.x - 0.5, (1 - p.y) / 2 * size.y - 0.5]; };
+viewer.controls.update(); viewer.render(); viewer.scene.updateMatrixWorld(true);
+const joints = {};
+for (const child of node("body").children)
+  joints[child.name] = seen(new MeshCat.THREE.Vector3().setFromMatrixPosition(child.matrixWorld));
+let plane = null;
+node("cameras", data.cameras[0].node, "picture").traverse(part => { if (part.isMesh) plane = part; });
+const corners = plane.geometry.attributes.position, found = [];
+for (let i = 0; i < 4; i++)
+  found.push(seen(new MeshCat.THREE.Vector3().fromBufferAttribute(corners, i).applyMatrix4(plane.matrixWorld)));
+return {joints, corners: found, size: [size.x, size.y], view, visible: plane.visible,
+        pictured: plane.material.map !== null};
+"""
+
+
+@pytest.mark.parametrize("size", [(1000, 500), (500, 900)])
+def test_it_opens_on_the_body_on_its_picture_in_a_window_of_any_shape(
+    browser: Any, show: Open, size: tuple[int, int]
+) -> None:
+    scene = moving_scene(4)
+    camera = odd_camera(scene)
+    scene = replace(scene, cameras=(camera,))
+    show(scene, "t=2", size)
+    found = browser.execute_script(PLACES)
+    assert (found["view"], found["visible"], found["pictured"]) == (0, True, True)
+    # (0, 0) is the middle of the picture's first pixel; its corners tell where the window shows it
+    corners, (width, height) = np.array(found["corners"]), camera.image_size
+    scale = (corners[2] - corners[0]) / [width, height]
+    assert np.abs(corners[[1, 3]] - [[corners[2, 0], corners[0, 1]], [corners[0, 0], corners[2, 1]]]).max() < 0.1
+    assert (corners.min(axis=0) > -1.0).all()  # all of the picture is in the window
+    assert (corners.max(axis=0) < np.array(found["size"]) + 1.0).all()
+    placements = scene.body.at(scene.q[2]).translations
+    flat = replace(camera, distortion=np.zeros(5))  # as the picture is shown
+    assert len(found["joints"]) > 10
+    for name, place in found["joints"].items():
+        pixel = flat.project(placements[int(name.split("_")[0])])
+        assert np.abs(corners[0] + (pixel + 0.5) * scale - place).max() < 0.05, name
+
+
+def rows(browser: Any) -> list[tuple[str, bool, bool]]:
+    """Text, whether it is marked and whether it can be seen, of every hypothesis' row."""
+    found = browser.execute_script(
+        "return bars.map(b => [b.number.textContent, b.row.classList.contains('drawn'), b.row.offsetHeight > 0])"
+    )
+    return [(text, marked, seen) for text, marked, seen in found]
+
+
+def shown(browser: Any) -> list[bool]:
+    return list(browser.execute_script("return bars.map((_, k) => node('hypothesis_' + k).visible)"))
+
+
+def test_the_drawn_hypothesis_is_marked_and_what_weighs_nothing_is_hidden(browser: Any, show: Open) -> None:
+    scene = moving_scene(3, modes=4)
+    weight = np.array([[0.6, 0.397, 0.003, 2e-5], [0.9, 0.1, np.nan, np.nan], [0.2, 0.8, 0.0, 0.0]])
+    scene = replace(scene, mode_weight=weight, path=np.array([3, 0, -1]))
+    show(scene, "t=0")
+    tiny = "< 0.01 % ◀ drawn, on the best path"
+    assert rows(browser) == [
+        ("60 %", False, True), ("40 %", False, True), ("0.3 %", False, False), (tiny, True, True),
+    ]  # fmt: skip
+    assert shown(browser) == [True, True, False, False]  # the drawn one is the body itself
+    assert browser.execute_script("return node('body').visible")
+    browser.execute_script("go(1)")
+    assert [seen for _, _, seen in rows(browser)] == [True, True, False, False]
+    assert rows(browser)[0] == ("90 % ◀ drawn, on the best path", True, True)
+    browser.execute_script("go(2)")
+    assert not any(marked for _, marked, _ in rows(browser))
+    assert not browser.execute_script("return node('body').visible")
+    browser.find_element("id", "others").click()
+    assert shown(browser) == [False] * 4
+
+
+def test_nothing_but_its_own_controls_is_left(browser: Any, show: Open) -> None:
+    show(moving_scene(2))
+    text = browser.find_element("tag name", "body").text
+    assert "Open Controls" not in text
+    assert browser.execute_script("return document.querySelectorAll('.dg').length") == 0
+    assert text.startswith("human34")
+    names = [item.text for item in browser.find_elements("css selector", "#legend span")]
+    assert names == ["left", "right", "trunk", "other hypotheses"]
+    assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+def test_without_pictures_it_opens_on_the_free_view(browser: Any, show: Open) -> None:
+    show(moving_scene(1, modes=1, with_frames=False))
+    assert browser.execute_script("return view") == -1
+    show(moving_scene(1, modes=1), "t=0&view=free")
+    assert browser.execute_script("return view") == -1
+
+
+def test_translucent_bodies_show_their_nearest_surface_alone(browser: Any, show: Open) -> None:
+    """Where the limbs of one body overlap on the screen, none shines through another: the overlay has no bands."""
+    scene = moving_scene(2, modes=1)
+    show(scene, "t=0&view=front", (500, 400))
+    script = """
+    for (const path of [["Background"], ["cameras"]]) node(...path).visible = false;
+    viewer.scene.background = new MeshCat.THREE.Color(0);
+    node("body").traverse(part => { if (part.userData.twin) {
+      part.material.emissive.set(0xffffff); part.material.color.set(0); part.material.specular.set(0); } });
+    viewer.render();
+    const gl = viewer.renderer.getContext(), w = gl.drawingBufferWidth, h = gl.drawingBufferHeight;
+    const pixels = new Uint8Array(4 * w * h);
+    gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const counts = {};
+    for (let i = 0; i < pixels.length; i += 4) counts[pixels[i]] = (counts[pixels[i]] || 0) + 1;
+    return counts;
+    """
+    counts = {int(value): number for value, number in browser.execute_script(script).items()}
+    one_layer = round(255 * 0.72)
+    body = sum(number for value, number in counts.items() if value > 0)
+    assert body > 3000
+    assert sum(number for value, number in counts.items() if value > one_layer + 3) < 0.01 * body
+
+
+def test_the_legend_fits_who_is_shown() -> None:
+    def legend(subject: str) -> str:
+        body = Body(load_subject(subject))
+        q = np.tile(body.neutral, (2, 1))
+        modes = {"q": q, "mode_q": q[:, None], "mode_weight": np.ones((2, 1)), "path": np.zeros(2, dtype=int)}
+        return page(replace(scene, body=body, frames=(None,), **modes)).split('"legend": ')[1].split(', "best_')[0]
+
+    scene = moving_scene(2)
+    assert legend("example-robot-data:panda") == '[["body in its own colours", null]]'
+    assert [name in legend("arm8") for name in ("left", "right", "trunk", "body")] == [True, False, True, False]
+
+
+def test_a_hypothesis_has_a_node_per_joint_whatever_its_colours(tmp_path: Path) -> None:
+    scene = moving_scene(2)
+    body = Body(load_subject("example-robot-data:panda"))
+    q = np.tile(body.neutral, (2, 1))
+    html = page(replace(scene, body=body, q=q, mode_q=q[:, None], mode_weight=np.ones((2, 1)), path=np.zeros(2, int)))
+    (animation,) = [c for c in commands(html) if c["type"] == "set_animation"]
+    moved = [clip["path"] for clip in animation["animations"] if clip["path"].startswith("/meshcat/body/")]
+    assert len(moved) == body.njoints  # the base included
+    assert len(html) < 3_000_000
