@@ -120,16 +120,18 @@ def test_a_texture_counts_as_its_mean(tmp_path: Path) -> None:
     ("name", "content", "problem"),
     [
         ("nan.obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\n", "not finite"),
+        ("far.obj", b"v 0 0 0\nv 1e300 0 0\nv 0 1 0\nf 1 2 3\n", "out of all range"),
+        ("point.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "no triangles"),
         ("empty.stl", b"", "cannot be read|no triangles"),
         ("text.dae", b"not XML at all", "cannot be read"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\n", "no triangles|cannot be read"),
         ("index.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", "cannot be read"),
-        ("odd.xyzzy", b"?", "cannot be read"),
+        ("odd.zip", b"?", "no kind of mesh"),
         ("noise.stl", bytes(range(256)) * 3, "cannot be read|no triangles"),
     ],
 )
 def test_a_mesh_that_cannot_be_read_is_named_with_its_link(
-    tmp_path: Path, name: str, content: bytes, problem: str
+    tmp_path: Path, name: str, content: bytes, problem: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / name).write_bytes(content)
     body = Body(load_subject(arm(tmp_path, mesh(tmp_path / name)), base="fixed"))
@@ -138,6 +140,7 @@ def test_a_mesh_that_cannot_be_read_is_named_with_its_link(
     assert caught.value.source == str(tmp_path / name)
     assert "left_upper" in caught.value.place
     assert len(str(caught.value)) <= 500
+    assert capfd.readouterr() == ("", "")
 
 
 def test_where_a_mesh_is_gone_something_stands_for_it_and_is_said(tmp_path: Path) -> None:

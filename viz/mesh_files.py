@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,9 +15,13 @@ from humanoid.errors import InputError
 from viz.palette import Rgb
 from viz.triangles import Triangles, merged_vertices
 
+_KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")  # not archives, which trimesh would unpack
 _LARGEST = 200_000_000  # bytes
+_FARTHEST = 1e9  # of coordinates, in whatever unit
 _SHADES = 12  # colours of one mesh; where it has more it gets their mean
 _REMEDY = "mend or replace the file, or leave this shape out of the URDF"
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its complaints, with tracebacks, are not for users
 
 
 class ColouredMesh(NamedTuple):
@@ -48,12 +54,16 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
 
     Raises
     ------
-    InputError: it is too large, cannot be read, has no triangles, or coordinates that are not finite.
+    InputError: it is of another kind, too large, cannot be read, has no triangles, or coordinates that are not finite or absurd.
     """
+    if Path(file.path).suffix.lower() not in _KINDS:
+        raise InputError(file.path, "is no kind of mesh that can be drawn", remedy="one of " + " ".join(_KINDS))
     if file.size > _LARGEST:
         raise InputError(file.path, f"is larger than {_LARGEST // 1_000_000} MB", remedy="give a lighter mesh")
     try:
-        loaded = trimesh.load(file.path, process=False)
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")  # what is wrong with a file is said below, once
+            loaded = trimesh.load(file.path, process=False)
         pieces = [piece for piece in _pieces(loaded) if len(piece[0])]
     except Exception as error:  # each of trimesh's readers raises what its parsing meets
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
@@ -62,7 +72,14 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
         raise InputError(file.path, "the mesh has no triangles", remedy=_REMEDY)
     if not all(np.isfinite(corners).all() for corners, _, _ in pieces):
         raise InputError(file.path, "the mesh has coordinates that are not finite", remedy=_REMEDY)
-    return _joined(pieces)
+    if not all(np.abs(corners).max() < _FARTHEST for corners, _, _ in pieces):
+        raise InputError(
+            file.path, "the mesh has coordinates out of all range", remedy="metres or millimetres are meant"
+        )
+    mesh = _joined(pieces)
+    if len(mesh.triangles.faces) == 0:
+        raise InputError(file.path, "the mesh has no triangles with an extent", remedy=_REMEDY)
+    return mesh
 
 
 def _pieces(loaded: Any) -> list[tuple[np.ndarray, np.ndarray, tuple[Rgb | None, ...]]]:

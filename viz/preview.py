@@ -36,6 +36,7 @@ PICTURES_PER_CAMERA = 120
 PICTURE_LONGEST = 640
 _QUALITY = 72
 _MARK_DEPTH = 0.25  # size of the little pyramid that stands for a camera [m]
+_NOTHING = 0.005  # a weight below would be written as 0 %
 _HOME_FOV = np.radians(38.0)
 
 
@@ -289,6 +290,7 @@ def _player_data(
             "half_width": tangent,
         },
         "legend": _legend(scene, parts),
+        "nothing": _NOTHING,
         "best_colour": _css(palette.GOOD),
         "other_colour": _css(palette.HYPOTHESIS),
         "status_colour": {name: _css(colour) for name, colour in palette.STATUS.items()},
@@ -302,7 +304,7 @@ def _legend(scene: Scene, parts: tuple[Solid, ...]) -> list[tuple[str, str | Non
     if not legend:
         colours = {part.paint for part in parts}
         legend = [("body", _css(colours.pop()))] if len(colours) == 1 else [("body in its own colours", None)]
-    if scene.mode_q.shape[1] > 1:
+    if ((scene.mode_weight >= _NOTHING).sum(axis=1) > 1).any():
         legend.append(("other hypotheses", _css(palette.HYPOTHESIS)))
     return legend
 

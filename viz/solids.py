@@ -68,7 +68,7 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
         meshes = flesh_meshes(body, around, along)
         return tuple(Solid(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
     solids, bare = visual_solids(body, coarse=coarse)
-    if not solids:
+    if not solids and not bare:
         return _tree_solids(body)
     return (*solids, *(solid for link in bare for solid in _stand_ins(body, link)))
 

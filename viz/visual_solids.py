@@ -62,6 +62,8 @@ def visual_solids(body: Body, *, coarse: bool = False) -> VisualSolids:
     InputError: a mesh cannot be read, or its coordinates are not finite; it names the file and the link.
     """
     shapes, bare = _shapes(body)
+    if not shapes:
+        return VisualSolids((), bare)
     sources = [_source(shape) for shape in shapes]
     for shape, source in zip(shapes, sources, strict=True):
         _check(shape, source)
@@ -97,9 +99,10 @@ def _shapes(body: Body) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
 def _readable(shape: Shape) -> bool:
     """A shape that only stands in for another may be left out silently."""
     try:
-        return not _missing(shape) and (shape.kind != "mesh" or _mesh(_source(shape)) is not None)
+        _check(shape, _source(shape))
     except InputError:
         return False
+    return not _missing(shape)
 
 
 def _source(shape: Shape) -> _Source:
@@ -108,7 +111,8 @@ def _source(shape: Shape) -> _Source:
 
 def _check(shape: Shape, source: _Source) -> None:
     try:
-        _mesh(source)
+        if source.file is not None:
+            read_mesh(source.file)
     except InputError as error:
         raise InputError(error.source, error.problem, place=f"link {shape.link!r}", remedy=error.remedy) from error
 
