@@ -168,7 +168,7 @@ def test_the_legend_fits_who_is_shown() -> None:
         body = Body(load_subject(subject))
         q = np.tile(body.neutral, (2, 1))
         modes = {"q": q, "mode_q": q[:, None], "mode_weight": np.ones((2, 1)), "path": np.zeros(2, dtype=int)}
-        return page(replace(scene, body=body, frames=(None,), **modes)).split('"legend": ')[1].split(', "best_')[0]
+        return page(replace(scene, body=body, frames=(None,), **modes)).split('"legend": ')[1].split(', "nothing')[0]
 
     scene = moving_scene(2)
     assert legend("example-robot-data:panda") == '[["body in its own colours", null]]'

@@ -54,7 +54,7 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
 
     Raises
     ------
-    InputError: it is of another kind, too large, cannot be read, has no triangles, or coordinates that are not finite or absurd.
+    InputError: it is of another kind, too large, cannot be read, has no triangles, or absurd coordinates.
     """
     if Path(file.path).suffix.lower() not in _KINDS:
         raise InputError(file.path, "is no kind of mesh that can be drawn", remedy="one of " + " ".join(_KINDS))

@@ -1,18 +1,15 @@
 """The browser preview: a run as a page to turn, play and scrub, drawn by meshcat's viewer.
 
-What a page leaves out, to stay below about 30 MB: instants beyond KEY_FRAMES (evenly spaced ones are kept), and video
-pictures beyond PICTURES over all cameras; each instant then shows the last picture at or before it. Pictures are
-reduced to PICTURE_LONGEST px, freed of lens distortion and JPEG-compressed.
+What a page leaves out, to stay below about 30 MB: instants beyond KEY_FRAMES (evenly spaced ones are kept), and what
+`viz.preview_cameras` says of pictures.
 """
 
 from __future__ import annotations
 
-import base64
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import meshcat
 import meshcat.geometry as g
 import numpy as np
@@ -20,22 +17,17 @@ import pinocchio as pin
 from meshcat.animation import Animation, AnimationClip
 
 from estimator.formats.run_file import Run
-from estimator.imaging.camera import Camera
 from humanoid.atomic import replacing
 from humanoid.body import Body
 from viz import palette
 from viz.painter import BodyPainter
-from viz.recorder import CommandRecorder, MotionTrack, ShadedMesh, TexturedPlane
+from viz.preview_cameras import add_camera
+from viz.recorder import CommandRecorder, MotionTrack, ShadedMesh, line_segments
 from viz.scene import Scene, as_scene, evenly
 from viz.solid import Solid, merged, sides_among
 from viz.solids import body_solids
 
 KEY_FRAMES = 600
-PICTURES = 240
-PICTURES_PER_CAMERA = 120
-PICTURE_LONGEST = 640
-_QUALITY = 72
-_MARK_DEPTH = 0.25  # size of the little pyramid that stands for a camera [m]
 _NOTHING = 0.005  # a weight below would be written as 0 %
 _HOME_FOV = np.radians(38.0)
 
@@ -60,7 +52,7 @@ def page(run: Run | Scene) -> str:
     animation = Animation(default_framerate=_key_rate(scene, rows))
     parts = merged(body_solids(scene.body))
     _add_bodies(root, animation, scene, rows, parts)
-    cameras = [_add_camera(root, scene, c, rows, stage) for c in range(len(scene.cameras))]
+    cameras = [add_camera(root, scene, c, rows, stage.points) for c in range(len(scene.cameras))]
     root.set_animation(animation, play=True)
     return recorder.page(f"{scene.body.subject.name} - kinemode", _player_data(scene, rows, stage, cameras, parts))
 
@@ -113,13 +105,7 @@ def _set_ground(root: meshcat.Visualizer, stage: _Stage) -> None:
     reach = np.arange(-3.0, 3.01, 0.5)
     ends = [((x, -3.0), (x, 3.0)) for x in reach] + [((-3.0, y), (3.0, y)) for y in reach]
     points = np.array([[middle[0] + x, middle[1] + y, stage.floor] for pair in ends for x, y in pair])
-    root["ground"].set_object(_lines(points, palette.GRID))
-
-
-def _lines(points: np.ndarray, colour: palette.Rgb) -> g.LineSegments:
-    """Segments between consecutive pairs of points (2 S, 3) [m]."""
-    geometry = g.PointsGeometry(points.T.astype(np.float32))
-    return g.LineSegments(geometry, g.LineBasicMaterial(color=palette.hexadecimal(colour)))
+    root["ground"].set_object(line_segments(points, palette.GRID))
 
 
 def _add_bodies(
@@ -188,84 +174,6 @@ def _matrix(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     matrix[:3, :3] = pin.Quaternion(*quaternion[[3, 0, 1, 2]]).toRotationMatrix()
     matrix[:3, 3] = position
     return matrix
-
-
-def _add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], stage: _Stage) -> dict[str, Any]:
-    """One camera's mark, picture and frustum; returns what the player has to know of it."""
-    camera = scene.cameras[c]
-    node = root["cameras"][f"camera_{c}"]
-    node["mark"].set_object(_lines(_pyramid(camera, _MARK_DEPTH), palette.TEXT))
-    depths = stage.points @ camera.R_camera_world[2] + camera.t_camera_world[2]
-    far = max(1.0, float(depths.max()) + 0.6)
-    pictures, picture_of = _pictures(scene, c, rows)
-    if pictures:
-        material = g.MeshBasicMaterial(color=0xFFFFFF, side=0)
-        node["picture"].set_object(TexturedPlane(_corners(camera, far)), material)
-        node["frustum"].set_object(_lines(_pyramid(camera, far), palette.GRID))
-    axes, centre = camera.R_camera_world, camera.centre_world
-    distance = max(0.5, float(axes[2] @ (stage.centre - centre)))
-    sight = (_corners(camera, 1.0) - centre) @ axes.T
-    return {
-        "name": camera.name,
-        "node": f"camera_{c}",
-        "eye": centre.tolist(),
-        "target": (centre + distance * axes[2]).tolist(),
-        "up": (-axes[1]).tolist(),
-        # the view's middle is the principal point, so what is farther from it decides
-        "half_width": float(np.abs(sight[:, 0]).max()),
-        "half_height": float(np.abs(sight[:, 1]).max()),
-        "pictures": pictures,
-        "picture_of": picture_of,
-    }
-
-
-def _corners(camera: Camera, depth: float) -> np.ndarray:
-    """Corners of the picture at a depth, clockwise from the top left, in the world [m], (4, 3)."""
-    width, height = camera.image_size
-    corners = np.array([[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]])
-    rays = np.concatenate([corners, np.ones((4, 1))], axis=1) @ np.linalg.inv(camera.K).T
-    return (rays * depth - camera.t_camera_world) @ camera.R_camera_world
-
-
-def _pyramid(camera: Camera, depth: float) -> np.ndarray:
-    corners = _corners(camera, depth)
-    eye = camera.centre_world
-    pairs = [p for i in range(4) for p in (eye, corners[i], corners[i], corners[(i + 1) % 4])]
-    return np.array(pairs)
-
-
-def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[int]]:
-    """JPEG data addresses of one camera's pictures, and which of them each instant shows."""
-    if scene.frames[c] is None:
-        return [], []
-    wanted = min(PICTURES_PER_CAMERA, max(1, PICTURES // len(scene.cameras)))
-    chosen = evenly(len(rows), wanted)
-    pictures: list[str] = []
-    shown: list[int] = []
-    for i, image in zip(chosen, scene.images(c, [rows[i] for i in chosen]), strict=True):
-        if image is None:
-            break
-        pictures.append(_data_address(image, scene.cameras[c]))
-        shown.append(i)
-    if not pictures:
-        return [], []
-    last = np.searchsorted(shown, np.arange(len(rows)), side="right") - 1
-    return pictures, np.maximum(last, 0).tolist()
-
-
-def _data_address(image: np.ndarray, camera: Camera) -> str:
-    """The picture reduced, undistorted (so that it fits the flat plane) and compressed."""
-    scale = min(1.0, PICTURE_LONGEST / max(camera.image_size))
-    size = tuple(max(1, round(side * scale)) for side in camera.image_size)
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    if np.any(camera.distortion):
-        K = camera.K.copy()
-        K[:2, 2] = (K[:2, 2] + 0.5) * scale - 0.5
-        K[0, :2] *= scale
-        K[1, 1] *= scale
-        small = cv2.undistort(small, K, np.asarray(camera.distortion, dtype=np.float64))
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
 def _player_data(

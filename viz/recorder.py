@@ -11,9 +11,12 @@ import json
 from importlib import resources
 from typing import Any, Protocol
 
+import meshcat.geometry as g
 import numpy as np
 import umsgpack
 from meshcat.geometry import Geometry, pack_numpy_array
+
+from viz import palette
 
 Json = dict[str, Any]
 
@@ -98,6 +101,12 @@ def _buffer(uuid: str, faces: np.ndarray, **attributes: np.ndarray) -> Json:
     packed = {name: pack_numpy_array(rows.T) for name, rows in attributes.items()}
     data = {"attributes": packed, "index": pack_numpy_array(faces.T)}
     return {"uuid": uuid, "type": "BufferGeometry", "data": data}
+
+
+def line_segments(points: np.ndarray, colour: palette.Rgb) -> g.LineSegments:
+    """Segments between consecutive pairs of points (2 S, 3) [m]."""
+    geometry = g.PointsGeometry(points.T.astype(np.float32))
+    return g.LineSegments(geometry, g.LineBasicMaterial(color=palette.hexadecimal(colour)))
 
 
 def _plain(value: Any) -> Any:
