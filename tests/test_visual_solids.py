@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,8 @@ import trimesh
 
 from humanoid import Body, InputError, load_subject
 from humanoid.subject import subject_from_text
-from tests.test_viz import looking_camera
+from kinemode import __main__ as front
+from tests.test_viz import looking_camera, moving_scene, saved
 from viz import mesh_files
 from viz.decimation import simplified
 from viz.painter import BodyPainter, camera_view
@@ -271,3 +273,24 @@ def test_a_robot_is_painted_in_its_own_colours() -> None:
     assert np.ptp(seen, axis=1).mean() < 5.0  # white and black, not blue and orange for its two fingers
     assert (seen.min(axis=1) > 150).mean() > 0.4
     assert (seen.max(axis=1) < 90).mean() > 0.02
+
+
+def test_the_command_says_which_meshes_are_gone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gone = box_stl(tmp_path / "a.stl")
+    body = Body(load_subject(arm(tmp_path, mesh(gone)), base="fixed"))
+    scene = moving_scene(3)
+    count = len(body.landmark_names)
+    arms = replace(
+        scene, body=body, q=np.zeros((3, 1)), mode_q=np.zeros((3, 1, 1)), mode_weight=np.ones((3, 1)),
+        path=np.zeros(3, dtype=int), pixels=np.zeros((3, 1, count, 2)), confidence=np.zeros((3, 1, count)),
+    )  # fmt: skip
+    run, out = str(saved(arms, tmp_path, 3)), tmp_path / "p.html"
+    assert front.main(["view", run, "--html", str(out)]) == 0
+    assert "meshes" not in capsys.readouterr().err
+    gone.unlink()
+    assert front.main(["view", run, "--html", str(out)]) == 0
+    said = capsys.readouterr().err
+    assert f"drawn without their meshes, which are gone (the first is {gone}): left_upper" in " ".join(said.split())
+    gone.write_text("solid nothing")
+    assert front.main(["overlay", run, "--out", str(tmp_path / "o.mp4")]) == front.BAD_INPUT
+    assert capsys.readouterr().err.startswith(f"error: {gone}: link 'left_upper': the mesh ")
