@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,9 @@ Open = Callable[..., None]
 
 
 @pytest.fixture
-def show(browser: Any, tmp_path: Path) -> Open:
-    """Opens a scene's page in a window of a size, standing still."""
+def show(browser: Any, tmp_path: Path) -> Iterator[Open]:
+    """Opens a scene's page in a window of a size, standing still; others find the browser as it was."""
+    before = browser.get_window_size()
 
     def open_page(scene: Scene, place: str = "t=0", size: tuple[int, int] = (900, 600)) -> None:
         browser.set_window_size(*size)
@@ -33,7 +34,9 @@ def show(browser: Any, tmp_path: Path) -> Open:
             assert time.monotonic() < end
             time.sleep(0.02)
 
-    return open_page
+    yield open_page
+    browser.get("about:blank")
+    browser.set_window_size(before["width"], before["height"])
 
 
 def odd_camera(scene: Scene) -> Camera:
