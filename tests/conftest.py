@@ -26,7 +26,7 @@ def shared_data() -> Path:
 BROWSER_OPTIONS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--window-size=1200,800",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--force-device-scale-factor=1",
-    "--force-color-profile=srgb",
+    "--force-color-profile=srgb", "--enable-unsafe-swiftshader",  # WebGL without a graphics card
 )  # fmt: skip
 
 

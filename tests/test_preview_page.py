@@ -36,6 +36,7 @@ def show(browser: Any, tmp_path: Path) -> Iterator[Open]:
 
     yield open_page
     browser.get("about:blank")
+    browser.get_log("browser")
     browser.set_window_size(before["width"], before["height"])
 
 
