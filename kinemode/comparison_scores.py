@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.evaluation import HIPS, LIMB_JOINTS, Reference, evaluate_points, match_frames, mpjpe
+from estimator.evaluation import Reference, evaluate_points, match_frames, mpjpe, shared_landmarks
 from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
@@ -47,8 +47,9 @@ class TrackerScore:
 
     frames: of the clip. fps: frames per second of tracking and smoothing. hard, unobserved: frames of that status.
     energy, residual [px]: means of the `Course`. mpjpe, pa_mpjpe: of the best hypothesis of each frame as it was
-    tracked. best_of_k: MPJPE of the hypothesis nearest to the reference. final_mpjpe: of the trajectory that the run
-    ends with, the best path smoothed; the path alone where the tracker does not smooth. All errors in metres.
+    tracked. best_of_k: MPJPE of that of a frame's K hypotheses nearest to the reference. final_mpjpe: of the trajectory
+    that the run ends with, the best path smoothed; the path alone where the tracker does not smooth. All errors in
+    metres.
     first_lost: the first lost frame, None where none is. lost: how many are.
     """
 
@@ -107,12 +108,10 @@ def _course(run: Run, energy: np.ndarray, reference: Reference | None, placed: b
     points = run.mode_landmarks[:, 0]
     error, lost = np.full(len(run), np.nan), np.zeros(len(run), dtype=bool)
     if reference is not None:
-        names = [j for j in LIMB_JOINTS if j in run.body.landmark_names and j in reference.names]
-        ours, theirs = ([list(have).index(j) for j in names] for have in (run.body.landmark_names, reference.names))
+        names, ours, theirs, root, _ = shared_landmarks(run.body.landmark_names, reference.names)
         frame = match_frames(run.time, reference.time, len(reference.points))
         truth = np.full((len(run), len(names), 3), np.nan)
         truth[frame[frame >= 0]] = reference.points[frame >= 0][:, theirs]
-        root = [names.index(hip) for hip in HIPS] if set(HIPS) <= set(names) else list(range(len(names)))
         error = mpjpe(points[:, ours], truth, root)
         known = np.isfinite(truth).all(axis=(1, 2))
         far = lost_frames(points[:, ours], truth, run.header.cameras) if placed else ~(error <= FAR)
