@@ -129,7 +129,14 @@ def print_explanation(explanation: Explanation) -> None:
     made.add_section()
     made.add_row("sum", f"{total:.3f}")
     made.add_row("as the run has it", f"{e.stored:.3f}")
-    console().print(made)
+    out = console()
+    out.print(made)
+    if e.origin is not None:
+        parent = f"; continues hypothesis {e.parent} of the frame before" if e.parent >= 0 else ""
+        out.print(f"searched as: {e.origin.family}{parent}")
+        if e.origin.price > 0.0:
+            out.print(f"flat price of the jump, paid by the weight and no part of the energy: {e.origin.price:g}")
+            out.print("the transition counts from the pose that it jumped to")
     print_notes(e.notes)
 
 
