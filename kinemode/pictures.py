@@ -44,7 +44,7 @@ def chosen_cues(choice: CueChoice, inputs: Inputs, settings: CueSettings) -> Cue
 
     Raises
     ------
-    InputError: cues without clips, masks or backgrounds without a use for them.
+    InputError: cues without clips, or that the settings switch off; masks or backgrounds without a use for them.
     """
     if choice is None:
         found = settings if None not in inputs.clips and keypoint_share(inputs) < ENOUGH else None
@@ -54,6 +54,10 @@ def chosen_cues(choice: CueChoice, inputs: Inputs, settings: CueSettings) -> Cue
         raise InputError(extras[0], "is for the silhouette, which is not looked at", remedy="--cues silhouette")
     if choice and None in inputs.clips:
         raise InputError("cues", f"{', '.join(choice)} need the pictures", remedy="give the clips, or --cues off")
+    denied = [name for name in choice if name not in names_of(settings)]
+    if denied:
+        problem = f"is off, but --cues asks for {denied[0]}"
+        raise InputError(f"settings.cues.use_{denied[0]}", problem, remedy="leave one of them out")
     return with_cues(settings, choice) if choice else None
 
 

@@ -156,7 +156,7 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
 
 
 def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:
-    how = {**named(clip), "cues": "edges", "settings": SETTINGS, "fit": "off"}
+    how = {**named(clip), "cues": "edges", "settings": {"cues": QUICK["cues"]}, "fit": "off"}
     found = kinemode.compare(clip.subject, trackers="single-mode", out=tmp_path, **how)
     course = found.courses["single-mode"]
     assert np.isfinite(course.energy).all()
