@@ -121,6 +121,7 @@ def settings_for(
 
 def keeps_several(name: str) -> bool:
     """Whether a tracker can keep several hypotheses."""
+    _check_name(name)
     return hasattr(getattr(Settings(), GROUPS[name]), "modes")
 
 
