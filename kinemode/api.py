@@ -127,7 +127,7 @@ def track(
 
 
 def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> None:
-    chosen = chosen_cues(choice, inputs, job.settings.cues)
+    chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
     with opened_cues(inputs, chosen) as cues:
