@@ -142,8 +142,8 @@ def _each(call: Callable[[np.ndarray], object], poses: list[np.ndarray], rounds:
 
 
 def speeds(
-    job: Job, make: Callable[[], Tracker], name: str, changes: dict[str, Any], modes: int | None, seed: int, repeats: int,
-    out: Path,
+    job: Job, make: Callable[[], Tracker], name: str, changes: dict[str, Any], modes: int | None, seed: int,
+    repeats: int, out: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """Frames per second of the tracker alone, by the wall's clock and the processor's, and with the run file."""
     count = len(job.observations)
