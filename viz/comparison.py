@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", "-.", (0, (1, 1.2)))
 MARKS = "os^Dv*P<dh>"
+_COLUMNS = 3  # of the legend
 _MARKED = 9  # marks along a line
 _NEAR_LIMIT = 0.5  # share of the limit from which it is shown
 _DECADES = 0.7  # range of the values, in powers of ten, from which the axis is logarithmic
@@ -58,7 +59,7 @@ def write_plot(plot: Plot, path: str | Path) -> None:
     from matplotlib.figure import Figure
 
     count = len(plot.panels)
-    figure = Figure(figsize=(10.0, 1.6 + 3.2 * count), layout="constrained")
+    figure = Figure(figsize=(10.0, 1.4 + 3.2 * count), layout="constrained")
     FigureCanvasAgg(figure)  # no window, and none of pyplot's global state
     every = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
     first = first_losses(plot)
@@ -66,8 +67,8 @@ def write_plot(plot: Plot, path: str | Path) -> None:
         for i, curve in enumerate(panel.curves):
             _draw(axes, i, curve, panel.limit, first.get(curve.name))
         _dress(axes, panel)
-    every[0].set_title(plot.title, loc="left")
-    every[0].legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    every[0].set_title(f"{plot.title}{'; crosses: lost, a large one first' if first else ''}", loc="left")
+    figure.legend(*every[0].get_legend_handles_labels(), loc="outside lower left", ncols=_COLUMNS, frameon=False)
     every[-1].set_xlabel("time [s]")
     figure.savefig(path, format="png", dpi=110)
 
@@ -113,8 +114,7 @@ def _dress(axes: Axes, panel: Panel) -> None:
         axes.axhline(limit, color="0.4", linewidth=1.0, linestyle=":")
         axes.set_ylim(top=max(1.1 * limit, axes.get_ylim()[1]))
         axes.annotate(
-            f"lost above {limit:g}", (1.0, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom",
-            color="0.4",
+            f"lost above {limit:g}", (1.005, limit), xycoords=("axes fraction", "data"), va="center", color="0.4",
         )  # fmt: skip
     axes.set_ylabel(panel.label)
     axes.grid(True, which="major", color="0.9", linewidth=0.8)
