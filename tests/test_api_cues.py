@@ -23,7 +23,7 @@ from kinemode.render import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 
 FRAMES = 5
-ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "q", "path")
+ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "mode_velocity", "mode_family", "q", "path")
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
 
 
