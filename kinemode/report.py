@@ -79,22 +79,22 @@ def print_evaluation(result: Evaluation) -> None:
 def _print_landmark_errors(result: Evaluation, out: Console) -> None:
     limbs = set(result.joints) <= set(LIMB_JOINTS)
     what = f"{len(result.joints)} {'limb joints' if limbs else 'shared landmarks'}"
-    made = table(f"errors of {what} against the reference [mm]", "measure", "best hypothesis", "best of K")
+    made = table(f"errors of {what} [mm]", "measure", "best hypothesis", "best of K")
     made.add_row(f"MPJPE ({result.aligned})", millimetres(result.mpjpe), millimetres(result.best_of_k_mpjpe))
     made.add_row("PA-MPJPE", millimetres(result.pa_mpjpe), millimetres(result.best_of_k_pa_mpjpe))
     joints = table(f"mean error of each, {result.aligned} [mm]", "joint" if limbs else "landmark", "error")
     for name, error in result.per_joint.items():
-        joints.add_row(name.replace("_", " "), millimetres(error))
+        joints.add_row(name.replace("_", " ") if limbs else name, millimetres(error))
     out.print(made)
-    out.print("best hypothesis: the final trajectory, smoothed where the tracker smooths; best of K: of each frame's")
-    out.print("K hypotheses, as they were tracked, the nearest")
-    if result.aligned == CENTRED:
-        out.print("centred: the mean of the landmarks moved to the origin, as there are no hips to align")
     out.print(joints)
+    out.print("best hypothesis: the final trajectory, smoothed where the tracker smooths", soft_wrap=True)
+    out.print("best of K: the nearest of each frame's K hypotheses, as they were tracked", soft_wrap=True)
+    if result.aligned == CENTRED:
+        out.print("centred: the mean of the landmarks is moved to the origin, without hips to align", soft_wrap=True)
 
 
 def _print_coordinate_errors(result: Evaluation, out: Console) -> None:
-    made = table("mean absolute error of each joint, best hypothesis", "joint", "error")
+    made = table("mean absolute error of each joint", "joint", "best hypothesis")
     for name, error in result.angle_errors.items():
         made.add_row(name, "-" if not np.isfinite(error) else f"{error:.2f} deg")
     for name, error in result.slide_errors.items():
