@@ -41,6 +41,10 @@ class Chosen:
         for idle in self.idle(fits):
             raise idle.refused(self.source)
 
+    def used(self, fits: bool) -> dict[str, Any]:
+        """The changes without those that have no effect."""
+        return without(self.changes, [idle.name for idle in self.idle(fits)])
+
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
         """What has no effect on this input. cues: those that are looked at, None for none."""
         settings = self.settings if cues is None else replace(self.settings, cues=cues)
@@ -93,7 +97,7 @@ def choose_for_all(
             raise i.refused(chosen[trackers[0]].source)
     if workers > 1 and not any(shares_work(name, c.settings) for name, c in chosen.items()):
         check_workers(chosen[trackers[0]], workers)
-    own = {name: without(c.changes, [i.name for i in idle[name]]) for name, c in chosen.items()}
+    own = {name: c.used(fits and name == trackers[0]) for name, c in chosen.items()}
     hands = {name: workers if shares_work(name, c.settings) else 1 for name, c in chosen.items()}
     return {name: (own[name], used[name], hands[name]) for name in trackers}
 
