@@ -125,8 +125,8 @@ def _attempt(task: Task, clip: RenderedClip, tracker: str, size: int | None, bud
 
 
 def _how(task: Task, tracker: str, size: int | None) -> dict[str, Any]:
-    """Arguments of `timed_track` beside the task's: of the settings those that have an effect; modes are asked for of CSS
-    alone, the others keep their own."""
+    """Arguments of `timed_track` beside the task's: the settings that have an effect; modes are asked for of CSS alone,
+    the others keep their own."""
     modes = task.how["modes"] if GROUPS[tracker] == GROUPS[CSS] else None
     settings = choose(tracker, resized(tracker, task.how["settings"], size)).used(fits=False)
     return {"tracker": tracker, "settings": settings, "modes": modes}
