@@ -68,7 +68,7 @@ def main(
     views: Annotated[tuple[str, ...], Several] = (*CAMERAS, TOGETHER),
     cues: Annotated[bool, Parameter(negative="")] = False,
     tracker: str = "css",
-    modes: int = 7,
+    modes: int | None = None,
     keypoints: str = "keypoints",
     changes: Changes = (),
     jobs: int = 1,

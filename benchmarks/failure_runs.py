@@ -13,6 +13,7 @@ from benchmarks.scores import Outcome, outcome
 from benchmarks.sequences import Task, rendered, track_clip
 from estimator.trackers.registry import GROUPS, settings_for
 from kinemode.render_files import RenderedClip
+from kinemode.settings import choose
 
 CSS = "css"
 SIZES = {
@@ -124,6 +125,8 @@ def _attempt(task: Task, clip: RenderedClip, tracker: str, size: int | None, bud
 
 
 def _how(task: Task, tracker: str, size: int | None) -> dict[str, Any]:
-    """Arguments of `timed_track` beside the task's; modes are asked for of CSS alone, the others keep their own."""
+    """Arguments of `timed_track` beside the task's: the settings that have an effect; modes are asked for of CSS alone,
+    the others keep their own."""
     modes = task.how["modes"] if GROUPS[tracker] == GROUPS[CSS] else None
-    return {"tracker": tracker, "settings": resized(tracker, task.how["settings"], size), "modes": modes}
+    settings = choose(tracker, resized(tracker, task.how["settings"], size)).used(fits=False)
+    return {"tracker": tracker, "settings": settings, "modes": modes}

@@ -11,7 +11,6 @@ import numpy as np
 from benchmarks.tracking import Times
 from estimator.evaluation import (
     HIPS,
-    LIMB_JOINTS,
     Reference,
     evaluate,
     evaluate_points,
@@ -19,6 +18,7 @@ from estimator.evaluation import (
     limit_violations,
     mpjpe,
     pa_mpjpe,
+    shared_landmarks,
 )
 from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
@@ -38,7 +38,7 @@ class Scores:
 
     mpjpe, pa: the best trajectory, smoothed over the whole clip. lag_mpjpe, lag_pa: some frames behind the track.
     filtered_mpjpe, filtered_pa: the best of each frame as it was tracked, without looking back.
-    best_mpjpe, best_pa: of the hypothesis nearest to the reference (best of K).
+    best_mpjpe, best_pa: of that of a frame's K hypotheses nearest to the reference (best of K).
     violations: frames where any hypothesis leaves a joint limit. overlap, overlap_all: largest interpenetration of the
     best hypothesis and of all modes. overlap_frames: frames where the best overlaps by over 10 mm.
     converged: share of the modes whose KKT residual is below the tolerance. kkt, kkt_all: largest residual among those,
@@ -175,14 +175,13 @@ def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, 
 
 def trajectories(run: Run, truth: Reference) -> dict[str, TrackErrors]:
     """Errors of a run from one camera, by `TRAJECTORIES`: smoothed; the best of each frame as it was tracked; of each
-    frame's hypotheses and the smoothed pose the one whose joints are nearest."""
-    names = tuple(j for j in LIMB_JOINTS if j in run.body.landmark_names and j in truth.names)
-    ours, theirs = ([list(have).index(j) for j in names] for have in (run.body.landmark_names, truth.names))
+    frame's K hypotheses the one whose joints are nearest."""
+    names, ours, theirs, *_ = shared_landmarks(run.body.landmark_names, truth.names)
     true = truth.points[run.index][:, theirs]
-    poses = np.concatenate([run.mode_landmarks, run.landmarks[:, None]], axis=1)[:, :, ours]
-    distance = mpjpe(poses, true[:, None])
+    modes = run.mode_landmarks[:, :, ours]
+    distance = mpjpe(modes, true[:, None])
     nearest = np.where(np.isnan(distance), np.inf, distance).argmin(axis=1)
-    chosen = (poses[:, -1], poses[:, 0], poses[np.arange(len(poses)), nearest])
+    chosen = (run.landmarks[:, ours], modes[:, 0], modes[np.arange(len(modes)), nearest])
     (camera,) = run.header.cameras
     return {name: track_errors(names, points, true, camera) for name, points in zip(TRAJECTORIES, chosen, strict=True)}
 
@@ -213,7 +212,7 @@ def track_cells(errors: TrackErrors) -> list[str]:
 TRACK_LEGEND = (
     "[mm] mean over the limb joints, in the world: nothing is aligned.\n"
     "smoothed: best hypothesis, along the path back and smoothed; filtered: best of each frame as tracked; best of K:"
-    " the nearest of each frame.\n"
+    " of each frame's K hypotheses the nearest.\n"
     f"first lost: the first frame with a joint error over {FAR_MM:.0f} mm or a distance over {FAR_PX:.0f} px in the"
     " image.\n"
     "fps: tracking and smoothing, without start and fit."

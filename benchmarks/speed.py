@@ -23,7 +23,7 @@ from estimator.fitting import fit_proportions
 from estimator.imaging.observation import Observation
 from estimator.runner import run
 from estimator.search.seek import Found, Seeker
-from estimator.trackers.registry import make_tracker, settings_for
+from estimator.trackers.registry import GROUPS, make_tracker, settings_for
 from estimator.trackers.tracker import Tracker
 from humanoid.body import Body
 from humanoid.subject import Subject, load_subject
@@ -58,7 +58,7 @@ def main(
     data: Path | None = None,
     camera: str = "cam01",
     repeats: int = 5,
-    modes: int = 7,
+    modes: int | None = None,
     seed: int = 0,
     tracker: str = "css",
     changes: Changes = (),
@@ -83,11 +83,12 @@ def main(
     """
     nest = nested(changes)
     settings = settings_for(tracker, modes=modes, changes=nest)
+    kept = getattr(getattr(settings, GROUPS[tracker]), "modes", 1)
     with tempfile.TemporaryDirectory() as folder:
         job = make_job(data, camera, Path(folder), seed)
         make = lambda: make_tracker(tracker, Body(job.subject), settings)  # noqa: E731
         warm = track_all(make(), job, seed)
-        figures = {"measure": "speed", "clip": job.name, "modes": modes, "settings": nest, "machine": unit(job, warm)}
+        figures = {"measure": "speed", "clip": job.name, "modes": kept, "settings": nest, "machine": unit(job, warm)}
         figures |= speeds(job, make, tracker, nest, modes, seed, repeats, Path(folder) / "one.run")
         figures |= searched(job, make, seed)
         figures |= shares(job, make, seed, repeats)
@@ -141,8 +142,8 @@ def _each(call: Callable[[np.ndarray], object], poses: list[np.ndarray], rounds:
 
 
 def speeds(
-    job: Job, make: Callable[[], Tracker], name: str, changes: dict[str, Any], modes: int, seed: int, repeats: int,
-    out: Path,
+    job: Job, make: Callable[[], Tracker], name: str, changes: dict[str, Any], modes: int | None, seed: int,
+    repeats: int, out: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """Frames per second of the tracker alone, by the wall's clock and the processor's, and with the run file."""
     count = len(job.observations)

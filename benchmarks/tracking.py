@@ -47,7 +47,7 @@ def timed_track(
     fit: str = "auto",
     tracker: str = "css",
     seed: int = 0,
-    modes: int | None = 7,
+    modes: int | None = None,
     settings: Mapping[str, Any] | None = None,
     frames: int | None = None,
 ) -> tuple[Run, Times]:

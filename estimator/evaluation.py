@@ -6,14 +6,18 @@ of Human3.6M (Ionescu et al., IEEE TPAMI 36(7), 2014).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from estimator.coordinate_errors import coordinate_errors, joint_coordinates
+from estimator.formats.opensim import Coordinates
 from estimator.formats.reference import load_reference
+from estimator.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
 from humanoid.body import Body
 from humanoid.clearance import Clearance
 from humanoid.errors import InputError
@@ -21,42 +25,49 @@ from humanoid.errors import InputError
 if TYPE_CHECKING:
     from estimator.formats.run_file import Run
 
-_PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-LIMB_JOINTS = tuple(f"{side}_{part}" for part in _PARTS for side in ("left", "right"))
-HIPS = ("left_hip", "right_hip")
+__all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "Shared", "best_of_k", "evaluate", "evaluate_points",
+    "joint_errors", "largest_penetration", "limit_violations", "match_frames", "mpjpe", "nothing_shared", "pa_mpjpe",
+    "procrustes", "shared_landmarks"]  # fmt: skip
+
 _LIMIT_TOLERANCE = 1e-9
-_FEWEST_SHARED = 3  # fewer points do not fix a rotation
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where a person's points were.
+    """Where the points of a person, or of any body, were, and how its joints were turned.
 
     names (L): landmark names, COCO's where COCO has one. points (T, L, 3): world frame [m], NaN where unknown.
     time (T,): seconds since the clip's start, or None where only the frame numbers count.
+    coordinates: joint angles (T), None where they are not known.
     """
 
     names: tuple[str, ...]
     points: np.ndarray
     time: np.ndarray | None = None
+    coordinates: Coordinates | None = None
 
     @staticmethod
     def load(path: str | Path) -> Reference:
         """The reference in a file; see `estimator.formats.reference.load_reference` for kinds and errors."""
-        names, points, fps = load_reference(path)
-        return Reference(names, points, np.arange(len(points)) / fps)
+        found = load_reference(path)
+        return Reference(found.names, found.points, found.time, found.coordinates)
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Errors of a run against a reference; lengths in metres, NaN where nothing could be compared.
 
-    mpjpe, pa_mpjpe: of the best hypothesis, with the hips aligned and with a similarity fitted per frame.
-    best_of_k_mpjpe, best_of_k_pa_mpjpe: of the hypothesis nearest to the reference in each frame.
-    per_joint: mean error of every compared joint, hips aligned.
-    joints: names of the joints compared.
+    mpjpe, pa_mpjpe: of the best hypothesis, aligned as `aligned` says and with a similarity fitted per frame.
+    best_of_k_mpjpe, best_of_k_pa_mpjpe: of that of the K hypotheses which is nearest to the reference in each frame.
+        The best hypothesis, once smoothed, is none of them, so these can be larger than mpjpe and pa_mpjpe.
+    per_joint: mean error of every compared landmark, aligned likewise.
+    joints: names of the landmarks compared, see `shared_landmarks`. aligned: "hips aligned"; "centred", on the mean of
+        the landmarks, where hips are not shared; "nothing aligned" where fewer than three landmarks are.
+    angle_errors [deg], slide_errors [m]: mean absolute error of every joint whose coordinate both sides have by name,
+        turning and sliding ones, of the best hypothesis; a free root is not among them.
     violations: frames in which the best hypothesis leaves a joint limit. penetration: its deepest self-intersection.
-    frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with points.
+    frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with something to
+        compare.
     """
 
     mpjpe: float
@@ -69,6 +80,9 @@ class Evaluation:
     penetration: float
     frames_compared: int
     frames_missing: int
+    aligned: str = HIPS_ALIGNED
+    angle_errors: Mapping[str, float] = field(default_factory=dict)
+    slide_errors: Mapping[str, float] = field(default_factory=dict)
 
 
 def mpjpe(points: np.ndarray, reference: np.ndarray, root: Sequence[int] | None = None) -> np.ndarray:
@@ -94,15 +108,16 @@ def pa_mpjpe(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
     points, reference (..., L, 3) [m]; joints unknown in either are left out, frames with fewer than three give NaN.
     """
     shape = np.broadcast_shapes(points.shape, reference.shape)
-    flat_points = np.broadcast_to(points, shape).reshape(-1, *shape[-2:])
-    flat_reference = np.broadcast_to(reference, shape).reshape(-1, *shape[-2:])
+    count = math.prod(shape[:-2])
+    flat_points = np.broadcast_to(points, shape).reshape(count, *shape[-2:])
+    flat_reference = np.broadcast_to(reference, shape).reshape(count, *shape[-2:])
     errors = [_aligned_error(p, r) for p, r in zip(flat_points, flat_reference, strict=True)]
     return np.array(errors).reshape(shape[:-2])
 
 
 def _aligned_error(points: np.ndarray, reference: np.ndarray) -> float:
     known = np.isfinite(points).all(axis=-1) & np.isfinite(reference).all(axis=-1)
-    if np.count_nonzero(known) < _FEWEST_SHARED:
+    if np.count_nonzero(known) < FEWEST:
         return float("nan")
     aligned = procrustes(points[known], reference[known])
     return float(np.linalg.norm(aligned - reference[known], axis=-1).mean())
@@ -177,23 +192,29 @@ def _period(time: np.ndarray) -> float:
     return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
-def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] = LIMB_JOINTS) -> Evaluation:
-    """Measure a run against a reference over those of `joints` that both have.
+def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = None) -> Evaluation:
+    """Measure a run against a reference: the landmarks and the joint coordinates that both have by name.
+
+    joints: the landmarks to compare; those of `shared_landmarks` unless given.
 
     Raises
     ------
-    InputError: run and reference share fewer than three of the joints.
+    InputError: neither a landmark nor a joint coordinate is shared.
     """
-    scores = evaluate_points(
-        tuple(run.body.landmark_names),
-        run.landmarks,
-        run.mode_landmarks,
-        np.asarray(run.time),
-        reference,
-        joints=joints,
-    )
-    q = np.asarray(run.q)
-    return Evaluation(violations=limit_violations(run.body, q), penetration=largest_penetration(run.body, q), **scores)
+    body, time, q = run.body, np.asarray(run.time), np.asarray(run.q)
+    frame = match_frames(time, reference.time, len(reference.points))
+    turns, slides, compared = coordinate_errors(body, q, reference.coordinates, frame)
+    names = tuple(body.landmark_names)
+    shared = shared_landmarks(names, reference.names, joints)
+    if not shared.names and not (turns or slides):
+        raise nothing_shared(names, reference, joint_coordinates(body))
+    scores = _point_scores(shared, run.landmarks, run.mode_landmarks, frame, reference)
+    if not shared.names:
+        scores |= {"frames_compared": compared, "frames_missing": len(reference.points) - compared}
+    return Evaluation(
+        violations=limit_violations(body, q), penetration=largest_penetration(body, q), angle_errors=turns,
+        slide_errors=slides, **scores,
+    )  # fmt: skip
 
 
 def evaluate_points(
@@ -203,20 +224,27 @@ def evaluate_points(
     time: np.ndarray,
     reference: Reference,
     *,
-    joints: Sequence[str] = LIMB_JOINTS,
+    joints: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """The fields of `Evaluation` that need points alone.
 
-    landmarks (T, L, 3), mode_landmarks (T, K, L, 3) [m] of `names` (L) at `time` (T,) [s].
+    landmarks (T, L, 3), mode_landmarks (T, K, L, 3) [m] of `names` (L) at `time` (T,) [s]. Raises InputError where no
+    landmark is shared.
     """
-    shared = _shared_joints(names, reference.names, joints)
-    ours, theirs = ([list(have).index(j) for j in shared] for have in (names, reference.names))
+    shared = shared_landmarks(names, reference.names, joints)
+    if not shared.names:
+        raise nothing_shared(names, reference)
     frame = match_frames(time, reference.time, len(reference.points))
-    row = frame >= 0
-    points, modes = landmarks[frame[row]][:, ours], mode_landmarks[frame[row]][:, :, ours]
-    modes = np.concatenate([modes, points[:, None]], axis=1)  # the smoothed best is a hypothesis too
-    truth = reference.points[row][:, theirs]
-    root = [shared.index(hip) for hip in HIPS] if set(HIPS) <= set(shared) else list(range(len(shared)))
+    return _point_scores(shared, landmarks, mode_landmarks, frame, reference)
+
+
+def _point_scores(
+    shared: Shared, landmarks: np.ndarray, mode_landmarks: np.ndarray, frame: np.ndarray, reference: Reference
+) -> dict[str, Any]:
+    """frame (T,): the run's frame for each of the reference's, -1 for none."""
+    row, root = frame >= 0, shared.root
+    points, modes = landmarks[frame[row]][:, shared.ours], mode_landmarks[frame[row]][:, :, shared.ours]
+    truth = reference.points[row][:, shared.theirs]
     errors = joint_errors(points, truth, root)
     per_frame = _mean(errors, axis=-1)
     return {
@@ -224,23 +252,27 @@ def evaluate_points(
         "pa_mpjpe": _overall(pa_mpjpe(points, truth)),
         "best_of_k_mpjpe": _overall(best_of_k(modes, truth, lambda p, r: mpjpe(p, r, root))),
         "best_of_k_pa_mpjpe": _overall(best_of_k(modes, truth, pa_mpjpe)),
-        "per_joint": dict(zip(shared, _mean(errors, axis=0).tolist(), strict=True)),
-        "joints": shared,
+        "per_joint": dict(zip(shared.names, _mean(errors, axis=0).tolist(), strict=True)),
+        "joints": shared.names,
+        "aligned": shared.aligned,
         "frames_compared": int(np.isfinite(per_frame).sum()),
         "frames_missing": int(len(reference.points) - np.isfinite(per_frame).sum()),
     }
 
 
-def _shared_joints(ours: Sequence[str], theirs: Sequence[str], joints: Sequence[str]) -> tuple[str, ...]:
-    shared = tuple(j for j in joints if j in ours and j in theirs)
-    if len(shared) < _FEWEST_SHARED:
-        raise InputError(
-            "reference",
-            f"shares {len(shared)} joints with the run ({', '.join(shared) or 'none'}), {_FEWEST_SHARED} are needed",
-            place="landmark_names",
-            remedy=f"it has {', '.join(theirs)}; names that count: {', '.join(j for j in joints if j in ours)}",
-        )
-    return shared
+def nothing_shared(names: Sequence[str], reference: Reference, coordinates: Sequence[str] = ()) -> InputError:
+    """That run and reference have nothing in common, and what each has."""
+    have: list[tuple[str, Sequence[str], Sequence[str]]] = [("landmarks", names, reference.names)]
+    if reference.coordinates is not None:
+        have.append(("joint angles", coordinates, reference.coordinates.names))
+    kinds = " and no ".join(what for what, _, _ in have)
+    each = "; ".join(f"{what} of the run: {_listed(a)}; of the reference: {_listed(b)}" for what, a, b in have)
+    return InputError("reference", f"shares no {kinds} with the run", place="names", remedy=each)
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + more
 
 
 def _mean(values: np.ndarray, axis: int) -> np.ndarray:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.filtering.origin import Origins
+
 
 @dataclass(frozen=True)
 class FrameResult:
@@ -17,7 +19,8 @@ class FrameResult:
     q (K, nq), weight (K,), energy (K,), covariance (K, nv, nv): the modes.
     parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.
-    association (K): see `Mode`.
+    association (K): see `Mode`. velocity (K, nv): see `Mode`; None in runs made before it was kept.
+    origins: where the modes came from and what they paid; None where nothing was observed, and in such runs.
     """
 
     index: int
@@ -31,3 +34,5 @@ class FrameResult:
     kkt_residual: np.ndarray
     penetration: np.ndarray
     association: tuple[str, ...]
+    velocity: np.ndarray | None = None
+    origins: Origins | None = None

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.compiled import jit
+from humanoid.joint_names import q_names, v_names
 from humanoid.kinematics import kinematics_of
 from humanoid.subject import Subject
 
@@ -176,22 +177,13 @@ class Body:
 
     @property
     def q_names(self) -> tuple[str, ...]:
-        """A name for each entry of q: the joint's, with a suffix where the joint has several entries."""
-        names: list[str] = []
-        for j in range(1, self.njoints):
-            name, count = self.model.names[j], self.model.nqs[j]
-            names += [name] if count == 1 else [f"{name}_{s}" for s in _suffixes(count)]
-        return tuple(names)
+        """A name for each entry of q, see `humanoid.joint_names`."""
+        return q_names(self.model)
 
     @property
     def v_names(self) -> tuple[str, ...]:
-        """A name for every degree of freedom (nv): the joint's, with the axis where it has several."""
-        names: list[str] = []
-        for j in range(1, self.njoints):
-            name, count = self.model.names[j], self.model.nvs[j]
-            axes = ("x", "y", "z", "turn_x", "turn_y", "turn_z") if count == 6 else tuple(map(str, range(count)))
-            names += [name] if count == 1 else [f"{name}_{axis}" for axis in axes]
-        return tuple(names)
+        """A name for every degree of freedom (nv), see `humanoid.joint_names`."""
+        return v_names(self.model)
 
 
 @jit
@@ -202,11 +194,6 @@ def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
             q[i] = lower[i]
         elif q[i] > upper[i] - ON_LIMIT:
             q[i] = upper[i]
-
-
-def _suffixes(count: int) -> tuple[str, ...]:
-    known = {7: ("x", "y", "z", "qx", "qy", "qz", "qw"), 2: ("cos", "sin"), 4: ("x", "y", "cos", "sin")}
-    return known.get(count, tuple(str(i) for i in range(count)))
 
 
 def points_on_links(

@@ -28,7 +28,7 @@ from kinemode import __version__
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
-from kinemode.settings import read_settings
+from kinemode.settings import Chosen, check_workers, choose
 
 FIT_CHOICES = ("auto", "proportions", "off")
 FitChoice = Literal["auto", "proportions", "off"]
@@ -79,9 +79,10 @@ def track(
         commas; "auto" takes them all where there are clips and less than half of the frames have keypoints.
     masks, background: for the silhouette, given as the clips are: a video or folder of masks, white on the person; a
         picture of the empty scene. Without them the background is learned from the clip.
-    tracker, modes: name of the tracker and how many hypotheses are kept, 7 unless the settings say otherwise.
+    tracker, modes: name of the tracker and how many hypotheses it keeps; unless given as many as its settings say, for
+        which each tracker has its own default. A single-mode tracker keeps one.
     settings: nested changes to the tracker's settings (see `estimator.trackers.registry`), or a TOML file of them as
-        `kinemode settings` writes it.
+        `kinemode settings` writes it. Those of cost, search and cues also reach the fit, which tracks with css.
     seed: equal seeds give equal runs.
     fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
         and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
@@ -89,28 +90,33 @@ def track(
     out: the run file; a temporary one if not given.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
-    workers: how many processes search a frame's hypotheses, this one among them; the run is the same with any number.
+    workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
+        run is the same with any number.
         Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
     progress: opens a progress report for each stage, such as `kinemode.progress.reported`; none by default.
 
     Raises
     ------
-    InputError: whatever is wrong with what was given.
+    InputError: whatever is wrong with what was given, a changed setting without effect included.
     """
     path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
+    choice = cue_choice(cues)
+    chosen = choose(tracker, settings, modes)
+    check_workers(chosen, checked_count(workers))
     job = _Job(
-        tracker,
-        read_settings(tracker, settings, modes),
+        chosen,
+        chosen.settings,
         _seed(seed),
         _fit_choice(fit),
         person,
         _Target(path, resume, overwrite),
         progress or unreported,
-        checked_count(workers),
+        workers,
     )
-    choice = cue_choice(cues)
     job.target.check()
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
+    _check_fit_choice(job.fit, loaded)
+    chosen.check(job.fits(loaded))
     with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
         inputs = load_inputs(
             Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
@@ -121,11 +127,13 @@ def track(
 
 
 def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> None:
-    chosen = chosen_cues(choice, inputs, job.settings.cues)
+    chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
     with opened_cues(inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
+        cameras = len(inputs.observations[0].cameras)
+        notes += tuple(job.chosen.notes(cues=chosen, cameras=cameras, fits=job.fits(subject)))
         if cues is not None:
             notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))
         for note in notes:
@@ -136,14 +144,13 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> No
 
 def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> Subject:
     """The subject with the person's proportions and flesh, where they are to be fitted."""
-    if job.fit == "off" or not is_built_in(subject):
+    if not job.fits(subject):
         return subject
     if job.target.resumed:
         stored = open_run(job.target.path)
         if stored.header.subject_source == subject.source:
             return stored.subject  # fitted when the run began
-    tuned = job.settings if job.tracker == "css" else None
-    return _fit(subject, inputs, job.seed, cues if job.fit == "auto" else None, tuned).subject
+    return _fit(subject, inputs, job.seed, cues if job.fit == "auto" else None, job.chosen.for_fit).subject
 
 
 def _fit(subject: Subject, inputs: Inputs, seed: int, cues: Cues | None, settings: Settings | None) -> Fit:
@@ -228,9 +235,9 @@ class _Target:
 @dataclass(frozen=True)
 class _Job:
     """How to track, which with the subject and the inputs decides the result; and where to, who hears of it, and how
-    many processes share the work."""
+    many processes share the work. settings: the chosen ones with the cues that are looked at."""
 
-    tracker: str
+    chosen: Chosen
     settings: Settings
     seed: int
     fit: FitChoice
@@ -238,6 +245,15 @@ class _Job:
     target: _Target
     progress: Reporter
     workers: int
+
+    @property
+    def tracker(self) -> str:
+        """Its name."""
+        return self.chosen.tracker
+
+    def fits(self, subject: Subject) -> bool:
+        """Whether a subject is fitted before it is tracked."""
+        return self.fit != "off" and is_built_in(subject)
 
 
 def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> None:
@@ -308,6 +324,12 @@ def _fit_choice(fit: str) -> FitChoice:
     if fit not in FIT_CHOICES:
         raise InputError("fit", f"{fit!r} is unknown", remedy=f"one of {', '.join(FIT_CHOICES)}")
     return cast(FitChoice, fit)
+
+
+def _check_fit_choice(fit: FitChoice, subject: Subject) -> None:
+    if fit == "proportions" and subject.source not in BUILT_IN:
+        problem, remedy = f"{subject.source} is taken as measured", "leave it out; kinemode fit fits a file"
+        raise InputError("fit", problem, remedy=remedy)
 
 
 def _check_folder(path: Path) -> None:

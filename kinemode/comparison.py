@@ -21,7 +21,7 @@ from kinemode.comparison_times import TimeFile
 from kinemode.inputs import Named, PathLike
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import made_folder
-from kinemode.settings import read_settings
+from kinemode.settings import choose_for_all, read_settings
 
 
 @dataclass(frozen=True)
@@ -70,25 +70,28 @@ def compare(
     InputError: as `track` does; an unknown tracker; runs that are there, unasked.
     """
     names = tracker_names(trackers)
-    for name in names:
-        read_settings(name, settings, modes)  # whatever is wrong with them is said before the first is tracked
+    tracked = subject if isinstance(subject, api.Subject) else load_subject(subject)
+    fits = how.get("fit", "auto") != "off" and api.is_built_in(tracked)
+    files = {name: Path(out) / f"{name}.run" for name in names}
+    order = sorted(names, key=lambda n: not files[n].exists())  # runs that are there say who the person is
+    # whatever is wrong with the settings is said before the first is tracked
+    chosen = choose_for_all(order, settings, modes, how.pop("workers", 1), fits)
     truth = None if reference is None else Reference.load(reference)
     folder = made_folder(Path(out))
-    files = {name: folder / f"{name}.run" for name in names}
     _check_runs(files.values(), resume, overwrite)
     report = progress or unreported
     times = TimeFile(folder / "times.json")
-    tracked = subject if isinstance(subject, api.Subject) else load_subject(subject)
     runs: dict[str, Run] = {}
-    for name in sorted(names, key=lambda n: not files[n].exists()):  # runs that are there say who the person is
+    for name in order:
         if overwrite or not files[name].exists():
             times.clear(name)
         with warnings.catch_warnings():
             if runs:  # the input is the same: what is odd about it has been said
                 warnings.simplefilter("ignore", api.InputWarning)
+            own, count, workers = chosen[name]
             runs[name] = api.track(
-                tracked, clips, tracker=name, cameras=cameras, modes=modes, settings=settings, out=files[name],
-                resume=resume, overwrite=overwrite, progress=times.clocked(name, report), **how,
+                tracked, clips, tracker=name, cameras=cameras, modes=count, settings=own, out=files[name],
+                resume=resume, overwrite=overwrite, workers=workers, progress=times.clocked(name, report), **how,
             )  # fmt: skip
         tracked = runs[name].subject  # fitted now, and not again
     runs = {name: runs[name] for name in names}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from humanoid.atomic import replacing
-from kinemode.comparison_scores import FAR, Course, TrackerScore
-from viz.comparison import Curve, Plot, write_plot
+from kinemode.comparison_scores import FAR, FAR_PX, Course, TrackerScore
+from viz.comparison import Curve, Panel, Plot, write_plot
 
 UNITS = {"fps": "1/s", "residual": "px"} | dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k", "final_mpjpe"), "m")
 ENOUGH = 0.5  # share of frames with keypoints from which the distance to them is worth a plot
@@ -37,24 +37,38 @@ def write_comparison(
 
 
 def plotted(scores: Sequence[TrackerScore], found: Mapping[str, Course]) -> Plot:
-    """The errors over time; without a reference the distance to the keypoints, and where few frames have them the
+    """The errors over time by which poses are lost: in the world and in the image where reference and cameras share one
+    world, else the aligned one. Without a reference the distance to the keypoints, and where few frames have them the
     energy."""
-    residuals = np.concatenate([course.residual for course in found.values()])
-    if any(np.isfinite(course.error).any() for course in found.values()):
-        values = {name: 1e3 * course.error for name, course in found.items()}
-        label, limit = "mean joint error, hips aligned [mm]", 1e3 * FAR
+    courses = {score.tracker: found[score.tracker] for score in scores}
+    residuals = np.concatenate([course.residual for course in courses.values()])
+    if any(course.placed for course in courses.values()):
+        panels = [
+            _panel("mean error in the world [mm]", courses, lambda c: 1e3 * c.world_error, 1e3 * FAR),
+            _panel("mean error in the image [px]", courses, lambda c: c.pixel_error, FAR_PX),
+        ]
+    elif any(np.isfinite(course.error).any() for course in courses.values()):
+        aligned = next(iter(courses.values())).aligned
+        panels = [_panel(f"mean error, {aligned} [mm]", courses, lambda c: 1e3 * c.error, 1e3 * FAR)]
     elif np.isfinite(residuals).mean() >= ENOUGH:
-        values, limit = {name: course.residual for name, course in found.items()}, None
-        label = "mean distance from the keypoints [px]"
+        panels = [_panel("mean distance from the keypoints [px]", courses, lambda c: c.residual)]
     else:
-        values, limit = {name: course.energy for name, course in found.items()}, None
-        label = "energy of the pose"
+        panels = [_panel("energy of the pose", courses, lambda c: c.energy)]
+    return Plot("best hypothesis of each frame, as it was tracked", panels)
+
+
+def _panel(
+    label: str, courses: Mapping[str, Course], value: Callable[[Course], np.ndarray], limit: float | None = None
+) -> Panel:
+    """One measure of all trackers. A frame is lost by this one where its value is beyond the limit, or where it is lost
+    and has no value."""
     curves = []
-    for score in scores:
-        course = found[score.tracker]
-        lost = float(course.time[course.lost.argmax()]) if course.lost.any() else None
-        curves.append(Curve(score.tracker, course.time, values[score.tracker], lost))
-    return Plot("best hypothesis of each frame, as it was tracked", label, curves, limit)
+    for name, course in courses.items():
+        values = value(course)
+        lost = np.zeros(len(values), dtype=bool) if limit is None else course.lost & ~(values <= limit)
+        starts = lost & ~np.concatenate([[False], lost[:-1]])
+        curves.append(Curve(name, course.time, values, tuple(course.time[starts].tolist())))
+    return Panel(label, curves, limit)
 
 
 def _unknown(value: object) -> bool:

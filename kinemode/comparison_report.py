@@ -11,14 +11,14 @@ from kinemode.report import console, millimetres, table
 COLUMNS = ("frames/s", "hard", "unobserved", "energy", "residual [px]")
 ERRORS = ("MPJPE", "PA-MPJPE", "best of K", "final MPJPE", "lost", "first lost")
 LEGEND = (
-    "All but final MPJPE: the best hypothesis of each frame as it was tracked.\n"
+    "All but best of K and final MPJPE: the best hypothesis of each frame as it was tracked.\n"
     "energy: mean of its pose by the cost of css, whatever the tracker's own, without the past. residual: mean distance"
     " from the keypoints."
 )
 LEGEND_OF_ERRORS = (
     "final: the trajectory the run ends with, which css smooths. lost: frames with the joints on average over"
     f" {1e3 * FAR:.0f} mm, or {FAR_PX:.0f} px in the image, from the reference; with a guessed camera over the former,"
-    " hips aligned."
+    " hips aligned. best of K: the nearest of each frame's K hypotheses."
 )
 
 

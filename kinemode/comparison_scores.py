@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.evaluation import HIPS, LIMB_JOINTS, Reference, evaluate_points, match_frames, mpjpe
+from estimator.evaluation import Reference, evaluate_points, match_frames, mpjpe, shared_landmarks
 from estimator.formats.run_file import Run
 from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
@@ -30,15 +30,26 @@ class Course:
 
     time (T,) [s]. energy (T,): of its pose alone, under the one cost by which all trackers are compared; NaN where
     nothing was observed. residual (T,): mean distance of its landmarks from the keypoints [px], NaN without keypoints.
-    error (T,): mean joint error, hips aligned [m]. lost (T,) bool, see `lost_frames`. Without a reference, or where it
-    knows nothing, the error is NaN and no frame is lost.
+    error (T,): mean error of the compared landmarks, aligned as `estimator.evaluation.shared_landmarks` says [m].
+    world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
+    camera where it is largest [px]; NaN unless reference and cameras share one world.
+    lost (T,) bool: by `lost_frames`, or, where no world is shared, by an error above `FAR`. Without a reference, or
+    where it knows nothing, all errors are NaN and no frame is lost. aligned: what is, in words.
     """
 
     time: np.ndarray
     energy: np.ndarray
     residual: np.ndarray
     error: np.ndarray
+    world_error: np.ndarray
+    pixel_error: np.ndarray
     lost: np.ndarray
+    aligned: str = ""
+
+    @property
+    def placed(self) -> bool:
+        """Whether a pose can be lost in the world and in the image, not only once aligned."""
+        return bool(np.isfinite(self.world_error).any())
 
 
 @dataclass(frozen=True)
@@ -47,8 +58,9 @@ class TrackerScore:
 
     frames: of the clip. fps: frames per second of tracking and smoothing. hard, unobserved: frames of that status.
     energy, residual [px]: means of the `Course`. mpjpe, pa_mpjpe: of the best hypothesis of each frame as it was
-    tracked. best_of_k: MPJPE of the hypothesis nearest to the reference. final_mpjpe: of the trajectory that the run
-    ends with, the best path smoothed; the path alone where the tracker does not smooth. All errors in metres.
+    tracked. best_of_k: MPJPE of that of a frame's K hypotheses nearest to the reference. final_mpjpe: of the trajectory
+    that the run ends with, the best path smoothed; the path alone where the tracker does not smooth. All errors in
+    metres.
     first_lost: the first lost frame, None where none is. lost: how many are.
     """
 
@@ -105,29 +117,42 @@ def courses(
 
 def _course(run: Run, energy: np.ndarray, reference: Reference | None, placed: bool) -> Course:
     points = run.mode_landmarks[:, 0]
-    error, lost = np.full(len(run), np.nan), np.zeros(len(run), dtype=bool)
+    error, world, pixels = (np.full(len(run), np.nan) for _ in range(3))
+    lost, aligned = np.zeros(len(run), dtype=bool), ""
     if reference is not None:
-        names = [j for j in LIMB_JOINTS if j in run.body.landmark_names and j in reference.names]
-        ours, theirs = ([list(have).index(j) for j in names] for have in (run.body.landmark_names, reference.names))
+        names, ours, theirs, root, aligned = shared_landmarks(run.body.landmark_names, reference.names)
         frame = match_frames(run.time, reference.time, len(reference.points))
         truth = np.full((len(run), len(names), 3), np.nan)
         truth[frame[frame >= 0]] = reference.points[frame >= 0][:, theirs]
-        root = [names.index(hip) for hip in HIPS] if set(HIPS) <= set(names) else list(range(len(names)))
         error = mpjpe(points[:, ours], truth, root)
+        if placed:
+            world = world_error(points[:, ours], truth)
+            pixels = pixel_error(points[:, ours], truth, run.header.cameras)
         known = np.isfinite(truth).all(axis=(1, 2))
-        far = lost_frames(points[:, ours], truth, run.header.cameras) if placed else ~(error <= FAR)
-        lost = known & far
-    return Course(run.time, energy, _residual(run), error, lost)
+        lost = known & ~(_within(world, pixels) if placed else error <= FAR)
+    return Course(run.time, energy, _residual(run), error, world, pixels, lost, aligned)
 
 
 def lost_frames(points: np.ndarray, truth: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
     """(T,) bool: where joints points (T, L, 3) are on average more than `FAR` from truth (T, L, 3) [m] in the world,
     nothing aligned, or more than `FAR_PX` in the image of one of the cameras; a frame without a pose is lost."""
-    within = np.linalg.norm(points - truth, axis=-1).mean(axis=-1) <= FAR
-    for camera in cameras:
-        apart = np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1).mean(axis=-1)
-        within &= apart <= FAR_PX
-    return ~within
+    return ~_within(world_error(points, truth), pixel_error(points, truth, cameras))
+
+
+def world_error(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean distance (T,) of points (T, L, 3) from truth (T, L, 3), nothing aligned [m]; NaN where one is unknown."""
+    return np.asarray(np.linalg.norm(points - truth, axis=-1).mean(axis=-1))
+
+
+def pixel_error(points: np.ndarray, truth: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """Mean distance (T,) of the images of points from those of truth, both (T, L, 3) [m], in the camera where it is
+    largest [px]; NaN where one is unknown."""
+    apart = [np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1) for camera in cameras]
+    return np.asarray(np.max([one.mean(axis=-1) for one in apart], axis=0))
+
+
+def _within(world: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    return (world <= FAR) & (pixels <= FAR_PX)
 
 
 def _residual(run: Run) -> np.ndarray:

@@ -47,17 +47,20 @@ class Part:
 class Case(NamedTuple):
     """A hypothesis and all that its energy is computed from.
 
-    parent: where the body was in the frame before; None where its hypothesis has no parent, or the tracker pays for no
-    change. dt [s]: since then. predicted: where its velocity would carry the parent, which the flow is looked for from.
+    before: where the body was, from where flow is followed; None where there is no past, or it is not known. paid:
+    whether the change since then is. dt [s]: since then. predicted: where its velocity would carry the parent, which
+    the flow is looked for from. assigned: where the pictures' features are assigned.
     """
 
     search: ModeSearch
     observation: Observation
     association: str
     posed: PosedBody
-    parent: PosedBody | None
+    before: PosedBody | None
+    paid: bool
     dt: float
     predicted: PosedBody | None
+    assigned: PosedBody
     evidence: Evidence | None
 
 
@@ -68,7 +71,7 @@ def energy_parts(case: Case) -> Iterator[Part]:
         yield _keypoints(case, c, camera.name)
     if case.association == EXCHANGED:
         yield Part("left and right exchanged", "", search.model.settings.exchange_penalty)
-    q_previous = None if case.parent is None else case.parent.q
+    q_previous = case.before.q if case.before is not None and case.paid else None
     cost = search.model.cost(search.term(observation, case.association), q_previous, case.dt)
     for term in cost.terms:
         if type(term) in _PRIORS:
@@ -89,7 +92,7 @@ def _keypoints(case: Case, c: int, name: str) -> Part:
 
 def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
     """What one camera's picture costs, as `CameraEvidence.assigned` and `followed` add it up."""
-    name, prediction = evidence.cues.camera.name, evidence.predictor.predict(case.posed)
+    name, prediction = evidence.cues.camera.name, evidence.predictor.predict(case.assigned)
     settings = evidence.model.settings
     if evidence.cues.edges is not None and settings.edge_evidence > 0.0:
         group, unassigned = evidence.edges(prediction)
@@ -100,8 +103,8 @@ def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
             group, unassigned = found(prediction)
             part = _assigned_part(label, case, evidence, term_of(evidence, prediction, group))
             yield replace(part, energy=part.energy + unassigned)
-    if case.parent is not None:
-        for term in evidence.followed_each([Past(case.parent, case.predicted)])[0]:
+    if case.before is not None:
+        for term in evidence.followed_each([Past(case.before, case.predicted)])[0]:
             yield _assigned_part("flow", case, evidence, term)
     yield Part("nodes facing away or hidden", name, evidence.penalty(prediction))
 

@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 
 from estimator.cost.image.assigned import Assignments
-from estimator.cost.image.evidence import CameraEvidence, Past
+from estimator.cost.image.evidence import CameraEvidence, Evidence, Past
 from estimator.cost.image.prediction import Prediction
+from estimator.filtering.origin import Origin
 from estimator.formats.run_file import Run
 from estimator.frame_result import FrameResult
 from estimator.imaging.camera import Camera
@@ -21,7 +22,7 @@ from estimator.imaging.clip import Clip
 from estimator.imaging.cues import CueReader, scaled_camera
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.registry import GROUPS, Settings, make_tracker, settings_for
+from estimator.trackers.registry import Settings, make_tracker, settings_for
 from humanoid.body import Body, PosedBody, points_in_world
 from humanoid.errors import InputError
 from kinemode import __version__
@@ -29,7 +30,6 @@ from kinemode.energy_parts import Case, Part, energy_parts, term_of
 from viz import palette
 from viz.cue_pictures import CueView, Links
 
-_JUMP = 1.0  # energy that is missing from the run's where a jump is likely
 _LARGEST = 960  # longer side of the pictures of a run without cues [px]
 
 
@@ -38,8 +38,9 @@ class Explanation:
     """The energy of one hypothesis, as far as it can be computed again.
 
     file: the run's. frame, hypothesis: which, and status, weight, association: as stored (see `FrameResult`).
-    parts: of the energy. stored: the energy as the run has it. notes: why the parts may add up to something else.
-    views (C): what there is for pictures of each camera.
+    parts: of the energy. stored: the energy as the run has it. notes: where the hypothesis came from, and why the parts
+    may add up to something else. views (C): what there is for pictures of each camera. origin: what the run has of
+    where the hypothesis came from, None where it was made before that was kept.
     """
 
     file: Path
@@ -52,6 +53,8 @@ class Explanation:
     stored: float
     notes: tuple[str, ...]
     views: tuple[CueView, ...]
+    parent: int = -1
+    origin: Origin | None = None
 
     @property
     def total(self) -> float:
@@ -77,13 +80,14 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     if run.header.cues:
         with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))
-    case = _case(run, settings, search, observation, k)
+    case = _case(run, search, observation, k)
     result = run.result(frame)
-    parts = tuple(energy_parts(case))
+    parts, stored = tuple(energy_parts(case)), float(result.energy[k])
+    notes = tuple(_notes(run, case, result, sum(p.energy for p in parts) - stored))
+    views = tuple(_view(run, case, c) for c in range(len(observation.cameras)))
     return Explanation(
-        run.file, frame, k, result.status, float(result.weight[k]), case.association, parts,
-        float(result.energy[k]), tuple(_notes(run, case, sum(p.energy for p in parts) - float(result.energy[k]))),
-        tuple(_view(run, case, c) for c in range(len(observation.cameras))),
+        run.file, frame, k, result.status, float(result.weight[k]), case.association, parts, stored, notes, views,
+        int(result.parent[k]), None if result.origins is None else result.origins.one(k),
     )  # fmt: skip
 
 
@@ -125,50 +129,58 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
     return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates)
 
 
-def _case(run: Run, settings: Settings, search: ModeSearch, observation: Observation, k: int) -> Case:
-    result = run.result(observation.index)
+def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:
+    """A hypothesis with what it paid for, as the run has it; without a past where the run does not say."""
+    result, body = run.result(observation.index), search.body
     before = run.result(observation.index - 1) if observation.index else None
-    group = GROUPS[run.header.tracker]
-    # of the multiple hypotheses the change is always paid for, of particles never
-    transition = getattr(getattr(settings, group), "transition", group == "multiple_hypothesis")
-    parent = _parent(search.body, before, int(result.parent[k])) if transition else None
+    origin = _origin(result, k)
     dt = 0.0 if before is None else observation.time - before.time
-    # the extent in the image that the search went by: that of the frame before, where there was one
-    about = result.q[0] if before is None or not len(before.q) else before.q[0]
-    evidence = search.evidence(observation, about)
-    predicted = None
-    if parent is not None and group == "css":
-        step = settings.css.momentum * dt * _velocity(run, observation.index - 1, int(result.parent[k]))
-        predicted = search.body.at(search.body.integrate(parent.q, step))
-    posed = search.body.at(result.q[k])
-    return Case(search, observation, result.association[k], posed, parent, dt, predicted, evidence)
+    posed = body.at(result.q[k])
+    return Case(
+        search=search,
+        observation=observation,
+        association=result.association[k],
+        posed=posed,
+        before=_posed(body, origin.q_previous),
+        paid=origin.paid,
+        dt=dt,
+        predicted=_posed(body, origin.q_predicted),
+        assigned=_posed(body, origin.q_assigned) or posed,
+        evidence=_evidence(search, observation, origin, result if before is None or not len(before.q) else before),
+    )
 
 
-def _velocity(run: Run, frame: int, k: int) -> np.ndarray:
-    """Tangent velocity (nv,) of hypothesis k at a frame: from its parent to it; zero without one."""
-    while frame > 0 and run.status[frame] == "unobserved":  # hypotheses carried over keep theirs
-        frame, k = frame - 1, int(run.mode_parent[frame, k])
-    parent = int(run.mode_parent[frame, k])
-    if frame == 0 or parent < 0:
-        return np.zeros(run.body.nv)
-    change = run.body.difference(run.mode_q[frame - 1, parent], run.mode_q[frame, k])
-    return np.asarray(change / max(run.time[frame] - run.time[frame - 1], 1e-3))
+def _origin(result: FrameResult, k: int) -> Origin:
+    return Origin("") if result.origins is None else result.origins.one(k)
 
 
-def _parent(body: Body, before: FrameResult | None, k: int) -> PosedBody | None:
-    return body.at(before.q[k]) if before is not None and 0 <= k < len(before.q) else None
+def _posed(body: Body, q: np.ndarray | None) -> PosedBody | None:
+    return None if q is None else body.at(q)
 
 
-def _notes(run: Run, case: Case, difference: float) -> Iterator[str]:
+def _evidence(search: ModeSearch, observation: Observation, origin: Origin, about: FrameResult) -> Evidence | None:
+    """What the pictures say, for the extent that the search went by; `about`: a frame to tell it by where the run does
+    not."""
+    found = search.evidence(observation, about.q[0])
+    if found is None or len(origin.extent) != len(found.cameras):
+        return found
+    cameras = zip(found.cameras, origin.extent, strict=True)
+    return Evidence(tuple(CameraEvidence(c.model, c.cues, extent, c.detected) for c, extent in cameras))
+
+
+def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iterator[str]:
     """Why the parts may add up to something else than the run has."""
     if run.header.version != __version__:
         yield f"the run is of kinemode {run.header.version}, this is {__version__}"
-    if abs(difference) < 1e-6:
+    if result.origins is not None:
         return
+    if case.observation.index:
+        yield (
+            "the run does not say what its hypotheses paid for, so the change since the frame before and the flow from"
+            f" there are left out ({difference:+.3f}): it was made by a kinemode that did not keep it; track again"
+        )
     if case.evidence is not None:
         yield "the pictures' features are assigned anew at the pose; the search assigned them a little before it ended"
-    if case.parent is not None and difference > _JUMP and len(case.observation.cameras) == 1:
-        yield "a limb may have jumped to another depth, for which the run has a flat price, not this transition"
 
 
 def _view(run: Run, case: Case, c: int) -> CueView:
@@ -199,18 +211,18 @@ def _image(run: Run, camera: Camera, frame: int) -> np.ndarray:
 
 
 def _with_cues(view: CueView, case: Case, evidence: CameraEvidence) -> CueView:
-    prediction = evidence.predictor.predict(case.posed)
-    groups = (evidence.edges(prediction)[0], evidence.outline(prediction)[0], evidence.outline_back(prediction)[0])
-    edges, outline, outline_back = (_links(case, evidence, prediction, group) for group in groups)
+    prediction, assigned = (evidence.predictor.predict(at) for at in (case.posed, case.assigned))
+    groups = (evidence.edges(assigned)[0], evidence.outline(assigned)[0], evidence.outline_back(assigned)[0])
+    edges, outline, outline_back = (_links(case, evidence, assigned, group) for group in groups)
     view = replace(
         view, cues=evidence.cues, prediction=prediction, edges=edges, outline=outline, outline_back=outline_back
     )
     camera = evidence.cues.camera
-    if case.parent is None:
+    if case.before is None:
         return view
-    for term in evidence.followed_each([Past(case.parent, case.predicted)])[0]:
+    for term in evidence.followed_each([Past(case.before, case.predicted)])[0]:
         found = term.features(case.posed)
-        before = camera.project(points_in_world(case.parent, found.joint, found.local))
+        before = camera.project(points_in_world(case.before, found.joint, found.local))
         return replace(view, flow=Links(found.pixels, found.target, _relative(found.weight)), followed=before)
     return view
 

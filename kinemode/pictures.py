@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
+from estimator.trackers.idle_settings import Idle
 from estimator.trackers.tracker import startable
 from humanoid.errors import InputError
 from kinemode.inputs import Inputs
@@ -37,14 +38,16 @@ def cue_choice(given: str | Iterable[str]) -> CueChoice:
     return tuple(name for name in CUES if name in names)
 
 
-def chosen_cues(choice: CueChoice, inputs: Inputs, settings: CueSettings) -> CueSettings | None:
-    """Settings of the cues to look at, None to track from keypoints alone.
+def chosen_cues(
+    choice: CueChoice, inputs: Inputs, settings: CueSettings, source: str | Path | None = None
+) -> CueSettings | None:
+    """Settings of the cues to look at, None to track from keypoints alone. source: the file they are from, for errors.
 
     Left to decide, all cues that the settings allow are used where there are clips and most frames lack keypoints.
 
     Raises
     ------
-    InputError: cues without clips, masks or backgrounds without a use for them.
+    InputError: cues without clips, or that the settings switch off; masks or backgrounds without a use for them.
     """
     if choice is None:
         found = settings if None not in inputs.clips and keypoint_share(inputs) < ENOUGH else None
@@ -54,6 +57,9 @@ def chosen_cues(choice: CueChoice, inputs: Inputs, settings: CueSettings) -> Cue
         raise InputError(extras[0], "is for the silhouette, which is not looked at", remedy="--cues silhouette")
     if choice and None in inputs.clips:
         raise InputError("cues", f"{', '.join(choice)} need the pictures", remedy="give the clips, or --cues off")
+    for name in choice:
+        if name not in names_of(settings):
+            raise Idle(f"cues.use_{name}", f"--cues asks for {name}").refused(source)
     return with_cues(settings, choice) if choice else None
 
 

@@ -11,9 +11,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from estimator.evaluation import Evaluation
+from estimator.evaluation import LIMB_JOINTS, Evaluation
 from estimator.fitting import Fit, ShapeFit
 from estimator.formats.run_file import Run
+from estimator.shared_landmarks import CENTRED
 from estimator.trackers.registry import TRACKERS
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
@@ -64,19 +65,45 @@ def _largest(values: np.ndarray) -> float:
 
 
 def print_evaluation(result: Evaluation) -> None:
-    """Errors in millimetres."""
-    made = table("errors against the reference [mm]", "measure", "best hypothesis", "best of K")
-    made.add_row("MPJPE (hips aligned)", millimetres(result.mpjpe), millimetres(result.best_of_k_mpjpe))
-    made.add_row("PA-MPJPE", millimetres(result.pa_mpjpe), millimetres(result.best_of_k_pa_mpjpe))
-    joints = table("mean error of each joint, hips aligned [mm]", "joint", "error")
-    for name, error in result.per_joint.items():
-        joints.add_row(name.replace("_", " "), millimetres(error))
+    """What was compared, and the errors: of landmarks in millimetres, of joints in degrees or millimetres."""
     out = console()
-    out.print(made)
-    out.print(joints)
+    if result.joints:
+        _print_landmark_errors(result, out)
+    if result.angle_errors or result.slide_errors:
+        _print_coordinate_errors(result, out)
     out.print(f"frames compared: {result.frames_compared}, without a counterpart: {result.frames_missing}")
     out.print(f"frames beyond a joint limit: {result.violations}")
     out.print(f"largest interpenetration: {millimetres(result.penetration)} mm")
+
+
+def _print_landmark_errors(result: Evaluation, out: Console) -> None:
+    limbs = set(result.joints) <= set(LIMB_JOINTS)
+    what = f"{len(result.joints)} {'limb joints' if limbs else 'shared landmarks'}"
+    made = table(f"errors of {what} [mm]", "measure", "best hypothesis", "best of K")
+    made.add_row(f"MPJPE ({result.aligned})", millimetres(result.mpjpe), millimetres(result.best_of_k_mpjpe))
+    made.add_row("PA-MPJPE", millimetres(result.pa_mpjpe), millimetres(result.best_of_k_pa_mpjpe))
+    joints = table(f"mean error of each, {result.aligned} [mm]", "joint" if limbs else "landmark", "error")
+    for name, error in result.per_joint.items():
+        joints.add_row(name.replace("_", " ") if limbs else name, millimetres(error))
+    out.print(made)
+    out.print(joints)
+    out.print("best hypothesis: the final trajectory, smoothed where the tracker smooths", soft_wrap=True)
+    out.print("best of K: the nearest of each frame's K hypotheses, as they were tracked", soft_wrap=True)
+    if result.aligned == CENTRED:
+        out.print("centred: the mean of the landmarks is moved to the origin, without hips to align", soft_wrap=True)
+
+
+def _print_coordinate_errors(result: Evaluation, out: Console) -> None:
+    made = table("mean absolute error of each joint", "joint", "best hypothesis")
+    for name, error in result.angle_errors.items():
+        made.add_row(name, "-" if not np.isfinite(error) else f"{error:.2f} deg")
+    for name, error in result.slide_errors.items():
+        made.add_row(name, "-" if not np.isfinite(error) else f"{1e3 * error:.1f} mm")
+    known = [e for e in result.angle_errors.values() if np.isfinite(e)]
+    if len(known) > 1:
+        made.add_section()
+        made.add_row(f"mean of {len(known)} turning joints", f"{np.mean(known):.2f} deg")
+    out.print(made)
 
 
 def print_notes(notes: Sequence[str]) -> None:
@@ -102,7 +129,14 @@ def print_explanation(explanation: Explanation) -> None:
     made.add_section()
     made.add_row("sum", f"{total:.3f}")
     made.add_row("as the run has it", f"{e.stored:.3f}")
-    console().print(made)
+    out = console()
+    out.print(made)
+    if e.origin is not None:
+        parent = f"; continues hypothesis {e.parent} of the frame before" if e.parent >= 0 else ""
+        out.print(f"searched as: {e.origin.family}{parent}")
+        if e.origin.price > 0.0:
+            out.print(f"flat price of the jump, paid by the weight and no part of the energy: {e.origin.price:g}")
+            out.print("the transition counts from the pose that it jumped to")
     print_notes(e.notes)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -14,6 +15,7 @@ import pytest
 import kinemode
 from estimator.formats.run_file import Run
 from estimator.imaging.clip import Clip
+from estimator.trackers.css import CssSettings
 from humanoid.errors import InputError
 from kinemode import api
 from kinemode.pictures import CUES, cue_choice
@@ -21,7 +23,7 @@ from kinemode.render import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 
 FRAMES = 5
-ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "q", "path")
+ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "mode_velocity", "mode_family", "q", "path")
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
 
 
@@ -40,7 +42,8 @@ def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run
 
 
 def track(clip: RenderedClip, **changes: Any) -> Run:
-    return api.track("human34", **{"fit": "off", "settings": QUICK, **named(clip), **changes})
+    given = {"subject": "human34", "fit": "off", "settings": QUICK, **named(clip), **changes}
+    return api.track(**given)
 
 
 def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,6 +126,51 @@ def test_background_from_a_picture_and_the_fit_from_one_frame(clip: RenderedClip
     assert not run.header.settings["cues"]["use_edges"]
     assert run.subject.proportions != kinemode.load_subject("human34").proportions
     assert np.isfinite(run.q).all()
+
+
+def test_settings_reach_the_fit_whatever_the_tracker(
+    clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Any] = []
+
+    def fitted(subject: Any, inputs: Any, seed: int, cues: Any, settings: Any) -> Any:
+        given.append(settings)
+        return SimpleNamespace(subject=subject)
+
+    monkeypatch.setattr(api, "_fit", fitted)
+    settings = {"cost": {"keypoint_noise": 0.05, "transition_nu": 9.0}, "annealed": {"particles": 5, "layers": 2}}
+    track(clip, out=tmp_path / "a.run", fit="auto", tracker="annealed", cues="off", settings=settings)
+    (found,) = given
+    assert (found.cost.keypoint_noise, found.cost.transition_nu) == (0.05, 9.0)
+    assert found.css == CssSettings()
+    with pytest.raises(InputError, match=r"transition_nu: has no effect: particles"):  # nothing is fitted
+        track(clip, out=tmp_path / "b.run", fit="off", tracker="annealed", cues="off", settings=settings)
+
+
+def test_what_would_have_no_effect_is_refused_before_the_work(clip: RenderedClip, tmp_path: Path) -> None:
+    (tmp_path / "no.toml").write_text("[cues]\nuse_flow = false\n")
+    for how, told in (
+        ({"tracker": "single-mode", "modes": 3, "settings": None}, "modes: single-mode keeps a single"),
+        ({"tracker": "condensation", "workers": 2, "settings": None}, "workers: condensation works in one"),
+        ({"settings": {"css": {"shape": "weakest", "tail": 3.0}}}, "css.tail: has no effect"),
+        ({"settings": {"smooth": {"lag": 3}}}, "smooth.lag: has no effect"),
+        (
+            {"settings": tmp_path / "no.toml", "cues": "edges,flow"},
+            r"no.toml: \[cues\] use_flow: .*--cues asks for flow",
+        ),
+        ({"subject": str(clip.subject), "fit": "proportions"}, "fit: .*is taken as measured"),
+    ):
+        with pytest.raises(InputError, match=told):
+            track(clip, out=tmp_path / "a.run", **how)
+    assert not (tmp_path / "a.run").exists()
+
+
+def test_what_has_no_effect_on_the_input_is_in_the_notes(clip: RenderedClip, tmp_path: Path) -> None:
+    few = {**QUICK, "cost": {"image": {"edge_nu": 5.0}}, "smooth": {"enabled": False}}
+    run = track(clip, keypoints=clip.keypoints, cues="off", out=tmp_path / "a.run", settings=few)
+    (note,) = [note for note in run.header.notes if "without effect" in note]
+    assert "cost.image.edge_nu" in note
+    assert "no pictures are looked at" in note
 
 
 def test_what_the_reader_notes_is_passed_on(clip: RenderedClip, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_the_trajectories_of_a_run() -> None:
     assert found["smoothed"].mean == pytest.approx(140.0 / 3.0)
     assert found["filtered"].worst == pytest.approx(300.0)
     assert found["filtered"].lost == 1
-    assert found["best of K"].mean == pytest.approx((20.0 + 60.0 + 40.0) / 3.0)
+    assert found["best of K"].mean == pytest.approx((50.0 + 60.0 + 100.0) / 3.0)  # not the smoothed pose
 
 
 def test_the_person_in_the_pictures_has_thicker_limbs_and_nothing_else() -> None:

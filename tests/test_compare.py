@@ -21,12 +21,12 @@ from kinemode import __main__ as front
 from kinemode import api
 from kinemode.comparison import Comparison, tracker_names
 from kinemode.comparison_files import plotted
-from kinemode.comparison_scores import FAR, courses, lost_frames
+from kinemode.comparison_scores import FAR, FAR_PX, courses, lost_frames
 from kinemode.comparison_times import TrackTime
 from kinemode.progress import unreported
 from kinemode.render_files import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
-from viz.comparison import COLOURS, Curve, Plot, write_plot
+from viz.comparison import COLOURS, Curve, Panel, Plot, first_losses, write_plot
 
 NAMES = ("single-mode", "css", "gaussian-single-mode")
 SETTINGS = {"css": QUICK["css"], "cues": QUICK["cues"], "smooth": {"enabled": False}}
@@ -156,26 +156,43 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
 
 
 def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:
-    how = {**named(clip), "cues": "edges", "settings": SETTINGS, "fit": "off"}
+    how = {**named(clip), "cues": "edges", "settings": {"cues": QUICK["cues"]}, "fit": "off"}
     found = kinemode.compare(clip.subject, trackers="single-mode", out=tmp_path, **how)
     course = found.courses["single-mode"]
     assert np.isfinite(course.energy).all()
     assert np.isfinite(course.residual).tolist() == [True, False, False, False, False]
-    assert plotted(found.scores, found.courses).label == "energy of the pose"
+    assert [panel.label for panel in plotted(found.scores, found.courses).panels] == ["energy of the pose"]
 
 
 def test_what_is_plotted(compared: Comparison) -> None:
     plot = plotted(compared.scores, compared.courses)
-    assert plot.limit == 1e3 * FAR
-    assert [curve.name for curve in plot.curves] == list(NAMES)
-    unknown = {n: replace(c, error=np.full(len(c.time), np.nan)) for n, c in compared.courses.items()}
-    assert plotted(compared.scores, unknown).label.endswith("[px]")
+    assert [(panel.label[-4:], panel.limit) for panel in plot.panels] == [("[mm]", 1e3 * FAR), ("[px]", FAR_PX)]
+    assert all([curve.name for curve in panel.curves] == list(NAMES) for panel in plot.panels)
+    assert not first_losses(plot)
+    nothing = np.full(5, np.nan)
+    guessed = {n: replace(c, world_error=nothing, pixel_error=nothing) for n, c in compared.courses.items()}
+    (panel,) = plotted(compared.scores, guessed).panels
+    assert panel.label == "mean error, hips aligned [mm]"
+    unknown = {n: replace(c, error=nothing) for n, c in guessed.items()}
+    assert plotted(compared.scores, unknown).panels[0].label == "mean distance from the keypoints [px]"
+
+
+def test_a_loss_is_marked_by_the_measure_that_it_broke(compared: Comparison) -> None:
+    """In the image in frame 1, without a pose in frame 2, in the world in frames 3 and 4."""
+    world, pixels = np.array([0.1, 0.1, np.nan, 0.3, 0.3]), np.array([1.0, 20.0, np.nan, 5.0, 5.0])
+    lost = ~((world <= FAR) & (pixels <= FAR_PX))
+    course = replace(compared.courses["css"], world_error=world, pixel_error=pixels, lost=lost)
+    plot = plotted([s for s in compared.scores if s.tracker == "css"], {"css": course})
+    in_world, in_image = (panel.curves[0] for panel in plot.panels)
+    assert in_world.lost == (course.time[2],)  # and not found again
+    assert in_image.lost == (course.time[1],)  # not found before frame 3
+    assert first_losses(plot) == {"css": course.time[1]}
 
 
 def test_every_curve_is_in_the_picture(tmp_path: Path) -> None:
     time = np.arange(30) / 10.0
-    curves = [Curve(f"tracker {i}", time, 10.0 * (i + 1) + time, 2.0 if i == 1 else None) for i in range(len(COLOURS))]
-    write_plot(Plot("title", "error [mm]", curves, 50.0), tmp_path / "a.png")
+    curves = [Curve(f"tracker {i}", time, 10.0 * (i + 1) + time, (2.0,) if i == 1 else ()) for i in range(len(COLOURS))]
+    write_plot(Plot("title", [Panel("error [mm]", curves, 50.0)]), tmp_path / "a.png")
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image is not None
     for colour in COLOURS:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator import evaluation
-from estimator.evaluation import LIMB_JOINTS, Reference, evaluate_points, mpjpe, pa_mpjpe
+from estimator.evaluation import LIMB_JOINTS, Reference, evaluate, evaluate_points, mpjpe, pa_mpjpe
+from estimator.formats.coordinates import opensim_coordinates
+from estimator.formats.opensim import Coordinates, read_mot, write_mot
+from estimator.synthesis import write_truth
 from humanoid.body import Body
 from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from humanoid.subject import load_subject, subject_from_text
+from kinemode import report
 
 HIPS = [LIMB_JOINTS.index("left_hip"), LIMB_JOINTS.index("right_hip")]
 
@@ -113,8 +120,119 @@ def test_limits_are_counted_by_frame() -> None:
 
 
 def test_a_foreign_reference_is_refused_by_name(truth: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"tail.*left_shoulder"):
+    with pytest.raises(InputError, match=r"run: left_shoulder.*reference: tail"):
         evaluate_points(LIMB_JOINTS, truth, truth[:, None], np.arange(5.0), Reference(("tail",), truth[:, :1]))
+
+
+def test_the_best_once_smoothed_is_none_of_the_k_hypotheses(truth: np.ndarray) -> None:
+    modes = np.stack([truth * 1.2, truth * 1.1], axis=1)
+    found = evaluate_points(LIMB_JOINTS, truth, modes, np.arange(5.0), Reference(LIMB_JOINTS, truth))
+    assert found["mpjpe"] == 0.0
+    assert found["best_of_k_mpjpe"] == pytest.approx(mpjpe(truth * 1.1, truth, HIPS).mean())
+    assert found["best_of_k_mpjpe"] > 0.01
+
+
+def test_limb_joints_alone_count_where_there_are_three(truth: np.ndarray) -> None:
+    names = (*LIMB_JOINTS, "nose")
+    points = np.concatenate([truth, truth[:, :1] + 5.0], axis=1)
+    reference = Reference(names, np.concatenate([truth, truth[:, :1]], axis=1))
+    found = evaluate_points(names, points, points[:, None], np.arange(5.0), reference)
+    assert (found["joints"], found["aligned"], found["mpjpe"]) == (LIMB_JOINTS, "hips aligned", 0.0)
+
+
+def robot() -> Body:
+    """A turning joint with limits, one without, a sliding one; a landmark on each link."""
+    limits = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
+    kinds = (("bend", "revolute", "a", "b"), ("spin", "continuous", "b", "c"), ("lift", "prismatic", "c", "d"))
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>'
+        f'<origin xyz="0.3 0.1 0.2"/>{limits}</joint>'
+        for name, kind, parent, child in kinds
+    )
+    links = "".join(f'<link name="{n}"/>' for n in "abcd")
+    marks = "".join(f'<landmark name="on_{n}" link="{n}" xyz="0.1 0 0"/>' for n in "abcd")
+    return Body(subject_from_text(f'<robot name="r">{links}{joints}{marks}</robot>', source="test", base="fixed"))
+
+
+def run_of(body: Body, q: np.ndarray) -> Any:
+    points = np.array([body.landmarks(body.at(one)) for one in q])
+    time = np.arange(len(q)) / 10.0
+    return SimpleNamespace(body=body, q=q, time=time, landmarks=points, mode_landmarks=points[:, None])
+
+
+def test_a_robot_is_compared_by_its_own_landmarks_and_joints(tmp_path: Path) -> None:
+    body = robot()
+    assert body.q_names == ("bend", "spin_cos", "spin_sin", "lift")
+    true = np.array([pin.integrate(body.model, body.neutral, np.array([0.1 * t, 3.0, 0.05 * t])) for t in range(6)])
+    write_truth(tmp_path / "truth.npz", body, true, np.arange(6) / 10.0)
+    reference = Reference.load(tmp_path / "truth.npz")
+    exact = evaluate(run_of(body, true), reference)
+    assert exact.joints == ("on_a", "on_b", "on_c", "on_d")
+    assert exact.aligned == "centred"
+    assert exact.mpjpe == pytest.approx(0.0, abs=1e-12)
+    assert exact.frames_compared == 6
+    off = np.array([pin.integrate(body.model, q, np.array([-0.2, 0.5, 0.03])) for q in true])  # spin: 3 to 3.5 > pi
+    found = evaluate(run_of(body, off), reference)
+    assert found.angle_errors == pytest.approx({"bend": np.rad2deg(0.2), "spin": np.rad2deg(0.5)})
+    assert found.slide_errors == pytest.approx({"lift": 0.03})
+    assert found.mpjpe > 0.01
+    names, values = opensim_coordinates(body, true)
+    write_mot(tmp_path / "truth.mot", names, values, np.arange(6) / 10.0, title="truth")
+    angles = evaluate(run_of(body, off), Reference.load(tmp_path / "truth.mot"))
+    assert angles.angle_errors == pytest.approx(found.angle_errors, abs=1e-6)
+    assert angles.slide_errors == pytest.approx(found.slide_errors, abs=1e-6)
+    assert (angles.joints, angles.frames_compared, angles.frames_missing) == ((), 6, 0)
+    assert np.isnan(angles.mpjpe)
+
+
+def test_what_was_compared_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    body = robot()
+    q = np.tile(body.neutral, (3, 1))
+    names = body.landmark_names
+    reference = Reference(names, run_of(body, q).landmarks, None, Coordinates(("lift",), q[:, 3:] + 0.002))
+    report.print_evaluation(evaluate(run_of(body, q), reference))
+    said = capsys.readouterr().out
+    for text in ("4 shared landmarks", "MPJPE (centred)", "on_a", "2.0 mm"):
+        assert text in said
+    assert "hips" not in said.replace("without hips", "")
+
+
+def test_fewer_than_three_landmarks_are_not_aligned() -> None:
+    body = robot()
+    run = run_of(body, np.tile(body.neutral, (3, 1)))
+    found = evaluate(run, Reference(("on_d",), run.landmarks[:, 3:] + [0.0, 0.0, 0.01]))
+    assert (found.joints, found.aligned) == (("on_d",), "nothing aligned")
+    assert found.mpjpe == pytest.approx(0.01)
+    assert np.isnan(found.pa_mpjpe)
+
+
+def test_what_each_side_has_is_said_where_nothing_is_shared(tmp_path: Path) -> None:
+    body = robot()
+    run = run_of(body, np.tile(body.neutral, (3, 1)))
+    other = Reference(("tail",), np.zeros((3, 1, 3)), None, Coordinates(("knee",), np.zeros((3, 1))))
+    with pytest.raises(InputError, match=r"run: on_a.*reference: tail.*run: bend, spin, lift; of the reference: knee"):
+        evaluate(run, other)
+    write_mot(tmp_path / "a.mot", ("knee",), np.zeros((3, 1)), np.arange(3) / 10.0, title="a")
+    with pytest.raises(InputError, match=r"landmarks of the run: on_a.*of the reference: none"):
+        evaluate(run, Reference.load(tmp_path / "a.mot"))
+
+
+def test_what_is_no_motion_file(tmp_path: Path) -> None:
+    good = "a\nnRows=1\nendheader\ntime knee\n0.0 1.5\n"
+    bad = {
+        "endheader": good.replace("endheader\n", ""),
+        "first column": good.replace("time ", "t "),
+        "2 are expected": good.replace("0.0 1.5", "0.0"),
+        "no number": good.replace("1.5", "x"),
+        "rising": good + "0.0 1.0\n",
+    }
+    path = tmp_path / "a.mot"
+    path.write_text(good)
+    assert not read_mot(path)[0].in_degrees
+    for told, text in bad.items():
+        path.write_text(text)
+        with pytest.raises(InputError, match=told):
+            Reference.load(path)
 
 
 def test_reference_from_a_file(tmp_path: Path, truth: np.ndarray) -> None:

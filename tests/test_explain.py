@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import shutil
+import sqlite3
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from estimator.cost.image.visibility import OUTER
+from estimator.formats.packing import pack, unpack
 from estimator.formats.run_file import Run
 from estimator.imaging.cues import CueReader
 from estimator.trackers.registry import make_tracker, settings_for
@@ -66,28 +70,108 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     run, t = runs["pictures"], 2
     settings = settings_for("css", changes=QUICK)
     search = make_tracker("css", run.body, settings).search
+    dt = run.time[t] - run.time[t - 1]
     ((name, video),) = clip.videos.items()
     reader = CueReader([video], run.header.cameras, settings.cues, masks=[clip.masks[name]])
     observation = replace(run.observation(t), cues=reader.at(t))
     reader.close()
-    result, before, first = run.result(t), run.result(t - 1), run.result(t - 2)
+    result, before, origins = run.result(t), run.result(t - 1), run.result(t).origins
+    assert origins is not None
     parent = int(result.parent[0])
-    velocity = run.body.difference(first.q[before.parent[parent]], before.q[parent])  # in one frame's time
-    predicted = run.body.integrate(before.q[parent], settings.css.momentum * velocity)
+    predicted = run.body.integrate(before.q[parent], settings.css.momentum * dt * run.mode_velocity[t - 1, parent])
+    np.testing.assert_array_equal(origins.q_previous[0], before.q[parent])
+    np.testing.assert_array_equal(origins.q_predicted[0], predicted)
     evidence = search.evidence(observation, before.q[0])
     assert evidence is not None
-    posed = run.body.at(result.q[0])
-    terms = [*evidence.assigned(posed), *evidence.followed(run.body.at(before.q[parent]), run.body.at(predicted))]
-    whole = search.model.cost(
-        search.term(observation, result.association[0]), before.q[parent], run.time[t] - run.time[t - 1], terms
-    )
+    assigned = evidence.assigned(run.body.at(origins.q_assigned[0]))
+    flow = evidence.followed(run.body.at(before.q[parent]), run.body.at(predicted))
+    whole = search.model.cost(search.term(observation, result.association[0]), before.q[parent], dt, [*assigned, *flow])
     found = explain(run, t, 0)
-    assert found.total == pytest.approx(whole.of(posed).value, rel=1e-9)
-    assert found.total == pytest.approx(run.mode_energy[t, 0], rel=0.05)  # features assigned where the search ended
+    assert found.total == pytest.approx(whole.of(run.body.at(result.q[0])).value, rel=1e-9)
+    assert found.total == pytest.approx(run.mode_energy[t, 0], abs=1e-9)
     parts = {p.name: p for p in found.parts}
     for name in ("edges", "body to silhouette", "silhouette to body", "flow"):
         assert parts[name].count
         assert 0.0 < parts[name].distance < 5.0
+
+
+JUMPING = {
+    "css": {"modes": 5, "samples": 2, "flips": 12, "limb_samples": 12, "flip_penalty": 1.0, "limb_penalty": 1.0},
+    "cost": {"exchange_penalty": 0.2},
+    "cues": {"working_size": 160},
+    "smooth": {"enabled": False},
+}
+"""Settings with which hypotheses of every family are kept."""
+
+
+@pytest.fixture(scope="module")
+def jumping(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    """As `runs`, with jumps, and one from both."""
+    folder = tmp_path_factory.mktemp("jumping")
+    seen: dict[str, Any] = {
+        "keypoints": {"clips": None, "cameras": clip.cameras, "keypoints": clip.keypoints},
+        "pictures": {**named(clip), "masks": clip.masks},
+        "both": {**named(clip), "keypoints": clip.keypoints, "masks": clip.masks, "cues": "edges,flow,silhouette"},
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return {
+            name: api.track("human34", **how, settings=JUMPING, fit="off", out=folder / f"{name}.run")
+            for name, how in seen.items()
+        }
+
+
+def test_energies_of_jumped_and_exchanged_hypotheses_add_up(jumping: dict[str, Run]) -> None:
+    kept = set()
+    for name, run in jumping.items():
+        for t in range(FRAMES) if name == "keypoints" else (0, FRAMES - 1):  # pictures take their time
+            for k in range(len(run.result(t).weight)):
+                found = explain(run, t, k)
+                assert found.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
+                assert found.notes == ()
+                assert found.origin is not None
+                kept |= {found.origin.family, found.association}
+    assert kept >= {"start", "parent", "sample", "jump in depth", "limb elsewhere", "as_detected", "exchanged"}
+
+
+def test_a_jump_is_no_motion_and_has_paid_its_price(jumping: dict[str, Run]) -> None:
+    run, jumps = jumping["keypoints"], 0
+    for t in range(1, FRAMES):
+        result, before = run.result(t), run.result(t - 1)
+        assert result.origins is not None
+        for k in range(len(result.weight)):
+            origin = result.origins.one(k)
+            assert origin.paid
+            assert origin.q_previous is not None
+            parent, jumped = before.q[result.parent[k]], origin.family == "jump in depth"
+            assert np.array_equal(origin.q_previous, parent) != jumped
+            assert origin.price == (1.0 if jumped else 0.0)
+            change = run.body.difference(origin.q_previous, result.q[k])
+            np.testing.assert_allclose(run.mode_velocity[t, k], change / (run.time[t] - run.time[t - 1]))
+            jumps += jumped
+            if jumped:
+                assert np.abs(run.body.difference(parent, origin.q_previous)).max() > 0.1
+    assert jumps > 0
+
+
+def test_a_run_that_does_not_say_what_was_paid(
+    runs: dict[str, Run], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "old.run"
+    shutil.copy(runs["pictures"].file, path)
+    with sqlite3.connect(path) as connection:
+        for position, data in connection.execute("SELECT position, data FROM frame").fetchall():
+            kept = {n: a for n, a in unpack(data).items() if n != "velocity" and not n.startswith("origin_")}
+            connection.execute("UPDATE frame SET data = ? WHERE position = ?", (pack(kept), position))
+    old = Run.open(path)
+    assert old.result(2).origins is None
+    assert np.isnan(old.mode_velocity).all()
+    found = explain(old, 2, 0)
+    assert not {"transition", "flow"} & {p.name for p in found.parts}
+    assert found.total > 0.0
+    assert any("does not say what its hypotheses paid for" in note for note in found.notes)
+    assert front.main(["explain", str(path), "--frame", "2"]) == 0
+    assert "searched as" not in capsys.readouterr().out
 
 
 def test_pictures_show_the_body_where_it_is(runs: dict[str, Run]) -> None:
@@ -111,7 +195,7 @@ def test_command_prints_the_table_and_writes_the_pictures(
         out = tmp_path / run.file.stem
         assert front.main(["explain", str(run.file), "--frame", "1", "--out", str(out)]) == 0
         said = capsys.readouterr().out
-        assert all(word in said for word in ("keypoints", "transition", "sum", "as the run has it"))
+        assert all(word in said for word in ("keypoints", "transition", "sum", "as the run has it", "searched as"))
         assert ("edges" in said) == (count > 1)
         written = sorted(out.iterdir())
         assert len(written) == count

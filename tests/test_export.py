@@ -11,10 +11,12 @@ import pytest
 from test_run_file import header, state_of, walk
 
 from estimator.formats.export import FORMATS, export
+from estimator.formats.opensim import read_mot
 from estimator.formats.reference import load_reference
 from estimator.formats.run_file import Run, RunWriter
 from humanoid.body import Body
 from humanoid.errors import InputError
+from humanoid.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS
 from humanoid.subject import load_subject
 
 FRAMES = 12
@@ -45,10 +47,12 @@ def test_npz(run: Run, tmp_path: Path) -> None:
         np.testing.assert_allclose(a["landmarks"][t], run.body.landmarks(run.body.at(a["q"][t])), atol=1e-12)
     assert list(a["q_names"]) == list(run.body.q_names)
     assert a["status"][1] == "tracked"
-    names, points, fps = load_reference(tmp_path / "a.npz")
-    assert names == run.body.landmark_names
-    assert fps == pytest.approx(30.0)
-    np.testing.assert_array_equal(points, run.landmarks)
+    reference = load_reference(tmp_path / "a.npz")
+    assert reference.names == run.body.landmark_names
+    np.testing.assert_array_equal(reference.time, run.time)
+    np.testing.assert_array_equal(reference.points, run.landmarks)
+    assert reference.coordinates is not None
+    np.testing.assert_array_equal(reference.coordinates.values, run.q)
 
 
 def test_csv(run: Run, tmp_path: Path) -> None:
@@ -80,10 +84,10 @@ def test_trc(run: Run, tmp_path: Path) -> None:
     first = np.array(lines[6][2:5], dtype=float)
     x, y, z = 1000.0 * run.landmarks[0, 0]
     np.testing.assert_allclose(first, [x, z, -y], atol=1e-3)  # z up -> y up
-    names, points, fps = load_reference(tmp_path / "a.trc")
-    assert names == run.body.landmark_names
-    assert fps == pytest.approx(30.0, rel=1e-3)
-    np.testing.assert_allclose(points, run.landmarks, atol=1e-6)
+    reference = load_reference(tmp_path / "a.trc")
+    assert reference.names == run.body.landmark_names
+    np.testing.assert_allclose(reference.time, run.time, atol=1e-3)
+    np.testing.assert_allclose(reference.points, run.landmarks, atol=1e-6)
 
 
 def test_mot(run: Run, tmp_path: Path) -> None:
@@ -104,9 +108,28 @@ def test_mot(run: Run, tmp_path: Path) -> None:
         about = [pin.AngleAxis(a, np.eye(3)[i]).matrix() for a, i in ((tilt, 2), (sideways, 0), (rotation, 1))]
         R = pin.Quaternion(run.q[t, 3:7]).matrix()
         np.testing.assert_allclose(about[0] @ about[1] @ about[2], turn @ R @ turn.T, atol=1e-6)
-        np.testing.assert_allclose(
-            [values[t, names.index(f"root_t{a}")] for a in "xyz"], turn @ run.q[t, :3], atol=1e-6
-        )
+        np.testing.assert_allclose([values[t, names.index(f"root_{a}")] for a in "xyz"], run.q[t, :3], atol=1e-6)
+
+
+def test_a_coordinate_has_one_name_and_one_value_in_every_export(run: Run, tmp_path: Path) -> None:
+    with np.load(export(run, tmp_path / "a.npz"), allow_pickle=False) as f:
+        npz, of_v, joints = (f[name].tolist() for name in ("q_names", "v_names", "joint_names"))
+    with export(run, tmp_path / "a.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    (mot, values, in_degrees), time = read_mot(export(run, tmp_path / "a.mot"))
+    bare = [name.removesuffix("_m").removesuffix("_rad") for name in rows[0]][1 : 1 + run.body.nq]
+    assert npz == bare == list(run.body.q_names)
+    assert [name for name in npz if name.startswith("root")] == [*ROOT_POSITION, *ROOT_QUATERNION]
+    assert set(npz) - set(mot) == set(ROOT_QUATERNION)  # which a motion file has as turns
+    assert set(mot) - set(npz) == set(ROOT_TURNS)
+    assert not set(of_v[:6]) & set(npz)  # velocities are something else
+    assert joints[0] == ROOT
+    assert in_degrees
+    np.testing.assert_allclose(time, run.time, atol=1e-6)
+    for name in set(npz) & set(mot):
+        column = run.q[:, npz.index(name)]
+        unit = 1.0 if name in ROOT_POSITION else np.pi / 180.0
+        np.testing.assert_allclose(unit * values[:, mot.index(name)], column, atol=1e-7)
 
 
 def test_nothing_half_written(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,9 +158,10 @@ def test_no_frames_export(tmp_path: Path) -> None:
 
 
 def test_references(tmp_path: Path, shared_data: Path) -> None:
-    names, points, fps = load_reference(shared_data / "beam4cam" / "reference3d.npz")
+    names, points, time, coordinates = load_reference(shared_data / "beam4cam" / "reference3d.npz")
     assert points.shape == (100, 33, 3)
-    assert fps == 60.0
+    np.testing.assert_array_equal(time, np.arange(100) / 60.0)
+    assert coordinates is None
     assert names[-1] == "right_big_toe"
     assert names[1] == "left_eye_inner"
     assert "left_hip" in names

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from estimator.formats.settings_file import load_settings, settings_text
-from estimator.trackers.registry import TRACKERS, settings_for
+from estimator.trackers.idle_rules import OF_ONE_CAMERA, OF_PICTURES, RULES
+from estimator.trackers.registry import GROUPS, TRACKERS, settings_for
+from estimator.trackers.setting_changes import every_setting
 from humanoid.errors import InputError
-from kinemode.settings import describe_settings, read_settings, write_settings
+from kinemode.settings import (
+    check_workers,
+    choose,
+    choose_for_all,
+    describe_settings,
+    read_settings,
+    write_settings,
+)
 
 CHANGES = {
     "cost": {"nu": 0.1 + 0.2, "potential": "leclerc", "image": {"edge_candidates": 2, "motion_boundary": 0}},
@@ -81,6 +90,113 @@ def test_the_option_goes_before_the_file_and_the_file_before_the_default(tmp_pat
     assert read_settings("css", path).css.modes == 3
     assert read_settings("css", path, modes=5).css.modes == 5
     assert read_settings("css", None).css.modes == 7
+
+
+IDLE = {
+    ("css", "[css]\ntransition = false\nflip_penalty = 2.0\n"): ("[css] flip_penalty", "css.transition is off"),
+    ("css", "[css]\nshape = 'weakest'\ntail = 4.0\n"): ("[css] tail", "css.shape is weakest"),
+    ("css", "[css]\nflips = 0\nflip_penalty = 2.0\n"): ("[css] flip_penalty", "css.flips is 0"),
+    ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css goes by [css]"),
+    ("css", "[smooth]\nlag = 3\n"): ("[smooth] lag", "live use"),
+    ("css", "[cost]\npose_prior_file = 'a.json'\n"): ("[cost] pose_prior_file", "cost.pose_prior_weight is 0"),
+    ("css", "[cost]\npotential = 'gaussian'\nnu = 3.0\n"): ("[cost] nu", "cost.potential is gaussian"),
+    ("css", "[search]\nweigh_samples = 9\n"): ("[search] weigh_samples", "search.weigh is height"),
+    ("css", "[cues]\nuse_flow = false\n[cues.flow]\ntolerance = 1.0\n"): ("[cues.flow] tolerance", "use_flow is off"),
+    ("css", "[css.budget]\ncalm = 1.0\nalarm = 3.0\n"): ("[css.budget] alarm", "css.budget.calm is 1"),
+    ("css-paper", "[smooth]\nwindow = 9\n"): ("[smooth] window", "smooth.enabled is off"),
+    ("css-paper", "[css]\nother_readings = 3\n"): ("[css] other_readings", "search.exchange is off"),
+    ("single-mode", "[css]\nmodes = 3\n"): ("[css] modes", "single-mode goes by [single_mode]"),
+    ("condensation", "[cost]\ntransition_nu = 3.0\n"): ("[cost] transition_nu", "dynamics alone"),
+    ("robust-single-mode", "[search.contact]\nsteps = 3\n"): ("[search.contact] steps", "interpenetration_weight is 0"),
+}
+
+
+@pytest.mark.parametrize("case", IDLE)
+def test_settings_without_effect_are_refused(case: tuple[str, str], tmp_path: Path) -> None:
+    tracker, text = case
+    path = tmp_path / "idle.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        choose(tracker, path).check(fits=False)
+    place, why = IDLE[case]
+    assert str(error.value).startswith(f"{path}: {place}: has no effect: ")
+    assert why in str(error.value)
+    with pytest.raises(InputError, match=r"settings\.\w"):
+        choose(tracker, load_settings(path)).check(fits=False)
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_settings_file_as_it_is_written_is_taken(tracker: str, tmp_path: Path) -> None:
+    choose(tracker, write_settings(tmp_path / "all.toml", tracker)).check(fits=False)
+
+
+def test_rules_name_settings_that_there_are() -> None:
+    names = {f"{table}.{name}" for table, name, _ in every_setting(settings_for("css"))}
+    groups = {name.rpartition(".")[0] for name in names}
+    for rule in RULES:
+        assert set(rule.names) <= names | groups
+        assert {name for name, _ in rule.where} <= names
+        assert rule.group in ("", *GROUPS.values())
+    for name in (*OF_PICTURES, *OF_ONE_CAMERA):
+        assert name in names | groups
+
+
+def test_what_acts_on_the_fit_alone_is_no_setting_without_effect() -> None:
+    chosen = choose("condensation", {"cost": {"transition_nu": 3.0, "nu": 5.0}})
+    chosen.check(fits=True)
+    assert chosen.for_fit.cost.transition_nu == 3.0
+    with pytest.raises(InputError, match="transition_nu"):
+        chosen.check(fits=False)
+    gaussian = choose("gaussian-single-mode", {"search": {"spare": 5}})
+    assert gaussian.for_fit.search.spare == 5
+    assert gaussian.for_fit.cost == settings_for("css").cost  # the tracker's own potential is not the fit's
+    assert choose("css-paper", {"css": {"samples": 9}}).for_fit.css == settings_for("css").css
+    assert choose("css", {"css": {"samples": 9}}).for_fit.css.samples == 9
+
+
+def test_several_hypotheses_of_a_single_mode_are_refused() -> None:
+    assert read_settings("single-mode", None, modes=1) == settings_for("single-mode")
+    with pytest.raises(InputError, match=r"modes: single-mode keeps a single hypothesis.*css, css-paper"):
+        read_settings("single-mode", None, modes=3)
+
+
+def test_processes_are_refused_where_they_share_nothing() -> None:
+    check_workers(choose("css", None), 2)
+    check_workers(choose("multiple-hypothesis", None), 2)
+    check_workers(choose("annealed", None), 1)
+    for name in ("annealed", "condensation", "single-mode", "gaussian-multiple-hypothesis"):
+        with pytest.raises(InputError, match=rf"workers: {name} works in one process.*css, css-paper"):
+            check_workers(choose(name, None), 2)
+
+
+def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
+    changes = {"css": {"samples": 3}, "single_mode": {"limits": False}, "cost": {"nu": 5.0}}
+    found = choose_for_all(("single-mode", "css", "condensation"), changes, 4, 2, fits=False)
+    assert found["single-mode"] == ({"css": {}, "single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None, 1)
+    assert found["css"] == ({"css": {"samples": 3}, "single_mode": {}, "cost": {"nu": 5.0}}, 4, 2)
+    assert found["condensation"][1:] == (4, 1)
+    for name, (own, modes, _) in found.items():
+        choose(name, own, modes).check(fits=False)
+    for trackers, wrong in (
+        (("single-mode", "condensation"), {"given": {"css": {"samples": 3}}}),
+        (("single-mode", "robust-single-mode"), {"modes": 3}),
+        (("single-mode", "condensation"), {"workers": 2}),
+    ):
+        given = {"given": None, "modes": None, "workers": 1, **wrong}
+        with pytest.raises(InputError, match="css"):
+            choose_for_all(trackers, fits=False, **given)
+
+
+def test_what_has_no_effect_on_this_input_is_noted() -> None:
+    chosen = choose("css", {"css": {"flips": 3}, "cost": {"image": {"flow_nu": 3.0, "edge_nu": 3.0}}})
+    assert chosen.notes(cues=chosen.settings.cues, cameras=1, fits=False) == []
+    (several,) = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
+    assert several == "settings without effect here: css.flips (it is for one camera, there are 4)"
+    (blind,) = chosen.notes(cues=None, cameras=1, fits=False)
+    assert blind.endswith("cost.image.edge_nu, cost.image.flow_nu (no pictures are looked at)")
+    (edges,) = chosen.notes(cues=replace(chosen.settings.cues, use_flow=False), cameras=1, fits=False)
+    assert "flow_nu" in edges
+    assert "edge_nu" not in edges
 
 
 BAD = {

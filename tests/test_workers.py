@@ -36,7 +36,7 @@ from tests.tiny_clip import tiny_clip
 
 FRAMES = 3
 QUICK = {"css": {"budget": {"searches": 9}}}
-ARRAYS = ("q", "weight", "energy", "covariance", "parent", "kkt_residual", "penetration")
+ARRAYS = ("q", "weight", "energy", "covariance", "parent", "kkt_residual", "penetration", "velocity")
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", "-.", (0, (1, 1.2)))
 MARKS = "os^Dv*P<dh>"
+_COLUMNS = 3  # of the legend
 _MARKED = 9  # marks along a line
 _NEAR_LIMIT = 0.5  # share of the limit from which it is shown
 _DECADES = 0.7  # range of the values, in powers of ten, from which the axis is logarithmic
@@ -26,23 +27,30 @@ _DECADES = 0.7  # range of the values, in powers of ten, from which the axis is 
 
 @dataclass(frozen=True)
 class Curve:
-    """One tracker's line: a value (T,) at each time (T,) [s], NaN where there is none; lost: the time at which it is
-    first lost, None where it never is."""
+    """One tracker's line: a value (T,) at each time (T,) [s], NaN where there is none; lost: the times at which it is
+    lost by the measure of its panel."""
 
     name: str
     time: np.ndarray
     value: np.ndarray
-    lost: float | None = None
+    lost: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One measure: its name with the unit, a curve a tracker, and the value beyond which a pose is lost by it."""
+
+    label: str
+    curves: Sequence[Curve]
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
 class Plot:
-    """What is drawn: the curves, a title, what the values are, with their unit, and where a pose counts as lost."""
+    """What is drawn: a title, and one panel or several below each other over the same time."""
 
     title: str
-    label: str
-    curves: Sequence[Curve]
-    limit: float | None = None
+    panels: Sequence[Panel]
 
 
 def write_plot(plot: Plot, path: str | Path) -> None:
@@ -50,36 +58,48 @@ def write_plot(plot: Plot, path: str | Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.0, 4.8), layout="constrained")
+    count = len(plot.panels)
+    figure = Figure(figsize=(10.0, 1.4 + 3.2 * count), layout="constrained")
     FigureCanvasAgg(figure)  # no window, and none of pyplot's global state
-    axes = figure.add_subplot()
-    for i, curve in enumerate(plot.curves):
-        _draw(axes, i, curve)
-    _dress(axes, plot)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    every = figure.subplots(count, sharex=True, squeeze=False)[:, 0]
+    first = first_losses(plot)
+    for axes, panel in zip(every, plot.panels, strict=True):
+        for i, curve in enumerate(panel.curves):
+            _draw(axes, i, curve, panel.limit, first.get(curve.name))
+        _dress(axes, panel)
+    every[0].set_title(f"{plot.title}{'; crosses: lost, a large one first' if first else ''}", loc="left")
+    figure.legend(*every[0].get_legend_handles_labels(), loc="outside lower left", ncols=_COLUMNS, frameon=False)
+    every[-1].set_xlabel("time [s]")
     figure.savefig(path, format="png", dpi=110)
 
 
-def _draw(axes: Axes, i: int, curve: Curve) -> None:
-    """One line, thinner the later it is drawn, so that those below stay visible, with a cross where it is lost."""
+def first_losses(plot: Plot) -> dict[str, float]:
+    """When each tracker is first lost by any measure [s]; those that never are are left out."""
+    lost = [(t, curve.name) for panel in plot.panels for curve in panel.curves for t in curve.lost]
+    return {name: t for t, name in sorted(lost, reverse=True)}
+
+
+def _draw(axes: Axes, i: int, curve: Curve, limit: float | None, first: float | None) -> None:
+    """One line, thinner the later it is drawn, so that those below stay visible, with a cross wherever it is lost."""
     every = max(1, len(curve.time) // _MARKED)
     colour = COLOURS[i % len(COLOURS)]
-    (line,) = axes.plot(
+    label = curve.name if first is None else f"{curve.name}, lost at {first:.2f} s"
+    axes.plot(
         curve.time, curve.value, color=colour, linestyle=STYLES[i % len(STYLES)], linewidth=max(1.2, 2.4 - 0.2 * i),
-        marker=MARKS[i % len(MARKS)], markersize=5.0, markevery=(i * every // 5 % every, every), label=curve.name,
+        marker=MARKS[i % len(MARKS)], markersize=5.0, markevery=(i * every // 5 % every, every), label=label,
     )  # fmt: skip
-    if curve.lost is None:
-        return
-    line.set_label(f"{curve.name}, lost at {curve.lost:.2f} s")
-    at = int(np.argmin(np.abs(curve.time - curve.lost)))
-    if np.isfinite(curve.value[at]):
-        axes.plot(curve.time[at], curve.value[at], "x", color=colour, markersize=13.0, markeredgewidth=3.0, zorder=5)
+    for lost in curve.lost:
+        value = curve.value[int(np.argmin(np.abs(curve.time - lost)))]
+        height = value if np.isfinite(value) else limit  # a frame without a pose has no value
+        size = 13.0 if lost == first else 7.0
+        if height is not None:
+            axes.plot(lost, height, "x", color=colour, markersize=size, markeredgewidth=3.0 * size / 13.0, zorder=5)
 
 
-def _dress(axes: Axes, plot: Plot) -> None:
+def _dress(axes: Axes, panel: Panel) -> None:
     from matplotlib.ticker import LogLocator
 
-    values = np.concatenate([curve.value for curve in plot.curves])
+    values = np.concatenate([curve.value for curve in panel.curves])
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     if low > 0.0 and np.log10(high / low) > _DECADES:
@@ -89,15 +109,14 @@ def _dress(axes: Axes, plot: Plot) -> None:
         axes.yaxis.set_minor_formatter("")
     elif low >= 0.0:
         axes.set_ylim(bottom=0.0)
-    if plot.limit is not None and high > _NEAR_LIMIT * plot.limit:
-        axes.axhline(plot.limit, color="0.4", linewidth=1.0, linestyle=":")
-        axes.set_ylim(top=max(1.1 * plot.limit, axes.get_ylim()[1]))
+    limit = panel.limit
+    if limit is not None and high > _NEAR_LIMIT * limit:
+        axes.axhline(limit, color="0.4", linewidth=1.0, linestyle=":")
+        axes.set_ylim(top=max(1.1 * limit, axes.get_ylim()[1]))
         axes.annotate(
-            "lost", (1.0, plot.limit), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="0.4"
-        )
-    axes.set_title(plot.title, loc="left")
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel(plot.label)
+            f"lost above {limit:g}", (1.005, limit), xycoords=("axes fraction", "data"), va="center", color="0.4",
+        )  # fmt: skip
+    axes.set_ylabel(panel.label)
     axes.grid(True, which="major", color="0.9", linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.01)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.filtering.origin import Origin
+
 
 @dataclass(frozen=True)
 class Mode:
@@ -18,8 +20,11 @@ class Mode:
     kkt_residual: largest entry of the projected gradient, recomputed from the problem at q.
     penetration: deepest overlap of two body parts at q [m], 0 if none.
     parent: index of the mode of the previous frame that this one continues, -1 if none.
-    velocity (nv,): tangent from the parent's configuration to q, per second; zero where there is none.
+    velocity (nv,): tangent to q from where the body was before, per second: from the parent's configuration; of a jump
+        from the pose that it jumped to, as a jump is no motion. Zero where there is no past (see `Origin.q_previous`).
     association: which reading of the keypoints it explains: "as_detected" or "exchanged" (left and right swapped).
+    origin: where it came from and what it paid; None where that is not known, as of modes carried through a frame that
+        was not observed.
     """
 
     q: np.ndarray
@@ -31,6 +36,7 @@ class Mode:
     penetration: float = 0.0
     parent: int = -1
     association: str = "as_detected"
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import numpy as np
 
 from estimator.formats.opensim import R_OPENSIM_WORLD
 from humanoid.body import Body
-
-ROOT_JOINT = "root_joint"  # Pinocchio's name for the free root
+from humanoid.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_names
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class JointEntry:
 def joint_entries(body: Body) -> Iterator[JointEntry]:
     """The joints of a body in the order of q."""
     model = body.model
-    for j in range(1, body.njoints):
+    for j, name in enumerate(joint_names(model), 1):
         count, short = int(model.nqs[j]), model.joints[j].shortname()
         if count == 7:
             kind = "free"
@@ -36,38 +35,37 @@ def joint_entries(body: Body) -> Iterator[JointEntry]:
             kind = "slide" if short.startswith("JointModelP") else "turn"
         else:
             kind = "other"
-        name = "root" if model.names[j] == ROOT_JOINT else model.names[j]
         yield JointEntry(name, kind, int(model.idx_qs[j]), count)
 
 
 def q_columns(body: Body) -> tuple[str, ...]:
     """A name with its unit for each entry of q: `root_x_m`, `root_qw`, `left_knee_flexion_rad`."""
-    names: list[str] = []
+    names = list(body.q_names)
     for entry in joint_entries(body):
-        own = [n.replace(ROOT_JOINT, "root") for n in body.q_names[entry.start : entry.start + entry.count]]
-        if entry.kind == "free":
-            own = [f"{n}_m" for n in own[:3]] + own[3:]
-        elif entry.kind in ("slide", "turn"):
-            own = [own[0] + ("_m" if entry.kind == "slide" else "_rad")]
-        names += own
+        lengths = {"free": 3, "slide": 1}.get(entry.kind, 0)
+        for k in range(entry.start, entry.start + lengths):
+            names[k] += "_m"
+        if entry.kind == "turn":
+            names[entry.start] += "_rad"
     return tuple(names)
 
 
 def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names (N) and values (T, N) of OpenSim coordinates for q (T, nq): degrees, metres, y up.
+    """Names (N) and values (T, N) of coordinates for OpenSim from q (T, nq): degrees and metres.
 
-    The free root becomes `root_tilt`, `root_list`, `root_rotation` (turns about z, x, y in this order, as of the pelvis
-    in OpenSim's gait models) and `root_tx`, `root_ty`, `root_tz`.
+    Position and joints have the names and values that they have in q. The root's quaternion becomes three turns about
+    OpenSim's Z, X and Y in this order, those of the pelvis in its gait models. With OpenSim's ground y up, `root_x`,
+    `root_z` and `root_y` are along its X, Y and -Z.
     """
     names: list[str] = []
     columns: list[np.ndarray] = []
     for entry in joint_entries(body):
         part = q[:, entry.start : entry.start + entry.count]
         if entry.kind == "free":
-            names += [f"{entry.name}_{s}" for s in ("tilt", "list", "rotation", "tx", "ty", "tz")]
-            columns += [*_turns(part[:, 3:]).T, *(part[:, :3] @ R_OPENSIM_WORLD.T).T]
+            names += [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
+            columns += [*_turns(part[:, 3:]).T, *part[:, :3].T]
         elif entry.kind == "other":
-            names += [f"{entry.name}_{k}" for k in range(entry.count)]
+            names += body.q_names[entry.start : entry.start + entry.count]
             columns += list(part.T)
         else:
             angle = _unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]

@@ -17,6 +17,7 @@ from estimator.formats.opensim import write_mot, write_trc
 from estimator.formats.run_reader import Run
 from humanoid.atomic import replacing
 from humanoid.errors import InputError
+from humanoid.joint_names import joint_names
 
 
 def export(run: Run, path: str | Path, format: str | None = None) -> Path:
@@ -48,7 +49,7 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
         "q": run.q,
         "q_names": np.array(run.body.q_names, dtype=np.str_),
         "v_names": np.array(run.body.v_names, dtype=np.str_),
-        "joint_names": np.array(list(run.body.model.names)[1:], dtype=np.str_),
+        "joint_names": np.array(joint_names(run.body.model), dtype=np.str_),
         "landmark_names": np.array(run.body.landmark_names, dtype=np.str_),
         "landmarks": run.landmarks,
         "mode_q": run.mode_q,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,14 +63,43 @@ def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
 
 
 def write_mot(path: Path, names: Sequence[str], values: np.ndarray, time: np.ndarray, *, title: str) -> None:
-    """Write coordinates (T, N), angles in degrees and lengths in metres."""
+    """Write coordinates (T, N), angles in degrees and lengths in metres; positions are those of the z-up world."""
     head = [
         title, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "",
-        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader",
+        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.",
+        "A free root's x, z and y are along OpenSim's ground X, Y and -Z.", "", "endheader",
         "\t".join(["time", *names]),
     ]  # fmt: skip
     rows = ["\t".join([f"{t:.6f}", *(f"{v:.8f}" for v in row)]) for t, row in zip(time, values, strict=True)]
     path.write_text("\n".join(head + rows) + "\n", encoding="utf-8")
+
+
+class Coordinates(NamedTuple):
+    """Joint coordinates over time: names (N), values (T, N), NaN where missing; turns are in radians or in degrees,
+    lengths in metres."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    in_degrees: bool = False
+
+
+def read_mot(path: Path) -> tuple[Coordinates, np.ndarray]:
+    """The coordinates of a motion file and their times (T,) [s]; raises InputError where it is none."""
+    lines = read_text(path).splitlines()
+    end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    if end is None or end + 1 >= len(lines):
+        raise InputError(path, "is no motion file: it has no 'endheader' with column names after it")
+    in_degrees = any("".join(line.lower().split()) == "indegrees=yes" for line in lines[:end])
+    names = lines[end + 1].split()
+    if not names or names[0].lower() != "time":
+        raise InputError(path, "its first column is not 'time'", place=f"line {end + 2}")
+    rows = [
+        _numbers(line.split(), len(names), path, number)
+        for number, line in enumerate(lines[end + 2 :], end + 3)
+        if line.strip()
+    ]
+    values = np.array(rows).reshape(-1, len(names))
+    return Coordinates(tuple(names[1:]), values[:, 1:], in_degrees), values[:, 0]
 
 
 def frame_rate(time: np.ndarray) -> float:
@@ -80,9 +110,16 @@ def frame_rate(time: np.ndarray) -> float:
 def _trc_row(line: str, count: int, path: Path, number: int) -> list[float]:
     cells = line.split("\t")
     cells = [*cells, *[""] * (count - len(cells))]  # empty cells at the end are often cut off
-    if any(cell.strip() for cell in cells[count:]):
+    while len(cells) > count and not cells[-1].strip():
+        cells.pop()
+    return _numbers(cells, count, path, number)
+
+
+def _numbers(cells: list[str], count: int, path: Path, number: int) -> list[float]:
+    """The cells of a line, NaN where they are empty."""
+    if len(cells) != count:
         raise InputError(path, f"has {len(cells)} columns, {count} are expected", place=f"line {number}")
     try:
-        return [float(cell) if cell.strip() else np.nan for cell in cells[:count]]
+        return [float(cell) if cell.strip() else np.nan for cell in cells]
     except ValueError:
         raise InputError(path, "has a cell that is no number", place=f"line {number}") from None

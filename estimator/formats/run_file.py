@@ -171,6 +171,8 @@ def _packed(result: FrameResult) -> dict[str, np.ndarray]:
         "kkt_residual": result.kkt_residual,
         "penetration": result.penetration,
         "association": np.array(result.association, dtype=np.str_),
+        **({} if result.velocity is None else {"velocity": result.velocity}),
+        **({} if result.origins is None else result.origins.arrays()),
     }
 
 

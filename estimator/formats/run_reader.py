@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.filtering.calibration import Calibration
+from estimator.filtering.origin import PREFIX, Origins
 from estimator.filtering.paths import backtrack
 from estimator.filtering.posterior import Posterior
 from estimator.formats import run_store
@@ -84,7 +85,7 @@ class Run:
         return FrameResult(
             int(a["index"]), float(a["time"]), str(a["status"]), a["q"], a["weight"], a["energy"],
             _symmetric(a["covariance"], self.body.nv), a["parent"], a["kkt_residual"], a["penetration"],
-            tuple(str(s) for s in a["association"]),
+            tuple(str(s) for s in a["association"]), a.get("velocity"), Origins.from_arrays(a, self.body.nq),
         )  # fmt: skip
 
     def observation(self, i: int) -> Observation:
@@ -171,6 +172,18 @@ class Run:
         k = self.hypothesis_count
         rows = [[*f["association"], *[""] * (k - len(f["association"]))] for f in self._frames]
         return np.array(rows, dtype=np.str_).reshape(len(rows), k)
+
+    @cached_property
+    def mode_velocity(self) -> np.ndarray:
+        """(T, K, nv) [1/s], see `Mode`; NaN also in runs made before it was kept."""
+        return self._padded("velocity", (self.body.nv,))
+
+    @cached_property
+    def mode_family(self) -> np.ndarray:
+        """(T, K) text: what each hypothesis was searched from, see `Origin`; empty where that is not known."""
+        rows = [f.get(f"{PREFIX}family", np.zeros(0, np.str_)).tolist() for f in self._frames]
+        k = self.hypothesis_count
+        return np.array([row + [""] * (k - len(row)) for row in rows], dtype=np.str_).reshape(len(rows), k)
 
     @cached_property
     def mode_landmarks(self) -> np.ndarray:
@@ -270,7 +283,8 @@ class Run:
     def _padded(self, key: str, shape: tuple[int, ...] = ()) -> np.ndarray:
         out = np.full((len(self._frames), self.hypothesis_count, *shape), np.nan)
         for t, frame in enumerate(self._frames):
-            out[t, : len(frame[key])] = frame[key]
+            if key in frame:
+                out[t, : len(frame[key])] = frame[key]
         return out
 
     def _along(self, per_mode: np.ndarray) -> np.ndarray:

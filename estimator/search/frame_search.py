@@ -13,6 +13,7 @@ from estimator.cost.model import CostModel
 from estimator.cost.reprojection import Reprojection
 from estimator.cost.term import Cost, Quadratic, Term
 from estimator.filtering.mixture import Mode
+from estimator.filtering.origin import START, Origin
 from estimator.search.contact import separate
 from estimator.search.covariance import mode_covariance
 from estimator.search.seek import Found, Seeker, SeekSettings
@@ -40,7 +41,7 @@ class FrameCase(NamedTuple):
 class Hypothesis(NamedTuple):
     """A start: configuration (nq,), index of the reading, parent mode (-1 none) and its log-score; where the body was
     before, from where flow is followed, and where its velocity takes it, None where that is not to count; whether the
-    change since then is paid for."""
+    change since then is paid for; the flat price that the log-score has paid instead; its family, see `Origin`."""
 
     q: np.ndarray
     reading: int
@@ -49,6 +50,8 @@ class Hypothesis(NamedTuple):
     q_previous: np.ndarray | None = None
     q_predicted: np.ndarray | None = None
     pays: bool = True
+    price: float = 0.0
+    family: str = START
 
     @property
     def q_paid(self) -> np.ndarray | None:
@@ -141,7 +144,7 @@ class FrameSearch:
         if model.clearance is not None:
             found = separate(self._seeker, model.clearance, cost, found, settings.contact)
             penetration = model.clearance.penetration(found.quadratic.posed)
-        mode = self._mode(c.hypothesis, found, assigned, penetration)
+        mode = self._mode(c.hypothesis, found, assigned, penetration, q)
         return Refined(c.hypothesis, mode, self._body.landmarks(found.quadratic.posed), q)
 
     def log_volume(self, refined: Refined) -> float:
@@ -195,7 +198,9 @@ class FrameSearch:
         """Search `base` and what the pictures say around q (nq,)."""
         return self._seeker.seek(base.plus(self._assigned(q)), q, settings)
 
-    def _mode(self, h: Hypothesis, found: Found, assigned: Sequence[Term], penetration: float) -> Mode:
+    def _mode(
+        self, h: Hypothesis, found: Found, assigned: Sequence[Term], penetration: float, q_assigned: np.ndarray
+    ) -> Mode:
         reading, dt, body = self.case.readings[h.reading], self.case.dt, self._body
         posed, before = found.quadratic.posed, h.q_previous
         # what one frame and the priors know: sampling by it must not be narrowed by the temporal term (CSS footnote 5)
@@ -210,4 +215,12 @@ class FrameSearch:
             penetration=penetration,
             parent=h.parent,
             association=reading.name,
+            origin=self._origin(h, q_assigned),
         )
+
+    def _origin(self, h: Hypothesis, q_assigned: np.ndarray) -> Origin:
+        paid, evidence = h.q_paid is not None, self.case.evidence
+        if evidence is None:
+            return Origin(h.family, h.q_previous, paid, h.price)
+        extent = tuple(camera.extent for camera in evidence.cameras)
+        return Origin(h.family, h.q_previous, paid, h.price, h.q_predicted, q_assigned, extent)

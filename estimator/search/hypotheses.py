@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.filtering import origin
 from estimator.filtering.mixture import Mixture
 from estimator.imaging.observation import Observation
 from estimator.search.flips import only_camera
@@ -67,13 +68,13 @@ class Proposals:
 
     def kept(self) -> list[Hypothesis]:
         """Every parent where it was."""
-        return [self._hypothesis(i, m.q, self._own[i]) for i, m in enumerate(self._prior.modes)]
+        return [self._hypothesis(i, m.q, self._own[i], origin.PARENT) for i, m in enumerate(self._prior.modes)]
 
     def other_readings(self, count: int) -> list[Hypothesis]:
         """Parents in the other reading of the keypoints, those that it fits best."""
         modes = range(len(self._prior.modes))
         others = [
-            self._hypothesis(i, self._prior.modes[i].q, r)
+            self._hypothesis(i, self._prior.modes[i].q, r, origin.READING)
             for i in modes
             for r in range(len(self._case.readings))
             if r != self._own[i]
@@ -87,7 +88,8 @@ class Proposals:
         for i in np.unique(drawn):
             proposal = self._proposal(int(i))
             many = int(np.count_nonzero(drawn == i))
-            found += [self._hypothesis(int(i), proposal.sample(self._rng), self._own[i]) for _ in range(many)]
+            drawings = [proposal.sample(self._rng) for _ in range(many)]
+            found += [self._hypothesis(int(i), q, self._own[i], origin.SAMPLE) for q in drawings]
         return found
 
     def flips(self, count: int) -> list[Hypothesis]:
@@ -96,12 +98,12 @@ class Proposals:
         if self._camera is None or not (flips.limbs or flips.parts):
             return []
         propose = partial(flips.draw, self._rng, camera=self._camera)
-        return self._jumps(count, self._settings.flip_penalty, propose)
+        return self._jumps(count, self._settings.flip_penalty, origin.JUMP, propose)
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
         """One limb elsewhere, the best of so many looks at the pictures."""
         propose = partial(self._limb.sample, self._rng)
-        jumps = self._jumps(looks, self._settings.limb_penalty, propose)
+        jumps = self._jumps(looks, self._settings.limb_penalty, origin.LIMB, propose)
         return self._search.screened(jumps, self._case, count)
 
     def exchanges(self, count: int) -> list[Hypothesis]:
@@ -109,17 +111,17 @@ class Proposals:
         if self._camera is None:
             return []
         propose = partial(self._search.flips.exchange, self._rng, camera=self._camera)
-        return self._jumps(count, self._settings.limb_penalty, propose)
+        return self._jumps(count, self._settings.limb_penalty, origin.LIMBS, propose)
 
     def _parents(self, count: int) -> np.ndarray:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
-    def _hypothesis(self, i: int, q: np.ndarray, reading: int) -> Hypothesis:
+    def _hypothesis(self, i: int, q: np.ndarray, reading: int, family: str) -> Hypothesis:
         if not self._settings.transition:  # flow is evidence of its own (CSS section 3.1.2), where there is any
             before = self._prior.modes[i].q if self._case.evidence is not None else None
-            return Hypothesis(q, reading, i, 0.0, before, None, pays=False)
+            return Hypothesis(q, reading, i, 0.0, before, None, pays=False, family=family)
         score = self._settings.forgetting * float(self._prior.log_scores[i])
-        return Hypothesis(q, reading, i, score, self._prior.modes[i].q, self._predicted[i])
+        return Hypothesis(q, reading, i, score, self._prior.modes[i].q, self._predicted[i], family=family)
 
     def _proposal(self, i: int) -> Proposal:
         mode, s = self._prior.modes[i], self._settings
@@ -129,17 +131,18 @@ class Proposals:
         return kind(self._search.body, mode.q, mode.covariance, s.scale, s.tail or np.inf)
 
     def _jumps(
-        self, count: int, penalty: float, propose: Callable[[np.ndarray], np.ndarray | None]
+        self, count: int, penalty: float, family: str, propose: Callable[[np.ndarray], np.ndarray | None]
     ) -> list[Hypothesis]:
-        """Hypotheses whose parents were wrong too: they pay a flat price instead of the transition's, and no flow leads
-        to them from where the parent was."""
+        """Hypotheses whose parents were wrong too: they pay a flat price instead of the transition's, where that is
+        paid, and no flow leads to them from where the parent was."""
+        price = penalty if self._settings.transition else 0.0
         found = []
         for i in self._parents(count):
             q = propose(self._prior.modes[i].q)
             if q is None:
                 continue
-            h = self._hypothesis(int(i), q, self._own[i])
+            h = self._hypothesis(int(i), q, self._own[i], family)
             if h.q_previous is not None:
-                h = h._replace(prior_score=h.prior_score - penalty, q_previous=q, q_predicted=None)
+                h = h._replace(prior_score=h.prior_score - price, q_previous=q, q_predicted=None, price=price)
             found.append(h)
         return found

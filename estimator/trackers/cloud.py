@@ -11,6 +11,7 @@ from estimator.cost.term import Quadratic
 from estimator.filtering.clusters import clusters, mean_and_covariance
 from estimator.filtering.merge import body_size
 from estimator.filtering.mixture import Mixture, Mode, mixture_of
+from estimator.filtering.origin import PARTICLES, Origin
 from estimator.filtering.particles import Particles
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
@@ -44,6 +45,15 @@ class FrameEnergy:
         if self._evidence is not None:
             cost = cost.plus(self._evidence.assigned(posed))
         return cost.of(posed)
+
+    def assigned_at(self, q: np.ndarray) -> np.ndarray | None:
+        """Where the pictures' features are assigned for the energy at q (nq,), None without pictures."""
+        return None if self._evidence is None else q
+
+    @property
+    def extent(self) -> tuple[float, ...]:
+        """See `Origin`."""
+        return () if self._evidence is None else tuple(camera.extent for camera in self._evidence.cameras)
 
     def values(self, q: np.ndarray, owner: np.ndarray) -> np.ndarray:
         """Energies (N,) of configurations (N, nq) that came from hypotheses (N,)."""
@@ -113,13 +123,17 @@ def summarised(
         weight = cloud.weights[own]
         mean, covariance = mean_and_covariance(body, q[own], weight)
         parent = int(np.argmax(np.bincount(cloud.owner[own], weights=weight)))
-        velocity = body.difference(before.modes[parent].q, mean) / max(dt, 1e-3)
-        modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity))
+        q_previous = before.modes[parent].q
+        velocity = body.difference(q_previous, mean) / max(dt, 1e-3)
+        origin = Origin(PARTICLES, q_previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
+        modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity, origin))
         weights.append(weight.sum())
     return mixture_of(tuple(modes), np.log(weights)), label
 
 
-def _mode(search: ModeSearch, at: Quadratic, covariance: np.ndarray, parent: int, velocity: np.ndarray) -> Mode:
+def _mode(
+    search: ModeSearch, at: Quadratic, covariance: np.ndarray, parent: int, velocity: np.ndarray, origin: Origin
+) -> Mode:
     return Mode(
         q=at.posed.q,
         covariance=covariance,
@@ -129,6 +143,7 @@ def _mode(search: ModeSearch, at: Quadratic, covariance: np.ndarray, parent: int
         kkt_residual=search.seeker.kkt_residual(at),
         penetration=0.0 if search.clearance is None else search.clearance.penetration(at.posed),
         parent=parent,
+        origin=origin,
     )
 
 

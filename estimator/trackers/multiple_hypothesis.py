@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.filtering.mixture import Mixture, Mode
+from estimator.filtering.origin import SAMPLE
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
@@ -75,4 +76,4 @@ class MultipleHypothesis:
     def _sample(self, rng: np.random.Generator, prior: Mixture, k: int, factor: np.ndarray, dt: float) -> Hypothesis:
         mode, body = prior.modes[k], self._tracking.body
         step = self.settings.momentum * dt * mode.velocity + factor @ rng.standard_normal(body.nv)
-        return Hypothesis(body.integrate(mode.q, step), 0, k, prior.log_scores[k], mode.q)
+        return Hypothesis(body.integrate(mode.q, step), 0, k, prior.log_scores[k], mode.q, family=SAMPLE)

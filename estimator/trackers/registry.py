@@ -102,7 +102,8 @@ def settings_for(
 
     Raises
     ------
-    InputError: unknown tracker, unknown setting (the valid ones are listed) or a value of the wrong kind.
+    InputError: unknown tracker, unknown setting (the valid ones are listed), a value of the wrong kind, or several
+        modes of a tracker that keeps one.
     """
     _check_name(name)
     settings = changed(_defaults(name), changes or {}, source)
@@ -110,8 +111,24 @@ def settings_for(
         return settings
     if modes < 1:
         raise InputError("modes", f"{modes} hypotheses cannot be kept", remedy="at least 1")
-    group = getattr(settings, GROUPS[name])
-    return replace(settings, **{GROUPS[name]: replace(group, modes=modes)}) if hasattr(group, "modes") else settings
+    if not keeps_several(name):
+        if modes > 1:
+            several = ", ".join(n for n in TRACKERS if keeps_several(n))
+            raise InputError("modes", f"{name} keeps a single hypothesis", remedy=f"leave it out; several: {several}")
+        return settings
+    return replace(settings, **{GROUPS[name]: replace(getattr(settings, GROUPS[name]), modes=modes)})
+
+
+def keeps_several(name: str) -> bool:
+    """Whether a tracker can keep several hypotheses."""
+    _check_name(name)
+    return hasattr(getattr(Settings(), GROUPS[name]), "modes")
+
+
+def shares_work(name: str, settings: Settings) -> bool:
+    """Whether the work on a frame is shared where there are several processes: the searches of many hypotheses, within
+    the body's own joint limits."""
+    return GROUPS[name] == "css" or (GROUPS[name] == "multiple_hypothesis" and settings.multiple_hypothesis.limits)
 
 
 def _defaults(name: str) -> Settings:

@@ -88,7 +88,7 @@ class _Changes:
     def _valid(self, name: str, table: str, known: list[str]) -> str:
         """What may have been meant."""
         close = get_close_matches(name, known, n=1, cutoff=0.6)
-        elsewhere = [place for place, setting in _all_settings(self.root) if setting == name and place != table]
+        elsewhere = [place for place, setting, _ in every_setting(self.root) if setting == name and place != table]
         said = f"did you mean {close[0]}? " if close else ""
         if elsewhere and not close:
             said = f"it belongs to {' or '.join(f'[{place}]' for place in elsewhere)}; here: "
@@ -107,11 +107,11 @@ def _lowest(name: str, kind: type) -> tuple[float, str]:
     return (1.0, "1 or more") if kind is int else (float(np.nextafter(0.0, 1.0)), "more than 0")
 
 
-def _all_settings(group: Any, table: str = "") -> Iterator[tuple[str, str]]:
-    """(table, name) of every setting."""
+def every_setting(group: Any, table: str = "") -> Iterator[tuple[str, str, Any]]:
+    """(table, name, value) of every setting in nested groups."""
     for f in fields(group):
         value = getattr(group, f.name)
         if is_dataclass(value):
-            yield from _all_settings(value, f"{table}.{f.name}".removeprefix("."))
+            yield from every_setting(value, f"{table}.{f.name}".removeprefix("."))
         else:
-            yield table, f.name
+            yield table, f.name, value

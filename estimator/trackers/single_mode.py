@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.cost.model import CostModel
+from estimator.filtering.origin import PARENT
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
@@ -46,7 +47,7 @@ class SingleMode:
         if not observable(observation):
             return carried(search, state, observation)
         q = state.mixture.modes[0].q
-        hypothesis = Hypothesis(q, 0, 0, 0.0, q if self.settings.transition else None)
+        hypothesis = Hypothesis(q, 0, 0, 0.0, q if self.settings.transition else None, family=PARENT)
         readings = search.readings(observation)
         evidence = search.evidence(observation, q)
         found = search.best_modes([hypothesis], FrameCase(readings, observation.time - state.time, evidence), 1)

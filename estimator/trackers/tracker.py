@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from estimator.filtering.mixture import Mixture, Mode
+from estimator.filtering.origin import Origins
 from estimator.filtering.particles import Particles
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
@@ -29,7 +30,7 @@ class TrackState:
     particles: Particles | None = None
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything as plain arrays, exact to the last bit; `from_arrays` is the inverse."""
+        """All that the next frame needs as plain arrays, exact to the last bit; `from_arrays` is the inverse."""
         modes = self.mixture.modes
         return {
             "time": np.array(self.time),
@@ -56,7 +57,9 @@ class TrackState:
                 status=str(arrays["status"][k]),
                 parent=int(arrays["parent"][k]),
                 association=str(arrays["association"][k]),
-                **{name: float(arrays[name][k]) for name in NUMBERS},
+                energy=float(arrays["energy"][k]),
+                kkt_residual=float(arrays["kkt_residual"][k]),
+                penetration=float(arrays["penetration"][k]),
             )
             for k in range(len(arrays["weights"]))
         )
@@ -94,7 +97,9 @@ def observable(observation: Observation) -> bool:
 def carried(search: ModeSearch, state: TrackState, observation: Observation) -> tuple[TrackState, FrameResult]:
     """An unobserved frame: the hypotheses stay where they are and their uncertainty grows by the diffusion."""
     growth = np.diag(np.square(search.model.transition_std(observation.time - state.time)))
-    modes = tuple(replace(m, covariance=m.covariance + growth, parent=k) for k, m in enumerate(state.mixture.modes))
+    modes = tuple(
+        replace(m, covariance=m.covariance + growth, parent=k, origin=None) for k, m in enumerate(state.mixture.modes)
+    )
     mixture = replace(state.mixture, modes=modes)
     return TrackState(mixture, observation.time), result_of(observation, mixture, "unobserved")
 
@@ -129,4 +134,6 @@ def result_of(observation: Observation, mixture: Mixture, status: str) -> FrameR
         kkt_residual=np.array([m.kkt_residual for m in modes]),
         penetration=np.array([m.penetration for m in modes]),
         association=tuple(m.association for m in modes),
+        velocity=np.array([m.velocity for m in modes]),
+        origins=Origins.of([m.origin for m in modes], len(modes[0].q)),
     )

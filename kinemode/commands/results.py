@@ -130,7 +130,10 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
 
 
 def evaluate(run: Path, /, *, reference: Path) -> None:
-    """Compare a run with known 3D landmarks: MPJPE, PA-MPJPE, best of K, limits, interpenetration.
+    """Compare a run with known landmarks and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
+
+    Of landmarks the twelve limb joints are compared, or all that both sides have where fewer than three are limb
+    joints; of joint angles all that both sides have by name. Best of K counts the K hypotheses of each frame.
 
     Example: kinemode evaluate cam01.run --reference reference3d.npz
 
@@ -139,7 +142,8 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
     run
         A run file.
     reference
-        npz of `kinemode export`, npz with points (T, L, 3) in metres, names and fps, or trc.
+        npz of `kinemode export`, truth.npz of `kinemode render`, npz with points (T, L, 3) in metres, names and fps,
+        trc (landmarks) or mot (joint angles).
     """
     from estimator.evaluation import Reference
     from estimator.evaluation import evaluate as evaluate_run

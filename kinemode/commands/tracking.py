@@ -64,7 +64,7 @@ def track(
     tracker
         Its name, see `kinemode trackers`.
     modes
-        How many hypotheses are kept; 7 unless the settings say otherwise.
+        How many hypotheses are kept; unless given the tracker's own number, see `kinemode settings --tracker NAME`.
     seed
         Seed of the tracker's random numbers; the same seed gives the same run.
     fit
@@ -73,7 +73,8 @@ def track(
     person
         Which of several people: auto (largest, then continuity) or an id of the keypoint file.
     workers
-        How many processes share the work; the run is the same with any number.
+        How many processes share the work of a tracker that searches many hypotheses; the run is the same with any
+        number.
     out
         The run file.
     resume
@@ -155,9 +156,9 @@ def compare(
     background
         Pictures of the empty scene.
     settings
-        A TOML file of settings, for all trackers.
+        A TOML file of settings; each tracker takes those that are about it.
     modes
-        How many hypotheses are kept; 7 unless the settings say otherwise.
+        How many hypotheses are kept, by those that keep several; each tracker's own number unless given.
     seed
         Seed of the trackers' random numbers.
     fit
