@@ -7,10 +7,10 @@
 Parameters and deformations of a superquadric are those of `humanoid.superquadric`; exponents are 1 1, taper and bend
 0 0 where they are not given.
 
-clearance says what other parts keep away from: "on", the default, the flesh itself; "off", nothing, for a part that only
-fills a joint; "a b c", a solid with these half-axes [m] on the flesh's axes and centre. Flesh is as wide as a person
-looks; a solid is slimmer, because soft parts give way, and arms rest against the trunk. Whatever changes the half-axes of
-the flesh, a fit or a segment's length, changes those of its solid in proportion.
+clearance says what other parts keep away from: "on", the default, the flesh itself; "off", nothing, for a part that
+only fills a joint; "a b c", a solid with these half-axes [m] on the flesh's axes and centre. Flesh is as wide as a
+person looks; a solid is slimmer, because soft parts give way, and arms rest against the trunk. Whatever changes the
+half-axes of the flesh, a fit or a segment's length, changes those of its solid in proportion.
 """
 
 from __future__ import annotations
@@ -155,9 +155,10 @@ def numbers_text(values: np.ndarray | tuple[float, ...]) -> str:
 def limb_capsule(flesh: Flesh) -> tuple[float, float] | None:
     """Radius and length of the cylindrical part [m] of a superquadric limb's capsule; None for what is no limb.
 
-    It goes by the solid's half-axes. A limb has a nearly round section (half-axes a, b within a factor of 1.25) and is long: c >= 1.5 r with the mean
-    radius r = (a + b) / 2. Its flesh has to cover the joints at its ends, its capsule has to leave them free: the
-    capsule has the radius r and is shorter by r / 2 at either end. Exponents, taper and bend do not count.
+    It goes by the solid's half-axes. A limb has a nearly round section (half-axes a, b within a factor of 1.25) and is
+    long: c >= 1.5 r with the mean radius r = (a + b) / 2. Its flesh has to cover the joints at its ends, its capsule
+    has to leave them free: the capsule has the radius r and is shorter by r / 2 at either end. Exponents, taper and
+    bend do not count.
     """
     a, b, c = flesh.core.size
     radius = (a + b) / 2.0
