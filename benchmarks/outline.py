@@ -1,7 +1,7 @@
-"""Widths of the body's outline beside those of the real clip's silhouettes, across limbs, trunk, neck and head.
+"""Widths of the body's outline beside those of the real clip's silhouettes, across limbs, hips and head.
 
 The body stands where four cameras' keypoints put it, with its flesh as shipped: nothing of it was fitted to pictures. A
-section counts where body and silhouette are both told from what is beside them.
+section counts where body and silhouette are both told from what is beside them, which arms beside the trunk seldom let.
 """
 
 from __future__ import annotations
@@ -27,9 +27,6 @@ from kinemode import report
 # part: landmarks at its ends (means of those given), where between them, and the width [m] above which it is not alone
 SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]] = {
     "head": (("neck",), ("head_top",), 0.75, 0.25),
-    "neck": (("neck",), ("head_top",), 0.25, 0.18),
-    "chest": (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), 0.35, 0.45),
-    "waist": (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), 0.7, 0.42),
     "hips": (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), 1.0, 0.45),
 } | {
     f"{side} {part}": ((f"{side}_{upper}",), (f"{side}_{lower}",), at, widest)
