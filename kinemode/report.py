@@ -16,7 +16,7 @@ from estimator.formats.run_file import Run
 from estimator.trackers.registry import TRACKERS
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
-from kinemode.findings import findings, status_counts, status_meanings
+from kinemode.findings import findings, status_counts, status_lines
 
 
 def console() -> Console:
@@ -41,7 +41,7 @@ def print_run(run: Run) -> None:
     deepest = _largest(run.mode_penetration)
     lines = [
         f"{len(run)} of {run.planned_count} frames ({seconds:.2f} s): {status_counts(statuses)}",
-        *(f"  {line}" for line in status_meanings(statuses)),
+        *(f"  {line}" for line in status_lines(statuses)),
         f"subject {run.subject.name}: {run.body.nv} degrees of freedom, {limits} with limits;"
         f" up to {run.hypothesis_count} hypotheses a frame",
         f"deepest interpenetration {1000.0 * deepest:.1f} mm",
@@ -83,7 +83,7 @@ def print_evaluation(result: Evaluation) -> None:
 def print_statuses(statuses: Sequence[str]) -> None:
     """How many frames there are of each status, and what to do about those that need it."""
     console().print(f"frames: {status_counts(statuses)}")
-    print_lines(status_meanings(statuses))
+    print_lines(status_lines(statuses))
 
 
 def print_lines(lines: Sequence[str]) -> None:

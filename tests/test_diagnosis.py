@@ -16,7 +16,7 @@ from estimator.diagnosis import FAR, Diagnosis, diagnose
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import write_keypoints
 from estimator.formats.run_file import Run, RunHeader, RunWriter
-from estimator.frame_result import FrameResult
+from estimator.frame_result import STATUS_MEANINGS, FrameResult
 from estimator.imaging.observation import Observation
 from estimator.synthesis import keypoints
 from humanoid.body import Body
@@ -152,7 +152,8 @@ def test_statuses_are_explained_where_they_are_printed(tmp_path: Path, capsys: p
     report.print_run(replace(made, status="hard").written(tmp_path / "hard.run", body_of("human34")))
     said = capsys.readouterr().out
     assert "12 hard" in said
-    assert status_meanings(["hard"])[0] in said
+    assert f"hard (frame 0, 1, 2, 3, 4 and 7 more): {STATUS_MEANINGS['hard']}" in said
+    assert status_meanings(["tracked", "unobserved"]) == [f"unobserved: {STATUS_MEANINGS['unobserved']}"]
     report.print_run(made.written(tmp_path / "good.run", body_of("human34")))
     assert "hard" not in (said := capsys.readouterr().out).replace("hard.run", "")
     assert "look into it" not in said
