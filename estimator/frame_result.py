@@ -8,14 +8,23 @@ import numpy as np
 
 from estimator.filtering.origin import Origins
 
+TRACKED = "tracked"
+STATUS_MEANINGS = {
+    TRACKED: "the best pose explains at least half of what was seen",
+    "hard": "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, or its search"
+    " ended early: look at these frames with `kinemode explain`, and at their keypoints",
+    "unobserved": "too few keypoints and no pictures: poses are carried on from the frame before; give keypoints there,"
+    " or pictures to look at (--cues)",
+}
+"""What the statuses of a frame mean, and what to do: one line each, for wherever a status is printed."""
+
 
 @dataclass(frozen=True)
 class FrameResult:
     """K hypotheses for one frame, best first.
 
     index: number of the frame in the clip. time: seconds since the clip's start.
-    status: "tracked"; "hard": the best mode did not converge, overlaps itself or explains few of the keypoints;
-        "unobserved": too little was seen to search, the hypotheses are carried on (none before the first usable frame).
+    status: see STATUS_MEANINGS; before the first usable frame an "unobserved" one has no hypotheses.
     q (K, nq), weight (K,), energy (K,), covariance (K, nv, nv): the modes.
     parent (K,) int: index of each mode's parent in the previous frame, -1 if none.
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.

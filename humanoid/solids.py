@@ -1,8 +1,8 @@
 """The solids of a body: its flesh, or the collision or visual geometry of a URDF without flesh, as coal shapes.
 
-Flesh is for the eye, solids are for distances, so a superquadric stands for something simpler: a limb for the capsule
-of `urdf_flesh.limb_capsule`, which leaves the joints at its ends free, any other part for the ellipsoid of its
-half-axes, which lies inside where the exponents are below 1. Exponents, taper and bend do not count. Parts with
+Flesh is for the eye, solids are for distances, so a superquadric stands for something simpler, and as a rule slimmer
+(`Flesh.solid`): a limb for the capsule of `urdf_flesh.limb_capsule`, which leaves the joints at its ends free, any
+other part for the ellipsoid of its solid's half-axes. Exponents, taper and bend do not count. Parts with
 clearance="off" have no solid.
 """
 
@@ -78,7 +78,7 @@ def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
     if capsule is not None:
         shape: Any = coal.Capsule(*capsule)
     else:
-        shape = coal.Ellipsoid(*flesh.size)
+        shape = coal.Ellipsoid(*flesh.core.size)
     return _solid(flesh.link, frame.parentJoint, shape, placement)
 
 

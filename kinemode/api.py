@@ -25,6 +25,7 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
+from kinemode.findings import findings
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
@@ -38,6 +39,10 @@ Cameras = PathLike | Mapping[str, Camera] | None
 
 class InputWarning(UserWarning):
     """Something about the input that the user should hear of; the work goes on."""
+
+
+class FindingWarning(InputWarning):
+    """What a finished run says against its subject or its input (see `estimator.diagnosis`)."""
 
 
 def open_run(path: PathLike) -> Run:
@@ -122,11 +127,14 @@ def track(
             Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
         )
         _check_inputs(loaded, inputs)
-        _track(job, loaded, inputs, choice)
+        found = _track(job, loaded, inputs, choice)
+    for sentence in found:
+        warnings.warn(sentence, FindingWarning, stacklevel=2)
     return open_run(path)
 
 
-def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> None:
+def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
+    """Track into the run file; returns what the run then says against subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
@@ -139,7 +147,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> No
         for note in notes:
             warnings.warn(note, InputWarning, stacklevel=4)
         fitted = _fitted(job, subject, inputs, cues)
-        _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
+        return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
 
 
 def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> Subject:
@@ -256,7 +264,7 @@ class _Job:
         return self.fit != "off" and is_built_in(subject)
 
 
-def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> None:
+def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> tuple[str, ...]:
     observations, target = inputs.observations, job.target
     state: TrackState | None = None
     first = 0
@@ -277,7 +285,10 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
                 )
             writer.put_smoothed(smoothed)
+        found = findings(open_run(target.path))
+        writer.put_notes(found)
         writer.finish()
+    return found
 
 
 def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:

@@ -6,6 +6,7 @@ import numpy as np
 
 from kinemode.comparison import Comparison
 from kinemode.comparison_scores import FAR, FAR_PX, TrackerScore
+from kinemode.findings import status_meanings
 from kinemode.report import console, millimetres, table
 
 COLUMNS = ("frames/s", "hard", "unobserved", "energy", "residual [px]")
@@ -32,6 +33,8 @@ def print_comparison(compared: Comparison) -> None:
     out = console()
     out.print(made)
     out.print(LEGEND, soft_wrap=True)
+    for line in status_meanings(COLUMNS):
+        out.print(line, soft_wrap=True)
     if known:
         out.print(LEGEND_OF_ERRORS, soft_wrap=True)
     for path in (compared.table, compared.figures, compared.plot):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +17,7 @@ from estimator.shared_landmarks import CENTRED
 from estimator.trackers.registry import TRACKERS
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
+from kinemode.findings import findings, status_counts, status_lines
 
 
 def console() -> Console:
@@ -36,16 +36,17 @@ def table(title: str, *columns: str) -> Table:
 
 def print_run(run: Run) -> None:
     """Summary of a run, and what to do with it next."""
-    counts = Counter(run.status.tolist())
-    statuses = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    statuses = run.status.tolist()
     seconds = float(run.time[-1] - run.time[0]) if len(run) else 0.0
     limits = int(run.body.bounded_q.size)
     deepest = _largest(run.mode_penetration)
     lines = [
-        f"{len(run)} of {run.planned_count} frames ({seconds:.2f} s): {statuses}",
+        f"{len(run)} of {run.planned_count} frames ({seconds:.2f} s): {status_counts(statuses)}",
+        *(f"  {line}" for line in status_lines(statuses)),
         f"subject {run.subject.name}: {run.body.nv} degrees of freedom, {limits} with limits;"
         f" up to {run.hypothesis_count} hypotheses a frame",
         f"deepest interpenetration {1000.0 * deepest:.1f} mm",
+        *(f"look into it: {sentence}" for sentence in findings(run)),
         f"run file: {run.file}",
         "",
         "next:",
@@ -104,6 +105,18 @@ def _print_coordinate_errors(result: Evaluation, out: Console) -> None:
         made.add_section()
         made.add_row(f"mean of {len(known)} turning joints", f"{np.mean(known):.2f} deg")
     out.print(made)
+
+
+def print_statuses(statuses: Sequence[str]) -> None:
+    """How many frames there are of each status, and what to do about those that need it."""
+    console().print(f"frames: {status_counts(statuses)}")
+    print_lines(status_lines(statuses))
+
+
+def print_lines(lines: Sequence[str]) -> None:
+    """Sentences, a line each."""
+    for line in lines:
+        console().print(line, soft_wrap=True)
 
 
 def print_notes(notes: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import mocap, sequences
+from benchmarks import mocap, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
 from estimator.evaluation import LIMB_JOINTS, Reference
@@ -143,3 +143,15 @@ def test_processes_keep_the_order() -> None:
 
 def _task(task: int) -> tuple[int, int]:
     return task, os.getpid()
+
+
+def test_widths_of_an_outline_are_those_of_a_disc() -> None:
+    rows, columns = np.indices((60, 80))
+    disc = (columns - 40.0) ** 2 + (rows - 30.0) ** 2 <= 12.0**2
+    for angle in np.linspace(0.0, 6.0, 7):
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        assert outline._reach(disc, np.array([40.0, 30.0]), direction) == pytest.approx(12.5, abs=1.0)
+    assert outline._reach(disc, np.array([5.0, 5.0]), np.array([1.0, 0.0])) == 0.0
+    assert outline._reach(np.ones_like(disc), np.array([40.0, 30.0]), np.array([1.0, 0.0])) == np.inf
+    found = outline.summed([outline.Width("thigh", body, 10.0) for body in (8.0, 9.0, 13.0)])
+    assert found == {"thigh": (0.9, pytest.approx(0.85), pytest.approx(1.1), 3)}

@@ -201,7 +201,7 @@ def test_pairs_follow_the_tree(human: Body) -> None:
 
 
 def test_pairs_that_overlap_at_rest_are_left_out_and_named() -> None:
-    text = load_subject("human34").urdf.replace('radii="0.072 0.068 0.24"', 'radii="0.122 0.118 0.315"')
+    text = load_subject("human34").urdf.replace('clearance="0.072 0.068 0.24"', 'clearance="0.122 0.118 0.315"')
     body = Body(subject_from_text(text, source="wide.urdf"))
     clearance = Clearance(body)
     assert ("left_thigh", "right_thigh") in {tuple(sorted(pair)) for pair in clearance.overlapping_at_rest}

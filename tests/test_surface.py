@@ -188,7 +188,10 @@ BENT = '<flesh shape="superquadric" radii="0.1 0.1 0.3" exponents="0.6 1" taper=
         ('exponents="0.6 1"', 'exponents="0 1"', "exponents"),
         ("0.5 -1", "30 0", "folds"),
         ("0.1 0.1 0.3", "0.1 -0.1 0.3", "not positive"),
-        ('bend="', 'clearance="no" bend="', "clearance"),
+        ('bend="', 'clearance="no" bend="', "on, off, or three half-axes"),
+        ('bend="', 'clearance="0.1 0.1" bend="', "on, off, or three half-axes"),
+        ('bend="', 'clearance="0.1 0 0.3" bend="', "not positive"),
+        ('bend="', 'clearance="0.1 0.1 wide" bend="', "clearance"),
         ("superquadric", "quadric", "superquadric, capsule, ellipsoid"),
     ],
 )

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.formats import run_store
 from estimator.formats.packing import pack, unpack
-from estimator.formats.run_header import RunHeader
+from estimator.formats.run_header import RunHeader, with_notes
 from estimator.formats.run_reader import Run
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
@@ -133,6 +133,15 @@ class RunWriter:
             execute("BEGIN IMMEDIATE")
             execute("DELETE FROM smoothed")
             execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
+            execute("COMMIT")
+
+    def put_notes(self, notes: Sequence[str]) -> None:
+        """Add to the header's notes those that it does not have."""
+        execute = self._connection.execute
+        with run_store.translated(self.path):
+            execute("BEGIN IMMEDIATE")
+            (text,) = execute("SELECT json FROM header").fetchone()
+            execute("UPDATE header SET json = ?", (with_notes(text, notes),))
             execute("COMMIT")
 
     def finish(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, cast
 
@@ -110,3 +110,10 @@ class RunHeader:
             masks=v.get("masks", {}),
             backgrounds=v.get("backgrounds", {}),
         )
+
+
+def with_notes(text: str, notes: Sequence[str]) -> str:
+    """A header's text with more notes, those left out that it has."""
+    values = json.loads(text)
+    values["notes"] = list(dict.fromkeys([*values["notes"], *notes]))
+    return json.dumps(values)

@@ -91,7 +91,7 @@ class Run:
     def observation(self, i: int) -> Observation:
         """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored."""
         with run_store.reading(self.file) as connection:
-            row = connection.execute("SELECT data FROM observation WHERE position = ?", (i,)).fetchone()
+            row = connection.execute("SELECT data FROM observation WHERE position = ?", (int(i),)).fetchone()
         if row is None:
             raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
         a = self._unpacked(row[0], f"keypoints of frame {i}")

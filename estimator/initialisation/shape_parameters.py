@@ -100,7 +100,7 @@ def _prior_covariance(group: np.ndarray, kind: np.ndarray) -> np.ndarray:
 
 def _range(flesh: Flesh) -> list[tuple[float, float]]:
     """Hard range of each of the four parameters of a part; zero is inside."""
-    a, b, c = flesh.size
+    a, b, c = flesh.core.size  # which side of the rule a part is on is its solid's matter
     low, high = np.log(GIRTHS)
     ratio, ends = np.log(a / b), np.array([-_FLATTER, _FLATTER])
     limb = limb_capsule(flesh) is not None

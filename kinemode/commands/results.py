@@ -98,10 +98,13 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
     from kinemode import report
     from kinemode.api import open_run
     from kinemode.explain import explain as explain_frame
+    from kinemode.findings import findings, status_meanings
     from viz.cue_pictures import write_cue_pictures
 
-    explanation = explain_frame(open_run(run), frame, hypothesis)
+    opened = open_run(run)
+    explanation = explain_frame(opened, frame, hypothesis)
     report.print_explanation(explanation)
+    report.print_lines([*status_meanings([explanation.status]), *findings(opened, frame)])
     for path in write_cue_pictures(explanation.views, out) if out is not None else ():
         print(path)
 
@@ -152,4 +155,5 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
 
     opened = open_run(run)
     report.print_evaluation(evaluate_run(opened, Reference.load(reference)))
+    report.print_statuses(opened.status.tolist())
     report.print_notes(opened.header.notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -85,6 +86,7 @@ def track(
     from kinemode import api, report
     from kinemode.progress import reported
 
+    warnings.simplefilter("ignore", api.FindingWarning)  # `print_run` has them
     run = api.track(
         subject,
         clips,

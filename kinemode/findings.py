@@ -1,0 +1,40 @@
+"""What a run says of itself: its frames' statuses with what they mean, and what contradicts its subject or input."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from estimator.diagnosis import diagnose
+from estimator.formats.run_file import Run
+from estimator.frame_result import STATUS_MEANINGS, TRACKED
+from kinemode.explain import run_settings
+
+_FIRST = 5  # frames that are named
+
+
+def findings(run: Run, frame: int | None = None) -> tuple[str, ...]:
+    """What contradicts subject or input, and what to do, a sentence each; of one frame, or of the run."""
+    return diagnose(run, run_settings(run).cost, frame).sentences
+
+
+def status_counts(statuses: Iterable[str]) -> str:
+    """How many frames there are of each status, as "98 tracked, 2 hard"."""
+    return ", ".join(f"{count} {status}" for status, count in Counter(statuses).most_common())
+
+
+def status_meanings(statuses: Iterable[str]) -> list[str]:
+    """One line for each status among these that needs a word."""
+    given = set(statuses)
+    return [f"{name}: {meaning}" for name, meaning in STATUS_MEANINGS.items() if name in given and name != TRACKED]
+
+
+def status_lines(statuses: Sequence[str]) -> list[str]:
+    """The same of all frames of a run, with the numbers of the first frames concerned."""
+    lines = []
+    for name in STATUS_MEANINGS:
+        frames = [str(t) for t, status in enumerate(statuses) if status == name]
+        if frames and name != TRACKED:
+            more = f" and {len(frames) - _FIRST} more" if len(frames) > _FIRST else ""
+            lines.append(f"{name} (frame {', '.join(frames[:_FIRST])}{more}): {STATUS_MEANINGS[name]}")
+    return lines

@@ -1,0 +1,221 @@
+"""What contradicts subject or input is named: joints on limits, landmarks far from their keypoints, exchanged sides."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from estimator.cost.model import CostModel, CostSettings
+from estimator.diagnosis import FAR, Diagnosis, diagnose
+from estimator.formats.cameras import write_cameras
+from estimator.formats.keypoints import write_keypoints
+from estimator.formats.run_file import Run, RunHeader, RunWriter
+from estimator.frame_result import STATUS_MEANINGS, FrameResult
+from estimator.imaging.observation import Observation
+from estimator.synthesis import keypoints
+from humanoid.body import Body
+from humanoid.landmarks import mirror_index
+from humanoid.subject import Subject, load_subject, subject_from_text
+from kinemode import report
+from kinemode.__main__ import main
+from kinemode.api import FindingWarning
+from kinemode.findings import findings, status_meanings
+from tests.builders import body_of, camera_at
+from tests.tiny_clip import QUICK
+
+FRAMES = 12
+CAMERAS = (camera_at(20.0), camera_at(110.0))
+
+
+@dataclass(frozen=True)
+class Made:
+    """What a run is made of: poses (T, nq), keypoints (T, C, L, 2), and how they were taken."""
+
+    q: np.ndarray
+    pixels: np.ndarray
+    association: str = "as_detected"
+    status: str = "tracked"
+
+    def written(self, path: Path, body: Body, tracker: str = "css") -> Run:
+        times = np.arange(len(self.q)) / 30.0
+        header = RunHeader(
+            body.subject.urdf, body.subject.source, body.subject.base, CAMERAS, {c.name: None for c in CAMERAS},
+            {c.name: c.image_size for c in CAMERAS}, times, tracker, {}, 0, km.__version__,
+        )  # fmt: skip
+        seen = np.ones(self.pixels.shape[1:3])
+        with RunWriter.create(path, header, overwrite=True) as writer:
+            writer.put_observations([Observation(t, times[t], CAMERAS, p, seen) for t, p in enumerate(self.pixels)])
+            one = np.ones(1)
+            for t, q in enumerate(self.q):
+                covariance, parent = np.eye(body.nv)[None], np.array([0 if t else -1])
+                writer.append(
+                    FrameResult(
+                        t, times[t], self.status, q[None], one, one, covariance, parent, 0 * one, 0 * one,
+                        (self.association,),
+                    ), {},
+                )  # fmt: skip
+            writer.finish()
+        return Run.open(path)
+
+
+def good(body: Body) -> Made:
+    """A body that moves a little, inside its limits, with keypoints where its landmarks are."""
+    rng = np.random.default_rng(0)
+    q = np.array([body.clamp(body.integrate(body.neutral, 0.05 * rng.standard_normal(body.nv))) for _ in range(FRAMES)])
+    places = [[c.project(body.landmarks(body.at(one))) for c in CAMERAS] for one in q]
+    return Made(q, np.array(places))
+
+
+def told(made: Made, path: Path, frame: int | None = None, **how: Any) -> Diagnosis:
+    return diagnose(made.written(path / "a.run", body_of("human34"), **how), CostSettings(), frame)
+
+
+def test_a_good_run_is_silent(tmp_path: Path) -> None:
+    found = told(good(body_of("human34")), tmp_path)
+    assert found.sentences == ()
+    assert found == Diagnosis(None, (), (), (), 0.0)
+
+
+def test_joints_on_a_limit_in_most_frames_are_named(tmp_path: Path) -> None:
+    body, made = body_of("human34"), good(body_of("human34"))
+    knee, elbow, neck = (body.q_names.index(n) for n in ("left_knee_flexion", "right_elbow_flexion", "neck_flexion"))
+    q = made.q.copy()
+    q[:7, knee], q[:6, elbow], q[:, neck] = body.upper[knee], body.lower[elbow], body.lower[neck] + 1e-3
+    made = replace(made, q=q)
+    (found,) = told(made, tmp_path).resting
+    assert (found.joint, found.side, found.limit, found.share) == (
+        "left_knee_flexion",
+        "upper",
+        body.upper[knee],
+        7 / 12,
+    )
+    assert "left_knee_flexion (upper limit 2.62, 58%)" in told(made, tmp_path).sentences[0]
+    assert {r.joint for r in told(made, tmp_path, frame=3).resting} == {"left_knee_flexion", "right_elbow_flexion"}
+    assert told(made, tmp_path, frame=8).resting == ()
+    assert told(made, tmp_path, tracker="gaussian-single-mode").resting == ()  # it has no limits
+    assert told(Made(q[:4], made.pixels[:4]), tmp_path).resting == ()  # too few frames to tell
+
+
+def test_landmarks_far_from_their_keypoints_are_named(tmp_path: Path) -> None:
+    body, made = body_of("human34"), good(body_of("human34"))
+    k = body.landmark_names.index("left_elbow")
+    deviation = np.nanmax(told_deviation(made, tmp_path, k))
+    for times_sd, named in ((FAR - 1.0, False), (FAR + 1.0, True)):
+        pixels = made.pixels.copy()
+        pixels[: FRAMES // 2 + 1, 1, k, 0] += times_sd * deviation
+        found = told(replace(made, pixels=pixels), tmp_path)
+        assert bool(found.far) == named
+    assert [(f.landmark, f.camera) for f in found.far] == [("left_elbow", CAMERAS[1].name)]
+    assert found.far[0].pixels == pytest.approx(times_sd * deviation, rel=0.05)
+    assert found.far[0].deviations == pytest.approx(times_sd, rel=0.05)
+    assert told(replace(made, pixels=pixels), tmp_path, frame=FRAMES - 1).far == ()
+
+
+def told_deviation(made: Made, path: Path, landmark: int) -> np.ndarray:
+    """Standard deviations [px] of a landmark's keypoints in the second camera."""
+    run, model = made.written(path / "b.run", body_of("human34")), CostModel(body_of("human34"))
+    return np.array([model.keypoint_sigma(run.observation(t))[1, landmark] for t in range(len(run))])
+
+
+def test_a_camera_in_which_most_is_far_is_named_alone(tmp_path: Path) -> None:
+    made = good(body_of("human34"))
+    pixels = made.pixels.copy()
+    pixels[:, 1] += [90.0, 0.0]
+    found = told(replace(made, pixels=pixels), tmp_path)
+    assert [name for name, _ in found.cameras] == [CAMERAS[1].name]
+    assert found.far == ()
+    assert "calibration" in found.sentences[0]
+
+
+def test_sides_that_are_exchanged_throughout_are_named(tmp_path: Path) -> None:
+    body, made = body_of("human34"), good(body_of("human34"))
+    swapped = replace(made, pixels=made.pixels[:, :, mirror_index(body.landmark_names)], association="exchanged")
+    found = told(swapped, tmp_path)
+    assert (found.exchanged, found.far) == (1.0, ())
+    assert "left and right of the keypoints are exchanged in 100% of the frames" in found.sentences[0]
+
+
+def test_frames_without_keypoints_say_nothing(tmp_path: Path) -> None:
+    made = good(body_of("human34"))
+    assert told(replace(made, pixels=np.full_like(made.pixels, np.nan)), tmp_path).sentences == ()
+    assert told(replace(made, status="unobserved", pixels=made.pixels + 200.0), tmp_path).sentences == ()
+
+
+def test_statuses_are_explained_where_they_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = good(body_of("human34"))
+    report.print_run(replace(made, status="hard").written(tmp_path / "hard.run", body_of("human34")))
+    said = capsys.readouterr().out
+    assert "12 hard" in said
+    assert f"hard (frame 0, 1, 2, 3, 4 and 7 more): {STATUS_MEANINGS['hard']}" in said
+    assert status_meanings(["tracked", "unobserved"]) == [f"unobserved: {STATUS_MEANINGS['unobserved']}"]
+    report.print_run(made.written(tmp_path / "good.run", body_of("human34")))
+    assert "hard" not in (said := capsys.readouterr().out).replace("hard.run", "")
+    assert "look into it" not in said
+
+
+# end to end: another person's limits, and a landmark on another link
+
+
+def knees_turned_round(subject: Subject) -> Subject:
+    text, count = re.subn(
+        r'(knee_flexion" type="revolute">.*?<limit )lower="-0.0524" upper="2.6180"',
+        r'\1lower="-2.6180" upper="0.0524"', subject.urdf, flags=re.S,
+    )  # fmt: skip
+    assert count == 2
+    return subject_from_text(re.sub(r'<stabiliser joint="\w+_knee_flexion"[^>]*/>', "", text), source="turned.urdf")
+
+
+@pytest.fixture(scope="module")
+def crouching(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Keypoints of human34 with bent knees before two cameras, and the cameras."""
+    folder, body = tmp_path_factory.mktemp("crouching"), body_of("human34")
+    q = np.tile(body.neutral, (6, 1))
+    for side in ("left", "right"):
+        for joint, angle in (("hip_flexion", 0.9), ("knee_flexion", 1.3), ("ankle_dorsiflexion", 0.3)):
+            q[:, body.q_names.index(f"{side}_{joint}")] = angle + np.linspace(0.0, 0.2, 6)
+    tracks = keypoints(
+        body, q, CAMERAS, np.random.default_rng(0), noise_px=0.5, outlier_fraction=0.0, missing_fraction=0.0
+    )
+    for camera, track in zip(CAMERAS, tracks, strict=True):
+        write_keypoints(folder / f"{camera.name}.json", track)
+    write_cameras(folder / "cameras.json", CAMERAS)
+    return folder
+
+
+def track(folder: Path, subject: Subject, name: str) -> Run:
+    files = {c.name: folder / f"{c.name}.json" for c in CAMERAS}
+    return km.track(
+        subject, (), keypoints=files, cameras=folder / "cameras.json", settings={"css": QUICK["css"]}, fit="off",
+        out=folder / name, overwrite=True,
+    )  # fmt: skip
+
+
+def test_limits_that_contradict_the_person_are_told(crouching: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.warns(FindingWarning, match="in most frames: .*_knee") as caught:
+        run = track(crouching, knees_turned_round(load_subject("human34")), "turned.run")
+    sentence = str(caught[0].message)
+    assert len(sentence) <= 500
+    assert sentence in run.header.notes
+    assert sentence in findings(run)
+    report.print_run(run)
+    assert sentence in capsys.readouterr().out
+    assert main(["explain", str(run.file), "--frame", "3"]) == 0
+    assert re.search("in frame 3: .*_knee.* limits", capsys.readouterr().out)
+
+
+def test_a_landmark_on_the_wrong_link_is_told_and_the_right_one_not(
+    crouching: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    subject = load_subject("human34")
+    right = track(crouching, subject, "right.run")
+    assert [w for w in recwarn if w.category is FindingWarning] == []
+    assert findings(right) == ()
+    text = subject.urdf.replace('name="left_knee" link="left_shank"', 'name="left_knee" link="left_thigh"')
+    with pytest.warns(FindingWarning, match="left_knee"):
+        track(crouching, subject_from_text(text, source="wrong.urdf"), "wrong.run")
