@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 import tempfile
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -26,6 +28,7 @@ from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
+from kinemode.interruption import kept_if_interrupted
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
 from kinemode.settings import read_settings
@@ -111,7 +114,8 @@ def track(
     choice = cue_choice(cues)
     job.target.check()
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
-    with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
+    # the matrices are small: more threads only wait for each other
+    with kept_if_interrupted(job.target.frames_at_first), threadpool_limits(limits=1):
         inputs = load_inputs(
             Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
         )
@@ -216,6 +220,12 @@ class _Target:
         """Whether there is a run to go on with."""
         return self.resume and self.path.exists()
 
+    def frames_at_first(self) -> int | None:
+        """How many frames the run to go on with has; None where there is none."""
+        with suppress(InputError):  # a damaged one has been, or will be, complained of
+            return len(open_run(self.path)) if self.resumed else None
+        return None
+
     def check(self) -> None:
         """Say what is wrong with the output before an hour of work, not after."""
         _check_folder(self.path)
@@ -249,7 +259,7 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
         state = TrackState.from_arrays(arrays) if arrays else None
     else:
         writer = RunWriter.create(target.path, header, overwrite=target.overwrite)
-    with writer:
+    with kept_if_interrupted(lambda: writer.frame_count), writer:
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         with job.progress("tracking") as report, helped(tracker.search, job.workers):
@@ -314,4 +324,4 @@ def _check_folder(path: Path) -> None:
     if path.is_dir():
         raise InputError(path, "is a folder, a file is needed")
     if not path.absolute().parent.is_dir():
-        raise InputError(path, "its folder does not exist", remedy=f"mkdir -p {path.parent}")
+        raise InputError(path, "its folder does not exist", remedy=f"mkdir -p {shlex.quote(str(path.parent))}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from collections.abc import Sequence
 
@@ -17,6 +16,7 @@ from estimator.formats.run_file import Run
 from estimator.trackers.registry import TRACKERS
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
+from kinemode.program import command
 
 
 def console() -> Console:
@@ -49,11 +49,11 @@ def print_run(run: Run) -> None:
         "",
         "next:",
     ]
-    file, video, values = (shlex.quote(str(p)) for p in (run.file, *map(run.file.with_suffix, (".mp4", ".csv"))))
+    video, values = (run.file.with_suffix(suffix) for suffix in (".mp4", ".csv"))
     lines += [
-        f"  kinemode view {file}",
-        f"  kinemode overlay {file} --out {video}",
-        f"  kinemode export {file} --format csv {values}",
+        f"  {command('view', run.file)}",
+        f"  {command('overlay', run.file, '--out', video)}",
+        f"  {command('export', run.file, '--format', 'csv', values)}",
     ]
     for line in lines:
         console().print(line, soft_wrap=True)

@@ -45,9 +45,14 @@ class Companion:
         spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
         self.connection, there = spawn.Pipe()
         self._process = spawn.Process(target=_attend, args=(there, _Sealed((serve, arguments))), daemon=True)
-        with _uninterrupted():
-            self._process.start()
-        there.close()  # or nobody would hear of its end
+        try:
+            with _uninterrupted():
+                self._process.start()
+        except BaseException:
+            self._give_up()
+            raise
+        finally:
+            there.close()  # or nobody would hear of its end
 
     def send(self, message: Any) -> None:
         """Tell it something; raises what `receive` raises where it is gone."""
@@ -81,6 +86,12 @@ class Companion:
             self._process.kill()
             self._process.join()
         self._process.close()
+
+    def _give_up(self) -> None:
+        if self._process.pid is None:
+            self.connection.close()
+        else:
+            self.close()
 
     def _lost(self) -> NoReturn:
         while self.connection.poll():
@@ -125,8 +136,10 @@ class _Sealed:
 
 def _attend(connection: Connection, sealed: _Sealed) -> None:
     """Ctrl-C reaches every process of a terminal; the one that leads decides."""
-    for number in _FOR_THE_LEADER:
+    for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end_soon)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _FOR_THE_LEADER)
     threading.Thread(target=_end_with_the_leader, daemon=True).start()
     try:
         serve, arguments = sealed.opened()
@@ -152,12 +165,26 @@ def _end_with_the_leader() -> None:
     os._exit(1)
 
 
+def _end_soon(*_: object) -> None:
+    """Unless the leader is faster, which has heard of it too where all were meant."""
+    signal.setitimer(signal.ITIMER_REAL, _PARTING)  # nobody takes its signal, so it ends the process
+
+
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Processes started within leave signals to the leader, even before they can see to that themselves."""
+    """Signals wait until the block's end, and processes started within hear of them only when they are ready to."""
     resource_tracker.ensure_running()  # it would end the blocking if it had to start
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # another thread may take what this one blocks
+        ours = [number for number in _FOR_THE_LEADER if callable(signal.getsignal(number))]
+        handlers = {number: signal.signal(number, lambda n, _: came.append(n)) for number in ours}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _FOR_THE_LEADER)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)
