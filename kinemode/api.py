@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import tempfile
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -16,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
+from estimator.formats.temporary_run import TemporaryFolder
 from estimator.imaging.camera import Camera
 from estimator.initialisation.stages import fit_subject
 from estimator.runner import Cues, run_into
@@ -89,7 +89,7 @@ def track(
     fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
         and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
         measured. "proportions" leaves the flesh as it is, "off" every subject.
-    out: the run file; a temporary one if not given.
+    out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
     workers: how many processes search a frame's hypotheses, this one among them; the run is the same with any number.
@@ -100,7 +100,8 @@ def track(
     ------
     InputError: whatever is wrong with what was given.
     """
-    path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
+    temporary = TemporaryFolder() if out is None else None  # gone with this function unless the run keeps it
+    path = temporary.path / "track.run" if temporary is not None else Path(cast(PathLike, out))
     job = _Job(
         tracker,
         read_settings(tracker, settings, modes),
