@@ -24,6 +24,7 @@ from humanoid.compiled_sources import sources_digest
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _settings = threading.Lock()  # numba's are everybody's
+_digests: dict[str, tuple[object, str]] = {}
 
 
 def jit(function: Function) -> Function:
@@ -44,8 +45,7 @@ def jit(function: Function) -> Function:
 def _cache(function: Callable[..., Any]) -> FunctionCache | None:
     """Where a function's code is kept; None where it cannot be."""
     try:
-        file = Path(inspect.getfile(function)).absolute()
-        digest = sources_digest(file, function.__module__)
+        digest = _digest(function)
     except (OSError, TypeError):  # typed in at a prompt
         return None
     config = cast(Any, numba.config)
@@ -61,6 +61,16 @@ def _cache(function: Callable[..., Any]) -> FunctionCache | None:
             if Path(cache.cache_path).is_relative_to(folder):  # numba goes beside the source where the folder fails
                 return cache
     return None
+
+
+def _digest(function: Callable[..., Any]) -> str:
+    """Of the sources behind a function; made once for all functions of a module, and again where that is reloaded."""
+    module = function.__module__
+    spec = getattr(function, "__globals__", {}).get("__spec__")
+    known = _digests.get(module)
+    if known is None or spec is None or known[0] is not spec:
+        known = _digests[module] = spec, sources_digest(Path(inspect.getfile(function)).absolute(), module)
+    return known[1]
 
 
 class _SharedCache(FunctionCache):

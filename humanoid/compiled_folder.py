@@ -16,7 +16,7 @@ KEPT = 4  # folders of one module, the one in use included: a few checkouts and 
 _held: dict[Path, int] = {}  # folders this process uses, and the open files whose locks say so
 
 
-def cache_roots() -> list[Path]:
+def cache_roots() -> Iterator[Path]:
     """Folders that may hold the cache, the best first: that of KINEMODE_CACHE, NUMBA_CACHE_DIR or the user's cache,
     then one among the temporary files."""
     given, numbas = os.environ.get("KINEMODE_CACHE"), os.environ.get("NUMBA_CACHE_DIR")
@@ -24,7 +24,11 @@ def cache_roots() -> list[Path]:
         first: Path | None = Path(given) if given else Path(numbas or "", "kinemode")
     else:
         first = _users_cache()
-    return [root for root in (first, _temporary_folder()) if root is not None]
+    if first is not None:
+        yield first
+    last = _temporary_folder()
+    if last is not None:
+        yield last
 
 
 def source_folder(root: Path, module: str, digest: str) -> Path:
