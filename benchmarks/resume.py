@@ -31,7 +31,10 @@ from estimator.formats.run_file import Run
 from kinemode import api, demo, report
 from kinemode.progress import unreported
 
-SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGKILL)
+SIGNALS = (  # and whether to all
+    (signal.SIGTERM, False), (signal.SIGINT, True), (signal.SIGKILL, False), (signal.SIGTERM, True),
+    (signal.SIGINT, False), (signal.SIGKILL, False),
+)  # fmt: skip
 
 
 class Pace(NamedTuple):
@@ -53,8 +56,8 @@ def moments(rng: np.random.Generator, count: int, frames: int, pace: Pace) -> li
     between = sorted(int(f) for f in rng.integers(1, max(2, frames - frames // 10), max(0, count - len(chosen) - late)))
     chosen += [(f, float(rng.uniform(0.0, 1.5 * pace.period))) for f in between]
     chosen += [(frames, float(rng.uniform(0.0, 0.5 * pace.after))) for _ in range(min(late, count))]
-    numbers = rng.permutation(np.resize(np.arange(len(SIGNALS)), len(chosen)))
-    return [Moment(*when, SIGNALS[i]) for when, i in zip(chosen, numbers, strict=True)]
+    how = rng.permutation(np.resize(np.arange(len(SIGNALS)), len(chosen)))
+    return [Moment(*when, *SIGNALS[i]) for when, i in zip(chosen, how, strict=True)]
 
 
 class Chain(NamedTuple):
@@ -208,7 +211,8 @@ def show(rows: Sequence[tuple[Chain, list[Kill], list[str]]]) -> None:
         made = report.table(f"{chain.name}, workers {chain.workers}", *columns)
         for i, k in enumerate(done, 1):
             times = (f"{k.seconds:.2f}", f"{k.lingered:.2f}")
-            made.add_row(str(i), k.moment.number.name, due(k), str(k.before), str(k.after), *times)
+            number = k.moment.number.name + " to all" * k.moment.to_all
+            made.add_row(str(i), number, due(k), str(k.before), str(k.after), *times)
         out.print(made)
         out.print("equal to the last bit in every array, nothing lost or left" if not faults else "\n".join(faults))
         out.print("")
@@ -225,12 +229,10 @@ def show(rows: Sequence[tuple[Chain, list[Kill], list[str]]]) -> None:
 def figures(chain: Chain, done: Sequence[Kill], faults: Sequence[str]) -> dict[str, object]:
     """Of one run, for JSON."""
     listed = [
-        {
-            "signal": k.moment.number.name, "due": due(k), "before": k.before, "after": k.after, "code": k.code,
-            "seconds": k.seconds, "lingered": k.lingered, "left": list(k.left), "lost": k.lost,
-        }
+        {"due": due(k), "signal": k.moment.number.name, "to all": k.moment.to_all, "lost": k.lost}
+        | {name: getattr(k, name) for name in ("before", "after", "code", "seconds", "lingered", "left")}
         for k in done
-    ]  # fmt: skip
+    ]
     return {"name": chain.name, "workers": chain.workers, "kills": listed, "faults": list(faults)}
 
 

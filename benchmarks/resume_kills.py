@@ -24,11 +24,12 @@ BEFORE_THE_FILE = -1
 
 class Moment(NamedTuple):
     """When a process is ended: frames in its run, `BEFORE_THE_FILE` for the start-up and the fit, and seconds beyond
-    that; by which signal."""
+    that; by which signal; whether its helpers are sent it too, as a terminal and a batch system do."""
 
     wanted: int
     delay: float = 0.0
     number: signal.Signals = signal.SIGKILL
+    to_all: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,7 @@ def kill_at(arguments: Sequence[str], out: Path, moment: Moment) -> Kill:
         ended = _waited(process, out, moment)
         before, names = frames_in(out), _shared_memory(process.pid)
         if ended is None:
-            to_all = moment.number == signal.SIGINT  # as a terminal sends it
-            (os.killpg if to_all else os.kill)(process.pid, moment.number)
+            (os.killpg if moment.to_all else os.kill)(process.pid, moment.number)
         sent = time.monotonic()
         code = process.wait(PATIENCE)
         seconds, ended_at = time.monotonic() - sent, time.monotonic()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import shlex
-import shutil
 import sys
 from pathlib import Path
 
@@ -18,6 +17,8 @@ def _called() -> list[str]:
     """The words that called this program; `kinemode` where it is used as a library."""
     program = Path(sys.argv[0])
     if program.name == "kinemode":
+        import shutil  # slow to import, and `kinemode --help` has no use for it
+
         found = shutil.which("kinemode")
         return ["kinemode" if found is not None and Path(found).absolute() == program.absolute() else sys.argv[0]]
     words = sys.orig_argv

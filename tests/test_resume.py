@@ -21,7 +21,7 @@ from kinemode.inputs import load_inputs
 from kinemode.progress import unreported
 
 FRAMES = 24
-KILLS = (Moment(3), Moment(12, 0.01, signal.SIGTERM))  # far from the end: machines stall
+KILLS = (Moment(3), Moment(12, 0.01, signal.SIGTERM, to_all=True))  # far from the end: machines stall
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
