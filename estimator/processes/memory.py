@@ -63,5 +63,6 @@ def _reserve(descriptor: int, size: int) -> None:
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(descriptor, 0, size)
         return
-    for first in range(0, size, _CHUNK):  # macOS
-        os.pwrite(descriptor, bytes(min(_CHUNK, size - first)), first)
+    done = 0
+    while done < size:  # macOS; a disk that fills up may take a part first
+        done += os.pwrite(descriptor, bytes(min(_CHUNK, size - done)), done)
