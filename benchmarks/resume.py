@@ -94,7 +94,7 @@ def ended_often(chain: Chain, out: Path, when: Sequence[Moment], whole: Run) -> 
         tell(f"{chain.name}, workers {chain.workers}: {due(kill)}, {moment.number.name}, {kill.seconds:.2f} s")
         done.append(kill)
         if not kill.well:
-            faults.append(f"{due(kill)}: code {kill.code}, {kill.lost} frames lost, left: {', '.join(kill.left)}")
+            faults.append(f"{due(kill)}: {kill.fault}")
         if kill.after and (where := first_difference(api.open_run(out), whole)):
             faults.append(f"{due(kill)}: different {where}")
     finish(command(chain.inputs, out))
@@ -120,11 +120,10 @@ def differences(run: Run, other: Run) -> list[str]:
 
 def first_difference(run: Run, other: Run) -> str:
     """Where the modes of two runs part, and by how much; empty where they do not, as far as both go."""
-    count = min(len(run), len(other))
-    for t in range(count):
-        a, b = run.mode_q[t], other.mode_q[t]
+    for t in range(min(len(run), len(other))):
+        a, b = run.result(t).q, other.result(t).q
         if not _same(a, b):
-            by = float(np.nanmax(np.abs(a - b), initial=0.0)) if a.shape == b.shape else float("nan")
+            by = float(np.max(np.abs(a - b), initial=0.0)) if a.shape == b.shape else float("nan")
             return f"from frame {t} on, where q differs by {by:.1e}"
     return ""
 

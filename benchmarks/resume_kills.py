@@ -39,7 +39,7 @@ class Kill:
     resumed_from: frames the process began with. before, after: frames that could be read just before, and after it.
     code: exit code, 0 where it had ended by itself. seconds: until it had ended. lingered [s]: longer than it anything
     that it had started or that held its caller's pipes was there. left: processes, and names of shared memory, that
-    were there for longer than `SOON`.
+    were there for longer than `SOON`. said: its last words on standard error.
     """
 
     moment: Moment
@@ -50,6 +50,7 @@ class Kill:
     seconds: float
     lingered: float
     left: tuple[str, ...]
+    said: str
 
     @property
     def too_late(self) -> bool:
@@ -65,6 +66,12 @@ class Kill:
     def well(self) -> bool:
         """Whether it ended as it should: by the signal, or with the code that shells have for it."""
         return self.code in (0, -self.moment.number, 128 + self.moment.number) and not self.left and not self.lost
+
+    @property
+    def fault(self) -> str:
+        """What there is to say where it did not end well."""
+        left = ", ".join(self.left) or "nothing"
+        return f"code {self.code}, {self.lost} frames lost, left: {left}; it said: {self.said}"
 
 
 def command(inputs: Sequence[str | Path], out: Path) -> list[str]:
@@ -120,7 +127,8 @@ def kill_at(arguments: Sequence[str], out: Path, moment: Moment) -> Kill:
             os.killpg(process.pid, signal.SIGKILL)
     if ended is not None:
         check_ended_well(code, said)
-    return Kill(moment, first, before, frames_in(out), code, seconds, lingered, left)
+    last = (said.decode(errors="replace").strip().splitlines() or [""])[-1]
+    return Kill(moment, first, before, frames_in(out), code, seconds, lingered, left, last)
 
 
 def _waited(process: subprocess.Popen[bytes], out: Path, moment: Moment) -> int | None:
