@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
@@ -141,6 +142,13 @@ def _attend(connection: Connection, sealed: _Sealed) -> None:
     signal.signal(signal.SIGTERM, _end_soon)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _FOR_THE_LEADER)
     threading.Thread(target=_end_with_the_leader, daemon=True).start()
+    _work(connection, sealed)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)  # the leader waits, and an interpreter with all that was imported ends slowly
+
+
+def _work(connection: Connection, sealed: _Sealed) -> None:
     try:
         serve, arguments = sealed.opened()
         with threadpool_limits(limits=1):
