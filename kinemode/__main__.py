@@ -8,7 +8,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from kinemode.interruption import RunInterrupted, interrupted_by_signals
+from kinemode.interruption import RunInterrupted, interrupted_by_signals, is_interruption
 from kinemode.program import command
 
 BAD_INPUT = 2
@@ -28,8 +28,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             run_command(arguments)
             sys.stdout.flush()
-        except KeyboardInterrupt as stop:
-            _say(str(stop) or _how_to_go_on(arguments, stop))
+        except (KeyboardInterrupt, SystemError) as stop:
+            if isinstance(stop, SystemError) and not is_interruption(stop):
+                return _report(stop, debug)
+            _say(_how_to_go_on(arguments, stop))
             return _SIGNALLED + signals[0] if signals else INTERRUPTED
         except BrokenPipeError:  # the reader of our output (head, less) has left
             _drop_output()
@@ -82,9 +84,9 @@ def _say(text: str) -> None:
     print(" ".join(text.split()), file=sys.stderr)
 
 
-def _how_to_go_on(arguments: list[str], stop: KeyboardInterrupt) -> str:
+def _how_to_go_on(arguments: list[str], stop: BaseException) -> str:
     if not isinstance(stop, RunInterrupted):
-        return "interrupted"
+        return str(stop) if isinstance(stop, KeyboardInterrupt) and str(stop) else "interrupted"
     kept = "what was tracked is kept" if stop.frames else "no frame was tracked yet"
     return f"interrupted; {kept}, go on with: {command(*_resuming(arguments))}"
 

@@ -22,12 +22,21 @@ class RunInterrupted(KeyboardInterrupt):
         self.frames = frames
 
 
+def is_interruption(error: BaseException) -> bool:
+    """Whether it is KeyboardInterrupt, or what is made of it by compiled code that overlooks it (numba's calls)."""
+    return isinstance(error, KeyboardInterrupt) or (
+        isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt)
+    )
+
+
 @contextmanager
 def kept_if_interrupted(frames: Callable[[], int | None]) -> Iterator[None]:
     """Makes KeyboardInterrupt a `RunInterrupted`; frames: how many there are, None where there is no run."""
     try:
         yield
-    except KeyboardInterrupt as stop:
+    except (KeyboardInterrupt, SystemError) as stop:
+        if not is_interruption(stop):
+            raise
         counts = [frames(), stop.frames if isinstance(stop, RunInterrupted) else None]
         found = [count for count in counts if count is not None]
         if not found:

@@ -25,7 +25,7 @@ from humanoid.subject import load_subject
 from kinemode import __main__ as front
 from kinemode import annotate, api, cli, program, report
 from kinemode.demo import DemoClip, make_clip
-from kinemode.interruption import interrupted_by_signals
+from kinemode.interruption import interrupted_by_signals, kept_if_interrupted
 from kinemode.progress import unreported
 
 
@@ -48,6 +48,25 @@ def test_signals_end_a_command_with_one_line(
     assert front.main(["subjects"]) == code
     assert capsys.readouterr().err == "interrupted\n"
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+@pytest.mark.parametrize("cause", [KeyboardInterrupt(), ValueError()])
+def test_compiled_code_may_make_something_else_of_it(
+    cause: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Python itself does, where a call from C overlooks an exception."""
+
+    def broken(*_: Any) -> None:
+        with kept_if_interrupted(lambda: 3):
+            raise SystemError("returned a result with an exception set") from cause
+
+    monkeypatch.setattr(cli, "run_command", broken)
+    code = front.main(["track", "a.mp4"])
+    said = capsys.readouterr().err
+    if isinstance(cause, KeyboardInterrupt):
+        assert (code, said.partition(", go on")[0]) == (front.INTERRUPTED, "interrupted; what was tracked is kept")
+    else:
+        assert code == front.INTERNAL_ERROR
 
 
 def test_only_the_first_signal_counts_but_ctrl_c_always_does() -> None:
