@@ -1,14 +1,12 @@
-"""Runs killed without warning and resumed, against a run that nothing disturbed: every array equal to the last bit."""
+"""Runs ended at any moment of their life and resumed, against runs that nothing disturbed: every array equal to the
+last bit, and nothing left behind."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -16,100 +14,95 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import ROOT, beam_folder, save, start
+from benchmarks.common import beam_folder, save, start, tell
+from benchmarks.resume_kills import (
+    BEFORE_THE_FILE,
+    SOON,
+    Kill,
+    Moment,
+    check_ended_well,
+    command,
+    finish,
+    frames_in,
+    kill_at,
+    started,
+)
 from estimator.formats.run_file import Run
-from humanoid.errors import InputError
 from kinemode import api, demo, report
 from kinemode.progress import unreported
 
-PATIENCE = 300.0  # s for a frame; then something is wrong
-
-
-@dataclass(frozen=True)
-class Kill:
-    """One kill -9.
-
-    wanted: frames after which it was due, -1 for the start-up before the first. delay [s]: waited beyond that.
-    before, after: frames that could be read just before, and after it. resumed_from: frames the killed process began
-    with. too_late: it had ended by itself. lost: frames that were readable before and are not after it.
-    """
-
-    wanted: int
-    delay: float
-    resumed_from: int
-    before: int
-    after: int
-    too_late: bool = False
-
-    @property
-    def lost(self) -> int:
-        return max(0, self.before - self.after)
-
-
-def command(inputs: Sequence[str | Path], out: Path) -> list[str]:
-    """The command line that starts and resumes."""
-    return [sys.executable, "-m", "kinemode", "track", *map(str, inputs), "--out", str(out), "--resume"]
-
-
-def frames_in(path: Path) -> int:
-    """Frames that another process can read from a run that is being written; 0 where there is no file yet."""
-    return Run.open(path).frame_count if path.exists() else 0
-
-
-def kill_at(arguments: Sequence[str], out: Path, wanted: int, delay: float) -> Kill:
-    """Start or resume, wait for a number of frames and a moment longer, kill -9.
-
-    Raises InputError where the process fails by itself, or does not get there in time.
-    """
-    first = frames_in(out)
-    process = subprocess.Popen(
-        arguments, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=_environment()
-    )
-    try:
-        deadline = time.monotonic() + PATIENCE
-        while frames_in(out) < wanted and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.004)
-        time.sleep(delay)
-        before = frames_in(out)
-        ended = process.poll()
-        if frames_in(out) < wanted and ended is None:
-            raise InputError("track", f"did not come to {wanted} frames in {PATIENCE:.0f} s")
-    finally:
-        process.kill()
-        _, said = process.communicate()
-    if ended:
-        raise InputError("track", f"ended with code {ended}: {said.decode().strip()}")
-    return Kill(wanted, delay, first, before, frames_in(out), ended == 0)
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-
-
-def finish(arguments: Sequence[str]) -> None:
-    """Run to the end; raises InputError with what it said where it fails."""
-    done = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True, env=_environment(), check=False)
-    if done.returncode:
-        raise InputError("track", f"ended with code {done.returncode}: {done.stderr.strip()}")
+SIGNALS = (  # and whether to all
+    (signal.SIGTERM, False), (signal.SIGINT, True), (signal.SIGKILL, False), (signal.SIGTERM, True),
+    (signal.SIGINT, False), (signal.SIGKILL, False),
+)  # fmt: skip
 
 
 class Pace(NamedTuple):
-    """Seconds of an undisturbed run: until the first frame, from frame to frame, and from the last to the end."""
+    """Seconds of an undisturbed run: until there is a file, from that to the first frame, from frame to frame, and from
+    the last to the end."""
 
-    startup: float
+    fit: float
+    first: float
     period: float
     after: float
 
 
-def moments(rng: np.random.Generator, count: int, frames: int, pace: Pace) -> list[tuple[int, float]]:
-    """When to kill, in order, as frames and seconds beyond: some during start-up, most after random frames and a
-    random while, the last one while all frames are there and the trajectory is being smoothed."""
-    starts = max(1, count // 5) if count > 2 else 0
-    during = [(-1, float(rng.uniform(0.0, pace.startup))) for _ in range(starts)]
-    last = max(1, frames - max(2, frames // 10))
-    after = sorted(int(f) for f in rng.integers(1, last + 1, max(0, count - starts - 1)))
-    between = [(f, float(rng.uniform(0.0, 1.5 * pace.period))) for f in after]
-    return [*during, *between, (frames, float(rng.uniform(0.0, 0.5 * pace.after)))]
+def moments(rng: np.random.Generator, count: int, frames: int, pace: Pace) -> list[Moment]:
+    """When to end a run, in order: some during start-up and fit, one when the first frame is searched (and helpers
+    start), most after random frames, one or two while all frames are there and the trajectory is being smoothed."""
+    early, late = (max(1, count // 4), 1 + count // 8) if count > 2 else (0, 1)
+    chosen = [(BEFORE_THE_FILE, float(rng.uniform(0.0, pace.fit))) for _ in range(early)]
+    chosen += [(0, float(rng.uniform(0.0, pace.first)))] if count > early + late else []
+    between = sorted(int(f) for f in rng.integers(1, max(2, frames - frames // 10), max(0, count - len(chosen) - late)))
+    chosen += [(f, float(rng.uniform(0.0, 1.5 * pace.period))) for f in between]
+    chosen += [(frames, float(rng.uniform(0.0, 0.5 * pace.after))) for _ in range(min(late, count))]
+    how = rng.permutation(np.resize(np.arange(len(SIGNALS)), len(chosen)))
+    return [Moment(*when, *SIGNALS[i]) for when, i in zip(chosen, how, strict=True)]
+
+
+class Chain(NamedTuple):
+    """One run that is ended again and again. inputs: of the command line. name: of what is looked at."""
+
+    name: str
+    workers: int
+    inputs: tuple[str | Path, ...]
+
+
+def chains(folder: Path, frames: int, camera: str | None, data: Path | None) -> list[Chain]:
+    """Keypoints alone, and with edges and flow, each by one process and by two."""
+    if camera is None:
+        clip = demo.make_clip(folder, frames=frames, progress=unreported)
+        video, keypoints, cameras = clip.videos[demo.CAMERA], clip.keypoints[demo.CAMERA], clip.cameras
+    else:
+        beam = beam_folder(data)
+        video, keypoints = beam / "videos" / f"{camera}.mp4", beam / "keypoints" / f"{camera}.json"
+        cameras = beam / "calibration.json"
+    inputs = (video, "--keypoints", keypoints, "--cameras", cameras, "--cues")
+    looks = {"keypoints": "off", "edges, flow": "edges,flow"}
+    return [
+        Chain(name, workers, (*inputs, cues, "--workers", str(workers)))
+        for name, cues in looks.items()
+        for workers in (1, 2)
+    ]
+
+
+def ended_often(chain: Chain, out: Path, when: Sequence[Moment], whole: Run) -> tuple[list[Kill], list[str]]:
+    """End a run at each of the moments, resume it to the end, and compare: the kills, and whatever is wrong."""
+    done, faults = [], []
+    for moment in when:
+        kill = kill_at(command(chain.inputs, out), out, moment)
+        tell(f"{chain.name}, workers {chain.workers}: {due(kill)}, {moment.number.name}, {kill.seconds:.2f} s")
+        done.append(kill)
+        if not kill.well:
+            faults.append(f"{due(kill)}: {kill.fault}")
+        if kill.after and (where := first_difference(api.open_run(out), whole)):
+            faults.append(f"{due(kill)}: different {where}")
+    finish(command(chain.inputs, out))
+    again = api.open_run(out)
+    different = differences(whole, again)
+    if different:
+        faults.append(f"the end is different {first_difference(whole, again)}: {', '.join(different)}")
+    return done, faults
 
 
 def differences(run: Run, other: Run) -> list[str]:
@@ -126,14 +119,13 @@ def differences(run: Run, other: Run) -> list[str]:
 
 
 def first_difference(run: Run, other: Run) -> str:
-    """Where the modes of two runs part, and by how much."""
-    count = min(len(run), len(other))
-    for t in range(count):
-        a, b = run.mode_q[t], other.mode_q[t]
+    """Where the modes of two runs part, and by how much; empty where they do not, as far as both go."""
+    for t in range(min(len(run), len(other))):
+        a, b = run.result(t).q, other.result(t).q
         if not _same(a, b):
-            by = float(np.nanmax(np.abs(a - b), initial=0.0)) if a.shape == b.shape else float("nan")
+            by = float(np.max(np.abs(a - b), initial=0.0)) if a.shape == b.shape else float("nan")
             return f"from frame {t} on, where q differs by {by:.1e}"
-    return "not in q"
+    return ""
 
 
 def _same(a: np.ndarray, b: np.ndarray) -> bool:
@@ -144,13 +136,16 @@ def main(
     *,
     data: Path | None = None,
     camera: str | None = None,
-    kills: int = 10,
+    frames: int = 16,
+    kills: int = 30,
     seed: int = 0,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Kill a tracking process at random moments, resume it each time, and compare the end with an undisturbed run.
+    """End tracking processes at random moments by SIGTERM, SIGINT and SIGKILL, resume them each time, and compare the
+    ends with undisturbed runs; look for processes, shared memory and open pipes that are left after 2 s.
 
-    The clip is the built-in one, unless a camera of beam4cam is named.
+    Four runs are ended in turn: by keypoints alone and with edges and flow, each by one process and by two. The clip is
+    the built-in one, unless a camera of beam4cam is named.
 
     Parameters
     ----------
@@ -158,68 +153,86 @@ def main(
         Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     camera
         A camera of beam4cam.
+    frames
+        Of the built-in clip.
     kills
-        How many.
+        How many, in all.
     seed
         Of the moments.
     json
         Also write the figures here.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        if camera is None:
-            clip = demo.make_clip(folder, videos=False, progress=unreported)
-            keypoints, cameras = clip.keypoints[demo.CAMERA], clip.cameras
-        else:
-            beam = beam_folder(data)
-            keypoints, cameras = beam / "keypoints" / f"{camera}.json", beam / "calibration.json"
-        inputs = ("--keypoints", keypoints, "--cameras", cameras)
-        undisturbed, killed = Path(folder) / "undisturbed.run", Path(folder) / "killed.run"
-        pace = undisturbed_pace(command(inputs, undisturbed), undisturbed)
-        whole = api.open_run(undisturbed)
-        done = []
-        for wanted, delay in moments(np.random.default_rng(seed), kills, len(whole), pace):
-            done.append(kill_at(command(inputs, killed), killed, wanted, delay))
-        finish(command(inputs, killed))
-        again = api.open_run(killed)
-        different = differences(whole, again)
-        where = first_difference(whole, again) if different else ""
-    show(done, len(whole), different, where)
-    rows = [{**asdict(k), "lost": k.lost} for k in done]
-    save(json, {"measure": "resume", "frames": len(whole), "kills": rows, "different": different, "where": where})
+    rows = []
+    with tempfile.TemporaryDirectory() as name:
+        folder, rng = Path(name), np.random.default_rng(seed)
+        undisturbed = folder / "undisturbed.run"
+        for i, chain in enumerate(chains(folder, frames, camera, data)):
+            if chain.workers == 1:  # any number gives the same bits
+                pace = undisturbed_pace(command(chain.inputs, undisturbed), undisturbed)
+            whole = api.open_run(undisturbed)
+            count = (kills + (0, 2, 3, 1)[i]) // 4
+            found = ended_often(chain, folder / f"{i}.run", moments(rng, count, len(whole), pace), whole)
+            rows.append((chain, *found))
+            if chain.workers == 2:
+                undisturbed.unlink()
+    show(rows)
+    save(json, {"measure": "resume", "chains": [figures(*row) for row in rows]})
 
 
 def undisturbed_pace(arguments: list[str], out: Path) -> Pace:
     """Run to the end, watching when its frames come; raises InputError with what it said where it fails."""
     marks: dict[int, float] = {}
     begin = time.monotonic()
-    process = subprocess.Popen(
-        arguments, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=_environment()
-    )
+    process = started(arguments)
     while process.poll() is None:
-        marks.setdefault(frames_in(out), time.monotonic())
+        marks.setdefault(frames_in(out) if out.exists() else BEFORE_THE_FILE, time.monotonic())
         time.sleep(0.004)
     end = time.monotonic()
     _, said = process.communicate()
-    if process.returncode:
-        raise InputError("track", f"ended with code {process.returncode}: {said.decode().strip()}")
+    check_ended_well(process.returncode, said)
     seen = sorted(n for n in marks if n > 0)
-    first, last = marks[seen[0]], marks[seen[-1]]
-    return Pace(first - begin, (last - first) / max(1, seen[-1] - seen[0]), end - last)
+    first, last, file = marks[seen[0]], marks[seen[-1]], marks.get(0, marks[seen[0]])
+    return Pace(file - begin, first - file, (last - first) / max(1, seen[-1] - seen[0]), end - last)
 
 
-def show(kills: list[Kill], frames: int, different: list[str], where: str) -> None:
-    made = report.table(
-        f"kill -9, {frames} frames", "kill", "due after", "then [ms]", "began with", "before", "kept", "lost"
-    )
-    for i, k in enumerate(kills, 1):
-        due = "start-up" if k.wanted < 0 else f"frame {k.wanted}"
-        due += ", too late" if k.too_late else ""
-        made.add_row(str(i), due, f"{1e3 * k.delay:.0f}", str(k.resumed_from), str(k.before), str(k.after), str(k.lost))
+def due(kill: Kill) -> str:
+    """When a process was to be ended, in words."""
+    wanted = kill.moment.wanted
+    stage = "start-up or fit" if wanted == BEFORE_THE_FILE else f"frame {wanted}" if wanted else "before frame 1"
+    return f"{stage} + {kill.moment.delay:.2f} s" + (", too late" if kill.too_late else "")
+
+
+def show(rows: Sequence[tuple[Chain, list[Kill], list[str]]]) -> None:
+    """A row for each kill, and whatever is wrong."""
+    columns = ("kill", "signal", "due", "frames before", "kept", "ended after [s]", "all gone after [s]")
     out = report.console()
-    out.print(made)
-    out.print(f"frames lost: {sum(k.lost for k in kills)}")
-    end = "equal to the last bit in every array" if not different else f"DIFFERENT {where}: {', '.join(different)}"
-    out.print(f"resumed to the end, against an undisturbed run: {end}")
+    for chain, done, faults in rows:
+        made = report.table(f"{chain.name}, workers {chain.workers}", *columns)
+        for i, k in enumerate(done, 1):
+            times = (f"{k.seconds:.2f}", f"{k.lingered:.2f}")
+            number = k.moment.number.name + " to all" * k.moment.to_all
+            made.add_row(str(i), number, due(k), str(k.before), str(k.after), *times)
+        out.print(made)
+        out.print("equal to the last bit in every array, nothing lost or left" if not faults else "\n".join(faults))
+        out.print("")
+    kills = [k for _, done, _ in rows for k in done]
+    faulty = sum(bool(faults) for *_, faults in rows)
+    slowest, longest = max(k.seconds for k in kills), max(k.lingered for k in kills)
+    late = sum(k.too_late for k in kills)
+    out.print(
+        f"{len(kills)} kills, {late} of them too late; runs with a fault: {faulty} of {len(rows)};"
+        f" slowest end {slowest:.2f} s, then all gone after {longest:.2f} s (limit {SOON:.0f} s)"
+    )
+
+
+def figures(chain: Chain, done: Sequence[Kill], faults: Sequence[str]) -> dict[str, object]:
+    """Of one run, for JSON."""
+    listed = [
+        {"due": due(k), "signal": k.moment.number.name, "to all": k.moment.to_all, "lost": k.lost}
+        | {name: getattr(k, name) for name in ("before", "after", "code", "seconds", "lingered", "left")}
+        for k in done
+    ]
+    return {"name": chain.name, "workers": chain.workers, "kills": listed, "faults": list(faults)}
 
 
 if __name__ == "__main__":

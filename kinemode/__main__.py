@@ -4,36 +4,42 @@ from __future__ import annotations
 
 import errno
 import os
-import shlex
 import sys
 import traceback
 from collections.abc import Sequence
 
+from kinemode.interruption import RunInterrupted, interrupted_by_signals, is_interruption
+from kinemode.program import command
+
 BAD_INPUT = 2
 INTERNAL_ERROR = 1
 INTERRUPTED = 130  # what a shell gives a process ended by Ctrl-C
+_SIGNALLED = 128  # and the number of the signal: the same for the others
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 1 (our fault), 2 (the input's) or 130 (Ctrl-C)."""
+    """Run one command; returns the exit code: 0, 1 (our fault), 2 (the input's), 130 (Ctrl-C) or 143 (SIGTERM)."""
     given = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in given
     arguments = [a for a in given if a != "--debug"]
-    try:
-        from kinemode.cli import run_command
+    with interrupted_by_signals() as signals:
+        try:
+            from kinemode.cli import run_command
 
-        run_command(arguments)
-        sys.stdout.flush()
-    except KeyboardInterrupt as stop:
-        _say(str(stop) or _how_to_go_on(arguments))
-        return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output (head, less) has left
-        _drop_output()
-        return 0
-    except Exception as error:
-        if _no_room(error):
+            run_command(arguments)
+            sys.stdout.flush()
+        except (KeyboardInterrupt, SystemError) as stop:
+            if isinstance(stop, SystemError) and not is_interruption(stop):
+                return _report(stop, debug)
+            _say(_how_to_go_on(arguments, stop))
+            return _SIGNALLED + signals[0] if signals else INTERRUPTED
+        except BrokenPipeError:  # the reader of our output (head, less) has left
             _drop_output()
-        return _report(error, debug)
+            return 0
+        except Exception as error:
+            if _no_room(error):
+                _drop_output()
+            return _report(error, debug)
     return 0
 
 
@@ -58,7 +64,7 @@ def _users_problem(error: Exception) -> str | None:
     if isinstance(error, InputError):
         return str(error)
     if isinstance(error, CycloptsError):
-        return f"{error} (see kinemode --help)"
+        return f"{error} (see {command(*(error.command_chain or ()), '--help')})"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return f"standard output: cannot be written: {error}" if _no_room(error) else None
@@ -78,11 +84,18 @@ def _say(text: str) -> None:
     print(" ".join(text.split()), file=sys.stderr)
 
 
-def _how_to_go_on(arguments: list[str]) -> str:
-    if arguments[:1] not in (["track"], ["compare"]):
-        return "interrupted"
-    again = [*(a for a in arguments if a not in ("--resume", "--overwrite")), "--resume"]
-    return f"interrupted; what was tracked is kept, go on with: kinemode {shlex.join(again)}"
+def _how_to_go_on(arguments: list[str], stop: BaseException) -> str:
+    if not isinstance(stop, RunInterrupted):
+        return str(stop) if isinstance(stop, KeyboardInterrupt) and str(stop) else "interrupted"
+    kept = "what was tracked is kept" if stop.frames else "no frame was tracked yet"
+    return f"interrupted; {kept}, go on with: {command(*_resuming(arguments))}"
+
+
+def _resuming(arguments: list[str]) -> list[str]:
+    """The command line that goes on with what a command line began."""
+    again = [a for a in arguments if a.partition("=")[0] not in ("--resume", "--overwrite")]
+    end = again.index("--") if "--" in again else len(again)  # beyond it everything is a clip
+    return [*again[:end], "--resume", *again[end:]]
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import warnings
 import webbrowser
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from kinemode.annotation import Annotation
 from kinemode.api import InputWarning
 from kinemode.clicks import corrected_from, inside_only, load_clicks, no_clicks
 from kinemode.landmark_guide import landmark_guide
+from kinemode.program import command
 
 
 def annotate(
@@ -104,6 +104,5 @@ def _next(clip: Path, camera: str | None, subject: Subject, out: Path) -> str:
     view = f"{camera}=" if camera else ""
     chosen = [] if subject.source == "human34" else ["--subject", subject.source]
     run = clip.name if clip.is_dir() else clip.stem
-    return shlex.join(
-        ["kinemode", "track", f"{view}{clip}", *chosen, "--keypoints", f"{view}{out}", "--out", f"{run}.run"]
-    )
+    named = [Path(f"{view}{path}") for path in (clip, out)]
+    return command("track", named[0], *chosen, "--keypoints", named[1], "--out", Path(f"{run}.run"))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import shlex
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -14,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
+from estimator.formats.temporary_run import TemporaryFolder
 from estimator.imaging.camera import Camera
 from estimator.initialisation.stages import fit_subject
 from estimator.runner import Cues, run_into
@@ -27,6 +29,7 @@ from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
 from kinemode.findings import findings
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
+from kinemode.interruption import kept_if_interrupted
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
 from kinemode.settings import Chosen, check_workers, choose
@@ -92,7 +95,7 @@ def track(
     fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
         and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
         measured. "proportions" leaves the flesh as it is, "off" every subject.
-    out: the run file; a temporary one if not given.
+    out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
     workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
@@ -104,10 +107,11 @@ def track(
     ------
     InputError: whatever is wrong with what was given, a changed setting without effect included.
     """
-    path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
     choice = cue_choice(cues)
     chosen = choose(tracker, settings, modes)
     check_workers(chosen, checked_count(workers))
+    temporary = TemporaryFolder() if out is None else None  # gone with this function unless the run keeps it
+    path = temporary.path / "track.run" if temporary is not None else Path(cast(PathLike, out))
     job = _Job(
         chosen,
         chosen.settings,
@@ -122,7 +126,8 @@ def track(
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
     _check_fit_choice(job.fit, loaded)
     chosen.check(job.fits(loaded))
-    with threadpool_limits(limits=1):  # the matrices are small: more threads only wait for each other
+    # the matrices are small: more threads only wait for each other
+    with kept_if_interrupted(job.target.frames_at_first), threadpool_limits(limits=1):
         inputs = load_inputs(
             Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
         )
@@ -231,6 +236,12 @@ class _Target:
         """Whether there is a run to go on with."""
         return self.resume and self.path.exists()
 
+    def frames_at_first(self) -> int | None:
+        """How many frames the run to go on with has; None where there is none."""
+        with suppress(InputError):  # a damaged one has been, or will be, complained of
+            return len(open_run(self.path)) if self.resumed else None
+        return None
+
     def check(self) -> None:
         """Say what is wrong with the output before an hour of work, not after."""
         _check_folder(self.path)
@@ -273,7 +284,7 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
         state = TrackState.from_arrays(arrays) if arrays else None
     else:
         writer = RunWriter.create(target.path, header, overwrite=target.overwrite)
-    with writer:
+    with kept_if_interrupted(lambda: writer.frame_count), writer:
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         with job.progress("tracking") as report, helped(tracker.search, job.workers):
@@ -347,4 +358,4 @@ def _check_folder(path: Path) -> None:
     if path.is_dir():
         raise InputError(path, "is a folder, a file is needed")
     if not path.absolute().parent.is_dir():
-        raise InputError(path, "its folder does not exist", remedy=f"mkdir -p {path.parent}")
+        raise InputError(path, "its folder does not exist", remedy=f"mkdir -p {shlex.quote(str(path.parent))}")

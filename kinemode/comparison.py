@@ -19,6 +19,7 @@ from kinemode.comparison_files import write_comparison
 from kinemode.comparison_scores import Course, TrackerScore, courses, scored
 from kinemode.comparison_times import TimeFile
 from kinemode.inputs import Named, PathLike
+from kinemode.interruption import kept_if_interrupted
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import made_folder
 from kinemode.settings import choose_for_all, read_settings
@@ -82,10 +83,14 @@ def compare(
     report = progress or unreported
     times = TimeFile(folder / "times.json")
     runs: dict[str, Run] = {}
+
+    def tracked_frames() -> int | None:
+        return sum(map(len, runs.values())) if runs else None
+
     for name in order:
         if overwrite or not files[name].exists():
             times.clear(name)
-        with warnings.catch_warnings():
+        with kept_if_interrupted(tracked_frames), warnings.catch_warnings():
             if runs:  # the input is the same: what is odd about it has been said
                 warnings.simplefilter("ignore", api.InputWarning)
             own, count, workers = chosen[name]
@@ -95,7 +100,7 @@ def compare(
             )  # fmt: skip
         tracked = runs[name].subject  # fitted now, and not again
     runs = {name: runs[name] for name in names}
-    with threadpool_limits(limits=1), report("comparing") as looked:
+    with kept_if_interrupted(tracked_frames), threadpool_limits(limits=1), report("comparing") as looked:
         found = courses(runs, read_settings("css", settings, modes), truth, cameras is not None, looked)
     scores = tuple(scored(name, runs[name], found[name], times.of(name), truth) for name in names)
     return Comparison(scores, found, runs, *write_comparison(folder, scores, found))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +17,7 @@ from estimator.trackers.registry import TRACKERS
 from humanoid.subject import subject_names
 from kinemode.explain import Explanation
 from kinemode.findings import findings, status_counts, status_lines
+from kinemode.program import command
 
 
 def console() -> Console:
@@ -51,11 +51,11 @@ def print_run(run: Run) -> None:
         "",
         "next:",
     ]
-    file, video, values = (shlex.quote(str(p)) for p in (run.file, *map(run.file.with_suffix, (".mp4", ".csv"))))
+    video, values = (run.file.with_suffix(suffix) for suffix in (".mp4", ".csv"))
     lines += [
-        f"  kinemode view {file}",
-        f"  kinemode overlay {file} --out {video}",
-        f"  kinemode export {file} --format csv {values}",
+        f"  {command('view', run.file)}",
+        f"  {command('overlay', run.file, '--out', video)}",
+        f"  {command('export', run.file, '--format', 'csv', values)}",
     ]
     for line in lines:
         console().print(line, soft_wrap=True)

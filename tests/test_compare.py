@@ -233,15 +233,24 @@ def test_the_command(clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_an_interrupted_command_says_how_to_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*args: Any, **kwargs: Any) -> None:
-        raise KeyboardInterrupt
+    """Where there is something to go on with: here the first tracker's run."""
+    (keypoints,) = clip.keypoints.values()
+    out = ["--out", str(tmp_path / "c"), "--subject", str(clip.subject), "--fit", "off", "--overwrite"]
+    arguments = ["compare", "--trackers", "single-mode,css", "--keypoints", str(keypoints), *out]
+    track = api.track
+
+    def interrupted(*args: Any, tracker: str, **how: Any) -> Any:
+        if tracker == "css":
+            raise KeyboardInterrupt
+        return track(*args, tracker=tracker, **how)
 
     monkeypatch.setattr(api, "track", interrupted)
-    arguments = ["compare", "--trackers", "css", "--keypoints", "a.json", "--out", str(tmp_path / "c")]
-    assert front.main([*arguments, "--overwrite"]) == front.INTERRUPTED
-    assert capsys.readouterr().err.rstrip().endswith(f"kinemode {' '.join(arguments)} --resume")
+    assert front.main([a.removeprefix("single-mode,") for a in arguments]) == front.INTERRUPTED
+    assert capsys.readouterr().err == "interrupted\n"
+    assert front.main(arguments) == front.INTERRUPTED
+    assert capsys.readouterr().err.rstrip().endswith(f"kinemode {' '.join(arguments[:-1])} --resume")
 
 
 def test_a_damaged_file_of_times_is_named(clip: RenderedClip, tmp_path: Path) -> None:

@@ -1,61 +1,218 @@
-"""Compiled functions: numba's cache on disk watches only the file of the function it compiles."""
+"""Compiled functions: kept between runs, never served stale, by any number of processes."""
 
 from __future__ import annotations
 
 import ast
+import errno
+import fcntl
+import importlib
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
+from numba.core.caching import IndexDataCacheFile
+
+from humanoid import compiled, compiled_folder
+from humanoid.compiled_folder import KEPT, cache_roots, source_folder
+from humanoid.compiled_sources import PACKAGES, imported_files, imported_names, sources_digest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("humanoid", "estimator", "viz", "kinemode")
+KERNEL = """
+from humanoid.compiled import jit
+from toy.inner.values import (  # in brackets,
+    SCALE,  # one a line
+)
+
+@jit
+def scaled(x):
+    return SCALE * x
+"""
 
 
-def compiled_in(tree: ast.Module) -> dict[str, ast.FunctionDef]:
-    """The functions of a module that carry @jit."""
-    found = {}
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef):
-            names = {d.id for d in node.decorator_list if isinstance(d, ast.Name)}
-            if "jit" in names:
-                found[node.name] = node
-    return found
+class Toy:
+    """A package with a kernel, a constant of another file compiled into it, and a file that does not matter."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / "toy"
+        for path, text in (("kernel.py", KERNEL), ("inner/values.py", "from . import deep\nSCALE = deep.TEN / 5.0\n")):
+            self.write(path, text)
+        self.write("inner/deep.py", "TEN = 10.0\n")
+        self.write("apart.py", "")
+
+    def write(self, path: str, text: str) -> None:
+        file = self.folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+        at = time.time_ns() + int(1e9) * len(text)  # another time than before, whatever the file system can tell
+        os.utime(file, ns=(at, at))
+
+    def kernel(self) -> ModuleType:
+        """The kernel's module as a new process would import it."""
+        for name in [name for name in sys.modules if name.partition(".")[0] == "toy"]:
+            del sys.modules[name]
+        importlib.invalidate_caches()
+        return importlib.import_module("toy.kernel")
+
+    def run(self, x: float) -> tuple[float, int]:
+        """What the kernel says of a number, and how much of its code came from the disk."""
+        scaled = self.kernel().scaled
+        return scaled(x), sum(scaled.stats.cache_hits.values())
 
 
-def foreign_kernels(trees: dict[str, ast.Module]) -> list[str]:
-    """Where a compiled function uses one of another module, which a stale cache could be."""
-    kernels = {module: set(compiled_in(tree)) for module, tree in trees.items()}
-    faults = []
-    for module, tree in trees.items():
-        imported = {
-            alias.asname or alias.name
-            for node in ast.walk(tree)
-            if isinstance(node, ast.ImportFrom) and node.module in kernels
-            for alias in node.names
-            if alias.name in kernels[node.module]
-        }
-        for name, function in compiled_in(tree).items():
-            used = {n.id for n in ast.walk(function) if isinstance(n, ast.Name)} & imported
-            faults += [f"{module}.{name} uses {other}" for other in sorted(used)]
-    return faults
+@pytest.fixture
+def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Toy]:
+    monkeypatch.setenv("KINEMODE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    yield Toy(tmp_path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "toy"]:
+        del sys.modules[name]
 
 
-def modules() -> dict[str, ast.Module]:
-    files = [f for package in PACKAGES for f in sorted((ROOT / package).rglob("*.py"))]
-    return {".".join(f.relative_to(ROOT).with_suffix("").parts): ast.parse(f.read_text()) for f in files}
+def test_a_constant_of_another_file_is_not_served_stale(toy: Toy) -> None:
+    assert toy.run(3.0) == (6.0, 0)
+    assert toy.run(3.0) == (6.0, 1)
+    toy.write("inner/values.py", "SCALE = 7.0  # no longer\n")
+    assert toy.run(3.0) == (21.0, 0)
+    toy.write("apart.py", "SCALE = 'somebody else'\n")
+    assert toy.run(3.0) == (21.0, 1)
 
 
-def test_compiled_functions_use_only_their_own_file() -> None:
-    trees = modules()
-    assert sum(len(compiled_in(tree)) for tree in trees.values()) > 10  # the search sees them
-    assert foreign_kernels(trees) == []
-
-
-@pytest.mark.parametrize("used", [True, False])
-def test_the_check_sees_a_planted_use(used: bool) -> None:
-    body = "low(1.0)" if used else "1.0"
-    trees = {
-        "a": ast.parse("@jit\ndef low(x):\n    return x\n"),
-        "b": ast.parse(f"from a import low\n@jit\ndef high():\n    return {body}\n"),
+def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:
+    file = toy.folder / "kernel.py"
+    ours = {ROOT / "humanoid" / name for name in ("compiled.py", "compiled_folder.py", "compiled_sources.py")}
+    assert imported_files(file, "toy.kernel") - ours == {
+        file,
+        toy.folder / "inner" / "values.py",
+        toy.folder / "inner" / "deep.py",
     }
-    assert foreign_kernels(trees) == (["b.high uses low"] if used else [])
+    before = sources_digest(file, "toy.kernel")
+    toy.write("inner/deep.py", "TEN = 10.0 + 1e-9\n")
+    assert sources_digest(file, "toy.kernel") != before
+
+
+def test_every_import_of_ours_is_seen() -> None:
+    """Imports are found without parsing; here they are parsed."""
+    count = 0
+    for file in (f for package in PACKAGES for f in (ROOT / package).rglob("*.py")):
+        seen = set(imported_names(file.read_text()))
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = []
+            if isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            assert set(names) <= seen, file
+            count += len(names)
+    assert count > 500
+    odd = "import a.b as x, c  # d, e\nfrom . import f\nfrom ..g import \\\n    h as i\nif 1: from j.k import (l,\n m)"
+    assert {"a.b", "c", ".f", "..g.h", "j.k.l", "j.k.m"} <= set(imported_names(odd))
+    assert not {"d", "e"} & set(imported_names(odd))
+
+
+def test_processes_that_save_at_once_do_not_mix_their_code(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both read the index before either has written it, unless they wait for each other."""
+    load = IndexDataCacheFile._load_index
+    saved: list[tuple[Any, ...]] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(compiled._SharedCache, "save_overload", lambda *args: saved.append(args))
+        assert (toy.kernel().scaled(3), toy.kernel().scaled(0.5)) == (6.0, 1.0)
+    with monkeypatch.context() as patched:
+        patched.setattr(IndexDataCacheFile, "_load_index", lambda self: (load(self), time.sleep(0.2))[0])
+        threads = [threading.Thread(target=cache.save_overload, args=rest) for cache, *rest in saved]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    again = toy.kernel().scaled
+    assert (again(3), again(0.5)) == (6.0, 1.0)
+    assert sum(again.stats.cache_hits.values()) == len(saved) == 2
+
+
+def test_a_cache_that_fails_costs_time_only(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert toy.run(3.0) == (6.0, 0)
+    (index,) = (toy.folder.parent / "cache").rglob("*.nbi")
+    index.write_bytes(b"")  # as a crash of the machine leaves it
+    assert toy.run(3.0) == (6.0, 0)
+    assert toy.run(3.0) == (6.0, 1)  # mended
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(IndexDataCacheFile, "save", full)
+    assert toy.kernel().scaled(3) == 6.0
+
+
+def test_where_it_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("KINEMODE_CACHE", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    last = tmp_path / f"kinemode-compiled-{os.getuid()}"
+    monkeypatch.setenv("HOME", "/somewhere/somebody")
+    assert list(cache_roots()) == [Path("/somewhere/somebody/.cache/kinemode"), last]
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    assert next(cache_roots()) == Path("/somewhere/somebody/.cache/kinemode")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/caches")
+    assert next(cache_roots()) == Path("/caches/kinemode")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/numbas")
+    assert next(cache_roots()) == Path("/numbas/kinemode")
+    monkeypatch.setenv("KINEMODE_CACHE", "/ours")
+    assert list(cache_roots()) == [Path("/ours"), last]
+    for name in ("KINEMODE_CACHE", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # no home, not even in the list of users
+    assert list(cache_roots()) == [last]
+    last.chmod(0o777)  # anybody could plant code
+    assert list(cache_roots()) == []
+
+
+@pytest.mark.parametrize("closed", [["KINEMODE_CACHE"], ["KINEMODE_CACHE", "TMPDIR"]])
+def test_a_folder_that_cannot_be_written_to(toy: Toy, closed: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then the next one, and in the end none; code never lands beside the sources, where it would go stale."""
+    base = toy.folder.parent
+    (base / "file").touch()
+    for name in ("KINEMODE_CACHE", "TMPDIR"):
+        monkeypatch.setenv(name, str(base / "file" / "cache" if name in closed else base / name))
+    (base / "TMPDIR").mkdir(exist_ok=True)
+    monkeypatch.setattr("tempfile.tempdir", os.environ["TMPDIR"])
+    hits = [toy.run(3.0), toy.run(3.0)]
+    assert hits == [(6.0, 0), (6.0, 0 if "TMPDIR" in closed else 1)]
+    assert not list(toy.folder.rglob("*.nbi"))
+
+
+def test_old_folders_are_removed_but_none_in_use(tmp_path: Path) -> None:
+    folders = []
+    for i in range(KEPT + 3):
+        folders.append(source_folder(tmp_path, "a.module", f"digest{i}"))
+        os.utime(folders[-1], (i, i))
+    other = source_folder(tmp_path, "a.module_too", "digest")
+    assert all(folder.is_dir() for folder in folders)  # this process uses them all
+    for folder in [*folders[1:], other]:
+        os.close(compiled_folder._held.pop(folder))
+    new = source_folder(tmp_path, "a.module", "new")
+    kept = [folders[0], *folders[-(KEPT - 1) :], new, other]
+    assert sorted(path for path in tmp_path.iterdir()) == sorted(kept)
+
+
+def test_a_folder_in_use_is_marked_for_other_processes(tmp_path: Path) -> None:
+    """A folder that vanishes before its mark is made comes again; the mark goes with the process."""
+    code = "import sys; from humanoid.compiled_folder import source_folder; from pathlib import Path\n"
+    code += "source_folder(Path(sys.argv[1]), 'm', 'd'); print('there', flush=True); sys.stdin.read()"
+    child = subprocess.Popen([sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    assert child.stdout.readline() == b"there\n"
+    folder = tmp_path / "m-d"
+    compiled_folder._remove(folder)
+    assert folder.is_dir()
+    child.communicate()
+    with (folder / "in-use").open("r+") as mark:
+        fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    compiled_folder._remove(folder)
+    assert list(tmp_path.iterdir()) == []

@@ -1,13 +1,15 @@
-"""A run killed without warning and resumed is the undisturbed run, to the last bit."""
+"""A run ended at any moment and resumed is the undisturbed run, to the last bit, and leaves nothing behind."""
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.resume import command, differences, finish, frames_in, kill_at
+from benchmarks.resume import Pace, differences, moments
+from benchmarks.resume_kills import BEFORE_THE_FILE, SOON, Moment, command, finish, frames_in, kill_at
 from estimator.fitting import fit_proportions
 from estimator.runner import run
 from estimator.trackers.registry import make_tracker
@@ -18,22 +20,25 @@ from kinemode import api, demo
 from kinemode.inputs import load_inputs
 from kinemode.progress import unreported
 
-FRAMES = 32
-KILLS = ((3, 0.0), (12, 0.01))  # frames after which it is due, seconds beyond; far from the end: machines stall
+FRAMES = 24
+KILLS = (Moment(3), Moment(12, 0.01, signal.SIGTERM, to_all=True))  # far from the end: machines stall
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
 def test_killed_twice(tmp_path: Path) -> None:
+    """Without warning, and asked to end: with a helper, which ends too and holds no pipe open."""
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
     keypoints, out = clip.keypoints[demo.CAMERA], tmp_path / "killed.run"
     arguments = command(["--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"], out)
     kept = 0
-    for wanted, delay in KILLS:
-        killed = kill_at(arguments, out, wanted, delay)
+    for moment, code in zip(KILLS, (-9, 143), strict=True):
+        killed = kill_at([*arguments, "--workers", "2"], out, moment)
         assert killed.resumed_from == kept
+        assert killed.code == code
         assert killed.lost == 0
-        assert not killed.too_late
-        assert wanted <= killed.after < FRAMES
+        assert killed.left == ()
+        assert killed.lingered < SOON
+        assert moment.wanted <= killed.after < FRAMES
         assert not api.open_run(out).complete
         kept = killed.after
     finish(arguments)
@@ -45,6 +50,17 @@ def test_killed_twice(tmp_path: Path) -> None:
     assert differences(undisturbed, resumed) == []
     resumed.mode_q[-1, 0, 7] = np.nextafter(resumed.mode_q[-1, 0, 7], np.inf)
     assert differences(undisturbed, resumed) == ["mode_q"]  # the comparison can tell
+
+
+def test_kills_are_spread_over_the_whole_life_of_a_run() -> None:
+    pace = Pace(fit=10.0, first=2.0, period=0.5, after=4.0)
+    for count in (1, 2, 3, 7, 8, 30):
+        chosen = moments(np.random.default_rng(0), count, 20, pace)
+        assert len(chosen) == count
+        assert sorted(m.wanted for m in chosen) == [m.wanted for m in chosen]
+        assert chosen[-1].wanted == 20
+    assert len({m.number for m in chosen}) == 3
+    assert {m.wanted for m in chosen} >= {BEFORE_THE_FILE, 0, 20}
 
 
 def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:

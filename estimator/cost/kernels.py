@@ -1,8 +1,4 @@
-"""Compiled inner loops of the cost terms, on plain arrays.
-
-They share one file because numba's cache on disk watches only the file of the function it compiles: a kernel that
-called one of another file could be served stale after an update.
-"""
+"""Compiled inner loops of the cost terms, on plain arrays."""
 
 from __future__ import annotations
 

@@ -33,6 +33,11 @@ class RunWriter:
         self._connection = connection
         self._position = position
 
+    @property
+    def frame_count(self) -> int:
+        """Frames in the file."""
+        return self._position
+
     @classmethod
     def create(cls, path: str | Path, header: RunHeader, overwrite: bool = False) -> RunWriter:
         """Start a run; the file appears with its header in it or not at all.

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from estimator.filtering.posterior import Posterior
 from estimator.formats import run_store
 from estimator.formats.packing import unpack
 from estimator.formats.run_header import RunHeader
+from estimator.formats.temporary_run import TemporaryFolder
 from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from humanoid.body import Body
@@ -39,6 +41,20 @@ class Run:
         self.file, self.header = file, header
         self.frame_count, self.complete = frame_count, complete
         self.planned_count = len(header.times)
+        self._folder = TemporaryFolder.of(file)  # kept as long as this run
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A temporary file goes along: it may be gone before it is looked at elsewhere."""
+        state = {**vars(self), "_folder": None}
+        return state if self._folder is None else {**state, "_content": self.file.read_bytes()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        content = state.pop("_content", None)
+        vars(self).update(state)
+        if content is not None:
+            self._folder = TemporaryFolder()
+            self.file = self._folder.path / self.file.name
+            self.file.write_bytes(content)
 
     @staticmethod
     def open(path: str | Path) -> Run:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import pickle
-from multiprocessing.shared_memory import SharedMemory
+from collections.abc import Callable
 from typing import Any, NamedTuple
+
+from estimator.processes.memory import SharedMemory
 
 SMALL = 4096  # bytes; arrays up to this size travel with the notice
 _LINE = 64  # bytes; arrays begin where those of numpy's own may
 
 
 class Notice(NamedTuple):
-    """What tells other processes where a thing is: the thing without its large arrays, the name of the shared memory,
-    and first byte and size of each of them there."""
+    """What tells other processes where a thing is: the thing without its large arrays, and first byte and size of each
+    of them in the shared memory. moved: that is another one than before, and its descriptor comes next."""
 
     content: bytes
-    memory: str
+    moved: bool
     spans: tuple[tuple[int, int], ...]
 
 
@@ -26,7 +28,12 @@ class Board:
         self._memory: SharedMemory | None = None
 
     def post(self, thing: Any) -> Notice:
-        """Put up a picklable thing in place of the last one, which nobody may be reading any more."""
+        """Put up a picklable thing in place of the last one, which nobody may be reading any more.
+
+        Raises
+        ------
+        InputError: there is not enough memory to share.
+        """
         large: list[memoryview] = []
 
         def kept_back(buffer: pickle.PickleBuffer) -> bool:
@@ -41,17 +48,22 @@ class Board:
         for raw in large:
             spans.append((end, raw.nbytes))
             end += -(-raw.nbytes // _LINE) * _LINE
+        before = self._memory
         memory = self._large_enough(end)
-        assert memory.buf is not None
         for raw, (first, size) in zip(large, spans, strict=True):
-            memory.buf[first : first + size] = raw
-        return Notice(content, memory.name, tuple(spans))
+            memory.data[first : first + size] = raw
+        return Notice(content, memory is not before, tuple(spans))
+
+    @property
+    def descriptor(self) -> int:
+        """The open file of the memory, to be handed to all readers when a notice says `moved`."""
+        assert self._memory is not None
+        return self._memory.descriptor
 
     def close(self) -> None:
         """Give the memory back; who reads it keeps it until they let go."""
         if self._memory is not None:
             self._memory.close()
-            self._memory.unlink()
             self._memory = None
 
     def __enter__(self) -> Board:
@@ -63,7 +75,7 @@ class Board:
     def _large_enough(self, size: int) -> SharedMemory:
         if self._memory is None or self._memory.size < size:
             self.close()
-            self._memory = SharedMemory(create=True, size=max(size, _LINE))
+            self._memory = SharedMemory.of_size(max(size, _LINE))
         return self._memory
 
 
@@ -72,28 +84,21 @@ class BoardReader:
 
     def __init__(self) -> None:
         self._memory: SharedMemory | None = None
-        self._left: list[SharedMemory] = []
 
-    def read(self, notice: Notice) -> Any:
-        """The thing; its large arrays lie in the shared memory, not to be written to, and change with the next one."""
-        if self._memory is None or self._memory.name != notice.memory:
+    def read(self, notice: Notice, descriptor: Callable[[], int]) -> Any:
+        """The thing; its large arrays lie in the shared memory, not to be written to, and change with the next one.
+
+        descriptor: receives that of the memory, where it has moved.
+        """
+        if notice.moved:
             self.close()
-            self._memory = SharedMemory(notice.memory)
-        whole = self._memory.buf
-        assert whole is not None
+            self._memory = SharedMemory(descriptor())
+        assert self._memory is not None
+        whole = self._memory.data
         return pickle.loads(notice.content, buffers=[whole[first : first + size] for first, size in notice.spans])
 
     def close(self) -> None:
-        """Let go of the memory, as soon as nothing that was read is left."""
+        """Let go of the memory; it stays as long as something that was read."""
         if self._memory is not None:
-            self._left.append(self._memory)
+            self._memory.close()
             self._memory = None
-        self._left = [memory for memory in self._left if not _closed(memory)]
-
-
-def _closed(memory: SharedMemory) -> bool:
-    try:
-        memory.close()
-    except BufferError:  # arrays still look at it
-        return False
-    return True

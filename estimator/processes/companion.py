@@ -1,21 +1,30 @@
-"""A process that works for this one: it ends with it, says what went wrong in it, and leaves Ctrl-C to it."""
+"""A process that works for this one: it ends with it, says what went wrong in it, and leaves Ctrl-C to it.
+
+It ends with this one also where that is killed, and in the middle of its work: a thread waits for that.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
+import pickle
 import signal
+import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler, send_handle
 from typing import Any, NamedTuple, NoReturn
 
 from threadpoolctl import threadpool_limits
 
 from humanoid.errors import InputError
 
-_PARTING = 3.0  # s given to a process to end by itself
+_PARTING = 1.0  # s given to a process to end by itself
+_FOR_THE_LEADER = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # a terminal and a batch system send them to all
 _GUARD = 'a script needs `if __name__ == "__main__":` around what it runs'
 
 
@@ -36,16 +45,29 @@ class Companion:
     def __init__(self, serve: Callable[..., None], *arguments: Any) -> None:
         spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
         self.connection, there = spawn.Pipe()
-        self._process = spawn.Process(target=_attend, args=(there, serve, arguments), daemon=True)
-        with _uninterrupted():
-            self._process.start()
-        there.close()  # or nobody would hear of its end
+        self._process = spawn.Process(target=_attend, args=(there, _Sealed((serve, arguments))), daemon=True)
+        try:
+            with _uninterrupted():
+                self._process.start()
+        except BaseException:
+            self._give_up()
+            raise
+        finally:
+            there.close()  # or nobody would hear of its end
 
     def send(self, message: Any) -> None:
         """Tell it something; raises what `receive` raises where it is gone."""
         try:
             self.connection.send(message)
         except OSError:
+            self._lost()
+
+    def hand_over(self, descriptor: int) -> None:
+        """Give it an open file, which it has to take (`multiprocessing.reduction.recv_handle`) next of all."""
+        assert self._process.pid is not None
+        try:
+            send_handle(self.connection, descriptor, self._process.pid)
+        except (OSError, RuntimeError):  # the latter on macOS, where it has to acknowledge
             self._lost()
 
     def receive(self) -> Any:
@@ -61,11 +83,16 @@ class Companion:
         """Let it end: at once if it waits, after what it is at if it does not, by force if that takes long."""
         self.connection.close()
         self._process.join(_PARTING)
-        for force in (self._process.terminate, self._process.kill):
-            if self._process.exitcode is None:
-                force()
-                self._process.join(_PARTING)
+        if self._process.exitcode is None:
+            self._process.kill()
+            self._process.join()
         self._process.close()
+
+    def _give_up(self) -> None:
+        if self._process.pid is None:
+            self.connection.close()
+        else:
+            self.close()
 
     def _lost(self) -> NoReturn:
         while self.connection.poll():
@@ -91,10 +118,39 @@ def _checked(answer: Any) -> Any:
     return answer
 
 
-def _attend(connection: Connection, serve: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+class _Sealed:
+    """Something to send along that is not unpacked on arrival: that imports all it is made of, which takes seconds."""
+
+    def __init__(self, thing: Any) -> None:
+        self._thing = thing
+
+    def __getstate__(self) -> bytes:
+        return bytes(ForkingPickler.dumps(self._thing))
+
+    def __setstate__(self, packed: bytes) -> None:
+        self._packed = packed
+
+    def opened(self) -> Any:
+        """The thing, where it was sent to."""
+        return pickle.loads(self._packed)
+
+
+def _attend(connection: Connection, sealed: _Sealed) -> None:
     """Ctrl-C reaches every process of a terminal; the one that leads decides."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end_soon)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _FOR_THE_LEADER)
+    threading.Thread(target=_end_with_the_leader, daemon=True).start()
+    _work(connection, sealed)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)  # the leader waits, and an interpreter with all that was imported ends slowly
+
+
+def _work(connection: Connection, sealed: _Sealed) -> None:
     try:
+        serve, arguments = sealed.opened()
         with threadpool_limits(limits=1):
             serve(connection, *arguments)
     except (EOFError, BrokenPipeError, ConnectionResetError):
@@ -109,12 +165,34 @@ def _attend(connection: Connection, serve: Callable[..., None], arguments: tuple
             connection.send(Failure(RuntimeError(str(error)), trace))
 
 
+def _end_with_the_leader() -> None:
+    """However it ends; whatever this process is at has nobody to be told to any more."""
+    leader = multiprocessing.parent_process()
+    assert leader is not None
+    leader.join()
+    os._exit(1)
+
+
+def _end_soon(*_: object) -> None:
+    """Unless the leader is faster, which has heard of it too where all were meant."""
+    signal.setitimer(signal.ITIMER_REAL, _PARTING)  # nobody takes its signal, so it ends the process
+
+
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Processes started within never hear of Ctrl-C, not even before they can see to that themselves."""
+    """Signals wait until the block's end, and processes started within hear of them only when they are ready to."""
     resource_tracker.ensure_running()  # it would end the blocking if it had to start
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # another thread may take what this one blocks
+        ours = [number for number in _FOR_THE_LEADER if callable(signal.getsignal(number))]
+        handlers = {number: signal.signal(number, lambda n, _: came.append(n)) for number in ours}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _FOR_THE_LEADER)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import recv_handle
 from typing import Any, NamedTuple
 
 from estimator.processes.board import BoardReader, Notice
@@ -16,7 +18,7 @@ NUMBER = 2  # bytes of the number of a piece
 
 
 class Case(NamedTuple):
-    """A new frame: a `CaseMessage` on the board. It is not answered."""
+    """A new frame: a `CaseMessage` on the board. It is not answered; the board's descriptor follows if it has moved."""
 
     notice: Notice
 
@@ -44,6 +46,8 @@ def taken(
             number = os.read(numbers.fileno(), NUMBER)
         except BlockingIOError:
             return
+        if not number:  # the leader is gone
+            return
         k = int.from_bytes(number, "little")
         yield k, work(frame, items[k])
 
@@ -63,7 +67,7 @@ def _serve(connection: Connection, numbers: Connection, recipe: SearchRecipe, bo
         message = connection.recv()
         if isinstance(message, Case):
             frame = None  # it looks at the board
-            case = board.read(message.notice).case(search.model)
+            case = board.read(message.notice, partial(recv_handle, connection)).case(search.model)
             frame = FrameSearch(search.model, search.seeker, search.settings, case)
             del case
             continue

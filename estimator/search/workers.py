@@ -28,8 +28,8 @@ def helped(search: ModeSearch, processes: int) -> Iterator[None]:
     """Within it so many processes do the work of a search, this one among them; what comes out is the same to the last
     bit. One process is this one alone.
 
-    The others end with the block, however it ends, and when this process is killed. They are spawned: a script that
-    uses them needs `if __name__ == "__main__":` around what it runs.
+    The others end with the block and with this process, however these end. They are spawned: a script that uses them
+    needs `if __name__ == "__main__":` around what it runs.
 
     Raises
     ------
@@ -113,6 +113,8 @@ class Team:
         """End the helpers and give back what they shared; afterwards this process works alone."""
         helpers, self._helpers = self._helpers, []
         for helper in helpers:
+            helper.connection.close()  # all hear of it before the first is waited for
+        for helper in helpers:
             helper.close()
         self._board.close()
         self._numbers.close()
@@ -121,7 +123,11 @@ class Team:
     def _show(self, case: FrameCase) -> None:
         """Let the helpers know the case, unless they do."""
         if self._case is not case:
-            self._tell(Case(self._board.post(CaseMessage.of(case))))
+            notice = self._board.post(CaseMessage.of(case))
+            for helper in self._helpers:
+                helper.send(Case(notice))
+                if notice.moved:
+                    helper.hand_over(self._board.descriptor)
             self._case = case
 
     def _tell(self, message: Any) -> None:

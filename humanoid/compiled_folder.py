@@ -1,0 +1,120 @@
+"""Where compiled code is kept: a folder for every state of the sources it was compiled from."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import stat
+import tempfile
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+KEPT = 4  # folders of one module, the one in use included: a few checkouts and branches side by side
+_held: dict[Path, int] = {}  # folders this process uses, and the open files whose locks say so
+
+
+def cache_roots() -> Iterator[Path]:
+    """Folders that may hold the cache, the best first: that of KINEMODE_CACHE, NUMBA_CACHE_DIR or the user's cache,
+    then one among the temporary files."""
+    given, numbas = os.environ.get("KINEMODE_CACHE"), os.environ.get("NUMBA_CACHE_DIR")
+    if given or numbas:
+        first: Path | None = Path(given) if given else Path(numbas or "", "kinemode")
+    else:
+        first = _users_cache()
+    if first is not None:
+        yield first
+    last = _temporary_folder()
+    if last is not None:
+        yield last
+
+
+def source_folder(root: Path, module: str, digest: str) -> Path:
+    """The folder for what is compiled from one state of a module's sources, marked as in use until this process ends.
+
+    Older ones of the module that nobody uses are removed. Raises OSError where there cannot be such a folder.
+    """
+    folder = root.absolute() / f"{module}-{digest}"
+    if folder not in _held:
+        new = not folder.exists()
+        _held[folder] = _enter(folder)
+        os.utime(folder)
+        if new:
+            _tidy(folder, module)
+    return folder
+
+
+@contextmanager
+def locked(file: Path) -> Iterator[None]:
+    """Alone among all processes, and threads, that come here with the same file; OSError where that cannot be had."""
+    handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _enter(folder: Path) -> int:
+    """Make a folder and mark it as in use: a shared lock, which ends with the process however that ends."""
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # somebody has just removed it
+            handle = os.open(_mark(folder), os.O_RDWR | os.O_CREAT, 0o600)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_SH)
+                if os.path.samestat(os.fstat(handle), _mark(folder).stat()):
+                    return handle
+            except FileNotFoundError:
+                pass
+            except OSError:
+                os.close(handle)
+                raise
+            os.close(handle)
+
+
+def _tidy(used: Path, module: str) -> None:
+    """Remove all but the last used folders of a module."""
+    with suppress(OSError):
+        others = [path for path in used.parent.glob(f"{module}-*") if path != used and path.is_dir()]
+        for folder in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[KEPT - 1 :]:
+            _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder unless it is in use."""
+    with suppress(OSError):
+        handle = os.open(_mark(folder), os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            gone = folder.rename(folder.with_name(f"removed-{uuid.uuid4().hex}"))
+        finally:
+            os.close(handle)
+        shutil.rmtree(gone, ignore_errors=True)
+
+
+def _mark(folder: Path) -> Path:
+    return folder / "in-use"
+
+
+def _users_cache() -> Path | None:
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(given):
+        return Path(given, "kinemode")
+    home = os.path.expanduser("~")
+    return Path(home, ".cache", "kinemode") if os.path.isabs(home) else None
+
+
+def _temporary_folder() -> Path | None:
+    """A folder that only this user can write to: the cache is code, so nobody else may plant it."""
+    user = os.getuid()
+    folder = Path(tempfile.gettempdir()) / f"kinemode-compiled-{user}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o022
+    return folder if private and found.st_uid in (user, 0) else None

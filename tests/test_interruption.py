@@ -1,0 +1,255 @@
+"""Ctrl-C, and signals that end the program just as well; what is said of a run to go on with; pasted commands."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cyclopts
+import numpy as np
+import pytest
+
+import kinemode
+from estimator.processes.companion import _uninterrupted
+from humanoid.errors import InputError
+from humanoid.subject import load_subject
+from kinemode import __main__ as front
+from kinemode import annotate, api, cli, program, report
+from kinemode.demo import DemoClip, make_clip
+from kinemode.interruption import interrupted_by_signals, kept_if_interrupted
+from kinemode.progress import unreported
+
+
+def wait_for_ever(*_: Any, **__: Any) -> None:
+    while True:
+        time.sleep(0.01)
+
+
+def sent_soon(number: int) -> None:
+    threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_signals_end_a_command_with_one_line(
+    number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "run_command", wait_for_ever)
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    sent_soon(number)
+    assert front.main(["subjects"]) == code
+    assert capsys.readouterr().err == "interrupted\n"
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+@pytest.mark.parametrize("cause", [KeyboardInterrupt(), ValueError()])
+def test_compiled_code_may_make_something_else_of_it(
+    cause: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Python itself does, where a call from C overlooks an exception."""
+
+    def broken(*_: Any) -> None:
+        with kept_if_interrupted(lambda: 3):
+            raise SystemError("returned a result with an exception set") from cause
+
+    monkeypatch.setattr(cli, "run_command", broken)
+    code = front.main(["track", "a.mp4"])
+    said = capsys.readouterr().err
+    if isinstance(cause, KeyboardInterrupt):
+        assert (code, said.partition(", go on")[0]) == (front.INTERRUPTED, "interrupted; what was tracked is kept")
+    else:
+        assert code == front.INTERNAL_ERROR
+
+
+def test_only_the_first_signal_counts_but_ctrl_c_always_does() -> None:
+    with interrupted_by_signals() as came:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(number)
+            signal.raise_signal(signal.SIGTERM)
+    assert came == [signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGTERM]
+
+
+def test_an_ignored_signal_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with interrupted_by_signals() as came:
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert came == []
+
+
+def test_a_signal_is_not_lost_where_nothing_can_be_raised() -> None:
+    class Finalised:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGTERM)
+
+    def lose_one() -> None:
+        Finalised()
+        time.sleep(10.0)
+
+    began = time.monotonic()
+    with interrupted_by_signals() as came, pytest.raises(KeyboardInterrupt):
+        lose_one()
+    assert time.monotonic() - began < 5.0
+    assert came[0] == signal.SIGTERM
+
+
+@pytest.mark.parametrize("send", [signal.raise_signal, lambda n: os.kill(os.getpid(), n)])
+def test_a_signal_waits_while_a_process_is_started(send: Callable[[int], None]) -> None:
+    """Between its start and its being known, an exception would leave it to nobody. Another thread can take it."""
+    reached = []
+
+    def start() -> None:
+        with _uninterrupted():
+            thread = threading.Thread(target=send, args=(signal.SIGINT,))
+            thread.start()
+            thread.join()
+            signal.raise_signal(signal.SIGINT)
+            reached.append(time.sleep(0.01))
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert reached
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> DemoClip:
+    return make_clip(tmp_path_factory.mktemp("a clip"), frames=2, videos=False, progress=unreported)
+
+
+@pytest.fixture
+def track(clip: DemoClip, tmp_path: Path) -> list[str]:
+    """A command line that tracks two frames."""
+    keypoints = next(iter(clip.keypoints.values()))
+    line = ["track", "--keypoints", str(keypoints), "--cameras", str(clip.cameras), "--fit", "off", "--modes", "2"]
+    return [*line, "--out", str(tmp_path / "a run")]
+
+
+def interrupted(*_: Any, **__: Any) -> Any:
+    raise KeyboardInterrupt
+
+
+def test_no_run_is_promised_where_there_is_none(
+    track: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(api, "_fitted", interrupted)
+    for more in ([], ["--resume"]):
+        assert front.main([*track, *more]) == front.INTERRUPTED
+        assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
+    Path(track[-1]).write_text("an old run")
+    assert front.main([*track, "--overwrite"]) == front.INTERRUPTED
+    assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
+    assert Path(track[-1]).read_text() == "an old run"
+
+
+def test_the_command_that_is_promised_goes_on(
+    track: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before the first frame, in the middle, and before anything in a run that goes on."""
+
+    def how_to_go_on(line: list[str], where: str, stopped: Callable[..., Any]) -> tuple[str, list[str]]:
+        with monkeypatch.context() as patched:
+            patched.setattr(api, where, stopped)
+            assert front.main(line) == front.INTERRUPTED
+        kept, _, command = capsys.readouterr().err.splitlines()[-1].partition(", go on with: ")
+        return kept, shlex.split(command)
+
+    whole, run_into = [*track, "--resume"], api.run_into
+
+    def stops_after_one(*args: Any, **how: Any) -> None:
+        run_into(*args, **{**how, "progress": interrupted})
+
+    expected = ["kinemode", *whole]
+    assert how_to_go_on(track, "run_into", interrupted) == ("interrupted; no frame was tracked yet", expected)
+    assert how_to_go_on(whole, "run_into", stops_after_one) == ("interrupted; what was tracked is kept", expected)
+    assert how_to_go_on(whole, "_fitted", interrupted) == ("interrupted; what was tracked is kept", expected)
+    assert how_to_go_on(whole, "smooth_track", interrupted) == ("interrupted; what was tracked is kept", expected)
+    assert front.main(expected[1:]) == 0
+    assert kinemode.open_run(track[-1]).complete
+
+
+def parsed(line: str) -> list[str]:
+    """The words of a command behind the program's name, which the command line understands."""
+    words = shlex.split(line)
+    assert words[0] == "kinemode"
+    cli.app.parse_args(words[1:], exit_on_error=False, print_error=False)
+    return words[1:]
+
+
+@pytest.mark.parametrize(
+    ("given", "again"),
+    [
+        (["track", "my walk.mp4", "--out", "a"], ["track", "my walk.mp4", "--out", "a", "--resume"]),
+        (["track", "--overwrite", "--out=a b", "c"], ["track", "--out=a b", "c", "--resume"]),
+        (["track", "--out", "a", "--resume", "--keypoints", "b", "c"],
+         ["track", "--out", "a", "--keypoints", "b", "c", "--resume"]),
+        (["track", "--out", "a", "--overwrite=true", "--", "-b.mp4"],
+         ["track", "--out", "a", "--resume", "--", "-b.mp4"]),
+        (["compare", "a", "--out", "b", "--trackers", "css", "$HOME"],
+         ["compare", "a", "--out", "b", "--trackers", "css", "$HOME", "--resume"]),
+    ],
+)  # fmt: skip
+def test_how_to_go_on_can_be_pasted(given: list[str], again: list[str]) -> None:
+    said = front._how_to_go_on(given, front.RunInterrupted(1))
+    assert parsed(said.partition("go on with: ")[2]) == again
+
+
+def test_what_is_suggested_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.app.parse_args(["track", "a", "--out", "b"], exit_on_error=False, print_error=False)
+    with pytest.raises(cyclopts.CycloptsError):  # the check can fail
+        parsed("kinemode track --ou b")
+    for file in (Path("my walk.run"), Path("-x.run"), tmp_path / "it's [red].run"):
+        body = SimpleNamespace(nv=1, bounded_q=np.zeros(1))
+        run: Any = SimpleNamespace(
+            file=file, status=np.array(["tracked"]), time=np.zeros(1), body=body, mode_penetration=np.zeros(1),
+            planned_count=1, subject=SimpleNamespace(name="a"), hypothesis_count=1, __len__=1,
+        )  # fmt: skip
+        run = type("Run", (SimpleNamespace,), {"__len__": lambda _: 1})(**vars(run))
+        report.print_run(run)
+        lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+        commands = [parsed(line) for line in lines[lines.index("next:") + 1 :]]
+        assert [words[0] for words in commands] == ["view", "overlay", "export"]
+        assert all(Path(words[1]) == file for words in commands)
+        line = annotate._next(Path("my clip.mp4"), "left=", load_subject("arm8"), Path("-clicks.json"))
+        assert parsed(line)[:2] == ["track", "left==my clip.mp4"]
+    line = annotate._next(Path("-walk.mp4"), None, load_subject("human34"), Path("-clicks.json"))
+    assert parsed(line) == ["track", "./-walk.mp4", "--keypoints", "./-clicks.json", "--out", "./-walk.run"]
+    folder = tmp_path / "a folder" / "b"
+    with pytest.raises(InputError) as raised:
+        api._check_folder(folder / "a.run")
+    subprocess.run(raised.value.remedy, shell=True, check=True)
+    assert folder.is_dir()
+
+
+def test_a_wrong_option_names_the_command_with_the_right_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    for line, command in ((["track", "--ou", "b"], "kinemode track --help"), (["trak"], "kinemode --help")):
+        assert front.main(line) == front.BAD_INPUT
+        assert f"(see {command})" in capsys.readouterr().err
+
+
+def test_the_program_is_named_as_it_was_called(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    installed = tmp_path / "bin" / "kinemode"
+    installed.parent.mkdir()
+    installed.touch(mode=0o755)
+    monkeypatch.setattr(sys, "argv", [str(installed), "track"])
+    assert program.command("view", "a b") == f"{installed} view 'a b'"
+    monkeypatch.setenv("PATH", str(installed.parent))
+    assert program.command("view") == "kinemode view"
+    monkeypatch.setattr(sys, "argv", [".venv/bin/kinemode"])
+    assert program.command("view") == ".venv/bin/kinemode view"
+    monkeypatch.setattr(sys, "argv", ["/somewhere/kinemode/__main__.py"])
+    monkeypatch.setattr(sys, "orig_argv", ["python3", "-W", "ignore", "-m", "kinemode", "track", "-m", "kinemode"])
+    assert program.command("view") == "python3 -W ignore -m kinemode view"
+    monkeypatch.setattr(sys, "argv", ["a_script.py"])
+    monkeypatch.setattr(sys, "orig_argv", ["python", "a_script.py"])
+    assert program.command("view") == "kinemode view"

@@ -1,0 +1,116 @@
+"""Processes that work for another: they end with it, however it ends, and so does what they share."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.processes import memory
+from estimator.processes.board import Board
+from estimator.processes.companion import Companion
+from estimator.processes.memory import SharedMemory
+from humanoid.errors import InputError
+from tests.companions import fill, work_on
+
+ROOT = Path(__file__).parent.parent
+SOON = 2.0  # s
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+
+
+def alive(pid: int) -> bool:
+    """Whether a process is there and not just waiting to be buried by a first process that never does."""
+    state = subprocess.run(["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False).stdout
+    return bool(state.strip()) and not state.startswith("Z")
+
+
+@pytest.mark.parametrize(("number", "everybody"), [(signal.SIGKILL, False), (signal.SIGTERM, True)])
+def test_companions_at_work_end_with_their_leader(number: signal.Signals, everybody: bool) -> None:
+    """Nothing keeps the caller's pipes open either."""
+    leader = subprocess.Popen(
+        [sys.executable, "-m", "tests.companions"], stdout=subprocess.PIPE, env=ENVIRONMENT, cwd=ROOT,
+        start_new_session=True,
+    )  # fmt: skip
+    assert leader.stdout is not None
+    working = [int(pid) for pid in leader.stdout.readline().split()]
+    assert len(working) == 2
+    if everybody:
+        os.killpg(leader.pid, number)
+    else:
+        leader.send_signal(number)
+    began = time.monotonic()
+    leader.communicate()  # to the end of the pipe
+    while any(alive(pid) for pid in working) and time.monotonic() - began < 10.0:
+        time.sleep(0.02)
+    assert time.monotonic() - began < SOON
+
+
+def test_a_companion_at_work_is_not_waited_for() -> None:
+    companion = Companion(work_on)
+    pid = companion.receive()
+    began = time.monotonic()
+    companion.close()
+    assert time.monotonic() - began < SOON
+    assert not alive(pid)
+
+
+def test_memory_is_reserved_before_it_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without that a full /dev/shm is a bus error in whoever writes first."""
+
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    open_files = len(os.listdir("/dev/fd"))
+    for name in ("posix_fallocate", "pwrite"):
+        monkeypatch.setattr(os, name, full, raising=False)
+    with Board() as board, pytest.raises(InputError, match=r"workers: 80 MB.* No space left.*--workers 1") as raised:
+        board.post(np.zeros(10**7))
+    assert len(str(raised.value)) < 200
+    assert len(os.listdir("/dev/fd")) == open_files
+
+
+@pytest.mark.parametrize("missing", [(), ("memfd_create", "posix_fallocate")])
+def test_memory_without_a_name(missing: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """On systems without files in memory it is a file on the disk, which has no name either."""
+    for name in missing:
+        monkeypatch.delattr(os, name, raising=False)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    size = 3_000_000
+    made, other = SharedMemory.of_size(size), Companion(fill, size)
+    assert os.fstat(made.descriptor).st_blocks * 512 >= size  # it is there, and not only promised
+    made.data[:3] = b"abc"
+    other.hand_over(made.descriptor)
+    assert other.receive() == size
+    assert made.data[:3] == b"\0\0\0"
+    assert list(tmp_path.iterdir()) == []
+    other.close()
+    made.close()
+
+
+@pytest.mark.skipif(not shutil.which("unshare") or os.getuid() != 0, reason="needs a mount namespace")
+def test_dev_shm_may_be_tiny() -> None:
+    """As in a container."""
+    code = "from estimator.processes.memory import SharedMemory; m = SharedMemory.of_size(8 << 20); "
+    code += "m.data[:] = bytes(8 << 20); print('well')"
+    script = f'mount -t tmpfs -o size=64k none /dev/shm || exit 77; exec {sys.executable} -c "{code}"'
+    done = subprocess.run(
+        ["unshare", "-m", "sh", "-c", script], capture_output=True, text=True, env=ENVIRONMENT, cwd=ROOT, check=False
+    )
+    if done.returncode in (1, 77) and "well" not in done.stdout and "Error" not in done.stderr:
+        pytest.skip(f"no mount namespace here: {done.stderr.strip()}")
+    assert (done.returncode, done.stdout) == (0, "well\n")
+
+
+def test_no_memory_at_all_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delattr(os, "memfd_create", raising=False)
+    monkeypatch.setattr(memory.tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(InputError, match="TMPDIR"):
+        SharedMemory.of_size(10)
