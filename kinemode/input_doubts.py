@@ -1,0 +1,62 @@
+"""What several cameras' keypoints say of the sizes and clocks that the user gave, or did not give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.formats.keypoints import KeypointTrack
+from estimator.imaging.agreement import agreement
+from estimator.imaging.observation import Observation
+from humanoid.errors import InputError
+from kinemode.declared import Declared
+
+
+def checked_agreement(
+    observations: Sequence[Observation],
+    tracks: Mapping[str, KeypointTrack],
+    offsets: Mapping[str, float],
+    told: Declared,
+) -> list[str]:
+    """Notes where the keypoints of several cameras do not fit each other; see `estimator.imaging.agreement`.
+
+    tracks: whose `image_size` tells whether anybody knows it. offsets: of the clocks [s].
+
+    Raises
+    ------
+    InputError: they would fit as those of pictures of another size, and nobody says what size it was.
+    """
+    cameras = observations[0].cameras
+    if len(cameras) < 2:
+        return []
+    pixels, confidence = (np.array([getattr(o, name) for o in observations]) for name in ("pixels", "confidence"))
+    found = agreement(cameras, pixels, confidence, np.array([o.time for o in observations]))
+    if found is None:
+        return []
+    if found.factor is not None:
+        return [_other_size(found.factor, found.distance, tracks, cameras[0].image_size, told)]
+    if found.offsets:
+        better = [offsets[name] + more for name, more in zip(tracks, found.offsets, strict=True)]
+        remedy = " ".join(f"{name}={at:.2f}" for name, at in zip(tracks, better, strict=True) if at)
+        told_of = "the keypoints of the cameras fit each other much better at other times"
+        return [f"{told_of}: did they start one after the other? --offset {remedy}"]
+    if found.far:
+        return [
+            f"the keypoints of the cameras do not fit each other: {found.distance:.0f} px apart in the middle; are the"
+            " calibration, the cameras' names, the clocks (--offset) and the person right?"
+        ]
+    return []
+
+
+def _other_size(
+    factor: float, distance: float, tracks: Mapping[str, KeypointTrack], picture: tuple[int, int], told: Declared
+) -> str:
+    unknown = [name for name, track in tracks.items() if track.image_size is None]
+    size = "x".join(str(round(side / factor)) for side in picture)
+    found = f"do not fit each other ({distance:.0f} px apart in the middle), those of pictures of {size} would"
+    if unknown and told.keypoint_size is None:
+        source = tracks[unknown[0]].source or "keypoints"
+        each = " ".join(f"{name}={size}" for name in unknown) if len(unknown) < len(tracks) else size
+        raise InputError(source, f"the keypoints of the cameras {found}", remedy=f"--keypoint-size {each}")
+    return f"the keypoints of the cameras {found}: are the sizes that are declared, and the calibration, right?"
