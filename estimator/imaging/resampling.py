@@ -12,14 +12,15 @@ LONGEST_BRIDGE = 0.1  # frames further apart are not interpolated: nobody knows 
 
 
 def at_places(track: KeypointTrack, places: np.ndarray, times: np.ndarray) -> KeypointTrack:
-    """The keypoints at `places` (T,) among the track's frames, see `Timeline`; times (N,) of the frames [s].
+    """The keypoints at `places` (T,) among the track's frames, see `Timeline`.
 
+    times (N,): of the track's first N frames [s]; others do not count.
     Between two frames a point lies on the line from the one to the other and is as sure as the less sure of the two; it
-    is missing where it is missing in either, or where the frames are more than `LONGEST_BRIDGE` apart. A track that has
-    the instants as its frames comes back as it is.
+    is missing where it is missing in either, or where the frames are more than `LONGEST_BRIDGE` apart. A track whose
+    first frames are the instants comes back as it is.
     """
-    count = track.frame_count
-    if len(places) >= count and _follows(places, count):
+    count = len(times)
+    if _follows(places, count):
         return track
     known = np.isfinite(places)
     place = np.where(known, places, 0.0)
@@ -37,5 +38,6 @@ def at_places(track: KeypointTrack, places: np.ndarray, times: np.ndarray) -> Ke
 
 
 def _follows(places: np.ndarray, count: int) -> bool:
-    """Whether the instants are the track's frames, one after the other, and none after its end."""
-    return bool((places[:count] == np.arange(count)).all() and np.isnan(places[count:]).all())
+    """Whether the instants are the track's frames from the first on, and none after its end."""
+    first = places[:count]
+    return bool((first == np.arange(len(first))).all() and np.isnan(places[count:]).all())
