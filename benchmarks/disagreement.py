@@ -43,21 +43,25 @@ class Files:
 
 def disagreeing(folder: Path, work: Path, faults: tuple[str, ...]) -> Files:
     """Copies of the clip's files with some faults, none of which the files declare."""
-    keypoints, clips, told = {}, {}, {}
+    keypoints: dict[str, Path] = {}
+    clips: dict[str, Path] = {}
+    sizes: dict[str, tuple[int, int]] = {}
+    told: dict[str, Any] = {}
     for name in CAMERAS:
         content = json_text.loads((folder / "keypoints" / f"{name}.json").read_text())
         clips[name] = folder / "videos" / f"{name}.mp4"
         if "offset" in faults and name in LATE:
             content["frames"] = content["frames"][LATE_FRAMES:]
             clips[name] = cut(clips[name], work / f"{name}.mp4")
-            told.setdefault("offset", {})[name] = LATE_FRAMES / FPS
+            told["offset"] = dict.fromkeys(LATE, LATE_FRAMES / FPS)
         if "rate" in faults:
             content["frames"] = content["frames"][::2]
             del content["fps"]
             told["fps"] = FPS / 2.0
         if "size" in faults:
-            size = tuple(side // 2 for side in content.pop("image_size"))
-            told.setdefault("keypoint_size", {})[name] = size
+            width, height = content.pop("image_size")
+            sizes[name] = (width // 2, height // 2)
+            told["keypoint_size"] = sizes
             halved = [np.array(frame["keypoints"]) for frame in content["frames"]]
             for points in halved:
                 points[:, :2] = (points[:, :2] + 0.5) / 2.0 - 0.5

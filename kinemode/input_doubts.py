@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.formats.keypoints import KeypointTrack
-from estimator.imaging.agreement import agreement
+from estimator.imaging.agreement import Agreement, agreement
 from estimator.imaging.observation import Observation
+from estimator.imaging.resolution import Size
 from humanoid.errors import InputError
 from kinemode.declared import Declared
 
@@ -35,7 +36,7 @@ def checked_agreement(
     if found is None:
         return []
     if found.factor is not None:
-        return [_other_size(found.factor, found.distance, tracks, cameras[0].image_size, told)]
+        return [_other_size(found, tracks, [camera.image_size for camera in cameras], told)]
     if found.offsets:
         better = [offsets[name] + more for name, more in zip(tracks, found.offsets, strict=True)]
         remedy = " ".join(f"{name}={at:.2f}" for name, at in zip(tracks, better, strict=True) if at)
@@ -49,14 +50,19 @@ def checked_agreement(
     return []
 
 
-def _other_size(
-    factor: float, distance: float, tracks: Mapping[str, KeypointTrack], picture: tuple[int, int], told: Declared
-) -> str:
+def _other_size(found: Agreement, tracks: Mapping[str, KeypointTrack], pictures: Sequence[Size], told: Declared) -> str:
+    """The note on keypoints of another size, or the refusal where nobody says what size it was."""
+    factor = found.factor or 1.0
+    sizes = {
+        name: "x".join(str(round(side / factor)) for side in picture)
+        for name, picture in zip(tracks, pictures, strict=True)
+    }
     unknown = [name for name, track in tracks.items() if track.image_size is None]
-    size = "x".join(str(round(side / factor)) for side in picture)
-    found = f"do not fit each other ({distance:.0f} px apart in the middle), those of pictures of {size} would"
-    if unknown and told.keypoint_size is None:
-        source = tracks[unknown[0]].source or "keypoints"
-        each = " ".join(f"{name}={size}" for name in unknown) if len(unknown) < len(tracks) else size
-        raise InputError(source, f"the keypoints of the cameras {found}", remedy=f"--keypoint-size {each}")
-    return f"the keypoints of the cameras {found}: are the sizes that are declared, and the calibration, right?"
+    first = sizes[unknown[0] if unknown else next(iter(tracks))]
+    problem = f"the keypoints of the cameras do not fit each other ({found.distance:.0f} px apart in the middle)"
+    problem += f", those of pictures of {first} would"
+    if not unknown or told.keypoint_size is not None:
+        return f"{problem}: are the sizes that are declared, and the calibration, right?"
+    alike = len(unknown) == len(tracks) and len(set(sizes.values())) == 1
+    remedy = first if alike else " ".join(f"{name}={sizes[name]}" for name in unknown)
+    raise InputError(tracks[unknown[0]].source or "keypoints", problem, remedy=f"--keypoint-size {remedy}")

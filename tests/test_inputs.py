@@ -172,12 +172,12 @@ def test_keypoints_of_another_rate_are_matched_by_time(tmp_path: Path, folder_cl
     np.testing.assert_allclose(found[1:-1:2], middle, atol=1e-9)
     assert np.isnan(found[-1]).all()  # nothing comes after the last keypoint
     unsaid = load(tmp_path, {"a": every(full, 2, None)}, {"a": folder_clip}, fps=RATE)
-    assert told(unsaid, "keypoints end after 30 of 60 frames. keypoints of every 2nd frame only would look the same")
+    assert told(unsaid, "keypoints end after 30 of 60 frames; if they are of every 2nd frame")
     assert told(unsaid, "--fps a=RATE")
     fast = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, 60.0)}, {"a": folder_clip}, fps=RATE)
     np.testing.assert_allclose(stacked(fast)[:, 0], expected, atol=1e-9)
     double = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, None)}, {"a": folder_clip}, fps=RATE)
-    assert told(double, "only the first 60 are used. a clip that has every 2nd frame only would look the same")
+    assert told(double, "only the first 60 are used; if the clip has every 2nd of these")
 
 
 def test_pictures_without_a_rate_take_the_keypoints_rate(tmp_path: Path, folder_clip: Path) -> None:

@@ -98,12 +98,12 @@ def length_notes(tracks: Mapping[str, KeypointTrack], frame_count: int, remedy: 
         found, ratio = "", _ratio(track.frame_count, frame_count)
         if track.frame_count < frame_count:
             found = f"{name}: keypoints end after {track.frame_count} of {frame_count} frames"
-            doubt = "keypoints of every {} frame only"
+            doubt = "if they are of every {} frame, they are matched wrongly"
         elif track.frame_count > frame_count:
             found = f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used"
-            doubt = "a clip that has every {} frame only"
+            doubt = "if the clip has every {} of these frames, they are matched wrongly"
         if found and ratio is not None:
-            told = f"{found}. {doubt.format(_ORDINALS[ratio])} would look the same and is matched wrongly"
+            told = f"{found}; {doubt.format(_ORDINALS[ratio])}"
             found = f"{told} ({remedy})" if remedy else told
         notes += [found] if found else []
     return tuple(notes)
