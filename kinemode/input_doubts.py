@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.formats.keypoints import KeypointTrack
 from estimator.imaging.agreement import Agreement, agreement
+from estimator.imaging.clock_offsets import likely_offsets
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import Size
 from humanoid.errors import InputError
@@ -20,7 +21,7 @@ def checked_agreement(
     offsets: Mapping[str, float],
     told: Declared,
 ) -> list[str]:
-    """Notes where the keypoints of several cameras do not fit each other; see `estimator.imaging.agreement`.
+    """Notes where the keypoints of several cameras do not fit each other, see `agreement` and `likely_offsets`.
 
     tracks: whose `image_size` tells whether anybody knows it. offsets: of the clocks [s].
 
@@ -31,14 +32,15 @@ def checked_agreement(
     cameras = observations[0].cameras
     if len(cameras) < 2:
         return []
-    pixels, confidence = (np.array([getattr(o, name) for o in observations]) for name in ("pixels", "confidence"))
-    found = agreement(cameras, pixels, confidence, np.array([o.time for o in observations]))
+    pixels = np.array([np.where((o.confidence > 0.0)[..., None], o.pixels, np.nan) for o in observations])
+    found = agreement(cameras, pixels)
     if found is None:
         return []
     if found.factor is not None:
         return [_other_size(found, tracks, [camera.image_size for camera in cameras], told)]
-    if found.offsets:
-        better = [offsets[name] + more for name, more in zip(tracks, found.offsets, strict=True)]
+    late = likely_offsets(cameras, pixels, np.array([o.time for o in observations]))
+    if late:
+        better = [offsets[name] + more for name, more in zip(tracks, late, strict=True)]
         remedy = " ".join(f"{name}={at:.2f}" for name, at in zip(tracks, better, strict=True) if at)
         told_of = "the keypoints of the cameras fit each other much better at other times"
         return [f"{told_of}: did they start one after the other? --offset {remedy}"]

@@ -16,6 +16,7 @@ from estimator.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.imaging.agreement import agreement
 from estimator.imaging.camera import Camera
 from estimator.imaging.clip import ClipReport
+from estimator.imaging.clock_offsets import likely_offsets
 from estimator.imaging.resampling import at_places
 from estimator.imaging.resolution import resized_camera, same_aspect
 from estimator.imaging.timing import CameraClock, clip_clock, keypoint_clock, timeline
@@ -295,13 +296,12 @@ def test_the_real_clip_fits_itself(shared_data: Path) -> None:
     found = load_inputs(BODY, None, keypoints, folder / "calibration.json", person="auto")
     assert found.notes == ()
     assert all(frames is None for frames in found.frames)
-    pixels, confidence = (np.array([getattr(o, name) for o in found.observations]) for name in ("pixels", "confidence"))
+    cameras, pixels = found.observations[0].cameras, stacked(found)
     late = pixels[:94].copy()
     late[:, 1] = pixels[6:, 1]
-    told_of = agreement(found.observations[0].cameras, late, confidence[:94], found.times[:94])
-    assert told_of is not None
-    np.testing.assert_allclose(told_of.offsets, (0.0, 0.1, 0.0, 0.0), atol=0.02)
-    half = agreement(found.observations[0].cameras, (pixels + 0.5) / 2.0 - 0.5, confidence, found.times)
+    assert likely_offsets(cameras, pixels, found.times) == ()
+    np.testing.assert_allclose(likely_offsets(cameras, late, found.times[:94]), (0.0, 0.1, 0.0, 0.0), atol=0.02)
+    half = agreement(cameras, (pixels + 0.5) / 2.0 - 0.5)
     assert half is not None
     assert half.factor == 2.0
 
