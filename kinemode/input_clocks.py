@@ -29,16 +29,19 @@ def clocks_of(
     used = set()
     for name, track in tracks.items():
         clip, rate = Clip.open(clips[name]), track.fps
-        if not clip.rate_known and (rates.get(name) or track.fps):
-            clip = Clip.open(clips[name], fps=rates.get(name) or track.fps)
+        remedy = "correct fps in the keypoint file" if rate else "write their fps into the keypoint file"
+        if not clip.rate_known and (rates.get(name) or rate):
+            clip = Clip.open(clips[name], fps=rates.get(name) or rate)
             used.add(name)
             if name not in rates:
-                notes.append(f"{name}: the pictures have no frame rate: {track.fps:g}, as {track.source} declares")
-        elif rate is None:
+                remedy = f"say the pictures' rate: --fps {name}=RATE"
+                notes.append(f"{name}: the pictures have no frame rate: {rate:g}, as {track.source} declares")
+        elif clip.rate_known and rate is None:
             rate = rates.get(name)
+            remedy = f"say the keypoints' rate: --fps {name}=RATE"
             used.add(name)
         notes += [f"{name}: {note}" for note in clip.report.notes]
-        clocks[name], found = clip_clock(name, track, clip.report, rate, offsets[name])
+        clocks[name], found = clip_clock(name, track, clip.report, rate, offsets[name], remedy)
         clip.close()
         notes += found
     _refuse_unused(rates, used, told)

@@ -20,6 +20,7 @@ from estimator.imaging.clock_offsets import likely_offsets
 from estimator.imaging.resampling import at_places
 from estimator.imaging.resolution import resized_camera, same_aspect
 from estimator.imaging.timing import CameraClock, clip_clock, keypoint_clock, timeline
+from estimator.synthesis.video import write_video
 from humanoid.errors import InputError
 from kinemode.declared import Declared
 from kinemode.inputs import Inputs, load_inputs
@@ -115,6 +116,10 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
         assert sum("80 x 60 are scaled to 160 x 120" in note for note in found.notes) == 3
     with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size says 160 x 120"):
         load(tmp_path, declared, keypoint_size=SIZE)
+    alone = load_inputs(
+        BODY, None, files(tmp_path, {"a": unsaid["a"]}), None, person="auto", declared=Declared(keypoint_size=(80, 60))
+    )
+    assert alone.observations[0].cameras[0].image_size == (80, 60)
     with pytest.raises(InputError, match=r"disagree: keypoints 80 x 80"):
         load(tmp_path, {"a": replace(SEEN["a"], image_size=(80, 80))})
     for wrong in ("320", "320x", (320,), "0x4", "d=80x60"):
@@ -174,7 +179,10 @@ def test_keypoints_of_another_rate_are_matched_by_time(tmp_path: Path, folder_cl
     assert np.isnan(found[-1]).all()  # nothing comes after the last keypoint
     unsaid = load(tmp_path, {"a": every(full, 2, None)}, {"a": folder_clip}, fps=RATE)
     assert told(unsaid, "keypoints end after 30 of 60 frames; if they are of every 2nd frame")
-    assert told(unsaid, "--fps a=RATE")
+    assert told(unsaid, "write their fps into the keypoint file")
+    assert told(load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}), "the pictures' rate: --fps a=RATE")
+    copied = load(tmp_path, {"a": every(full, 2, RATE)}, {"a": folder_clip}, fps=RATE)
+    assert told(copied, "correct fps in the keypoint file")
     fast = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, 60.0)}, {"a": folder_clip}, fps=RATE)
     np.testing.assert_allclose(stacked(fast)[:, 0], expected, atol=1e-9)
     double = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, None)}, {"a": folder_clip}, fps=RATE)
@@ -314,3 +322,16 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
         (folder / f"a_{i:06d}_keypoints.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": flat}]}))
     found = load_inputs(BODY, {"a": folder_clip}, {"a": folder}, CAMERAS, person="auto")
     assert [o.count > 0 for o in found.observations] == [i % 2 == 0 for i in range(COUNT)]
+
+
+def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
+    half = {"a": every(SEEN["a"], 2, None)}
+    assert told(load(tmp_path, half, {"a": video}), "say the keypoints' rate: --fps a=RATE")
+    found = load(tmp_path, half, {"a": video}, fps="a=15")
+    assert told(found, "matched by time")
+    np.testing.assert_array_equal(stacked(found)[::2, 0], SEEN["a"].pixels[::2])
+    thirds = {"a": replace(later(SEEN["a"], 5), fps=None)}  # cut short, but no fraction of the clip
+    assert load(tmp_path, thirds, {"a": video}).notes == ("a: keypoints end after 55 of 60 frames",)
+    with pytest.raises(InputError, match="declare their frame rates"):
+        load(tmp_path, {"a": SEEN["a"]}, {"a": video}, fps=RATE)

@@ -54,13 +54,13 @@ def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> 
     return _Lags(a, b, table, most)
 
 
-def _moving(rays: np.ndarray) -> np.ndarray:
+def _moving(seen: np.ndarray) -> np.ndarray:
     """Rays (T, L, 2) without the slower ones: what stands still tells nothing of a clock."""
-    speed = np.full(rays.shape[:2], np.nan)
-    speed[2:-2] = np.linalg.norm(rays[4:] - rays[:-4], axis=-1)
+    speed = np.full(seen.shape[:2], np.nan)
+    speed[2:-2] = np.linalg.norm(seen[4:] - seen[:-4], axis=-1)
     if not np.isfinite(speed).any():
-        return np.full_like(rays, np.nan)
-    return np.where((speed >= np.nanquantile(speed, _STILL))[..., None], rays, np.nan)
+        return np.full_like(seen, np.nan)
+    return np.where((speed >= np.nanquantile(speed, _STILL))[..., None], seen, np.nan)
 
 
 def _lagged(pair: Pair, first: np.ndarray, second: np.ndarray, most: int) -> list[float]:

@@ -72,9 +72,11 @@ def keypoint_clock(frame_count: int, rate: float, offset: float = 0.0) -> Camera
 
 
 def clip_clock(
-    name: str, track: KeypointTrack, report: ClipReport, rate: float | None, offset: float = 0.0
+    name: str, track: KeypointTrack, report: ClipReport, rate: float | None, offset: float = 0.0, remedy: str = ""
 ) -> tuple[CameraClock, tuple[str, ...]]:
-    """The clock of a camera with a clip, and notes. rate: of the keypoints, None where nobody says.
+    """The clock of a camera with a clip, and notes.
+
+    rate: of the keypoints, None where nobody says. remedy: what to do if they are of some of the frames only.
 
     A detector reads a clip frame by frame: keypoint i is that of frame i, unless the rates differ. Where they differ
     and there are as many keypoints as frames, one of the rates must be wrong, and keypoint i is that of frame i still.
@@ -84,7 +86,7 @@ def clip_clock(
     if own_rate is not None and count != frames:
         note = f"{name}: keypoints at {rate:g} frames per second, the clip at {report.fps:g}: matched by time"
         return CameraClock(report.times, np.arange(count) / own_rate, report.fps, offset, False), (note,)
-    notes = length_notes({name: track}, frames, f"say the keypoints' rate: --fps {name}=RATE, or fps in the file")
+    notes = length_notes({name: track}, frames, remedy)
     if own_rate is not None:
         declared = f"keypoints declare {rate:g} frames per second, the clip {report.fps:g}"
         notes = (f"{name}: {declared}, but both have {count} frames: frame by frame, at the clip's rate",)
