@@ -191,4 +191,4 @@ def _nearest(times: np.ndarray, at: np.ndarray) -> np.ndarray:
     after = np.clip(np.searchsorted(times, at), 1, max(1, len(times) - 1))
     before = after - 1
     after = np.minimum(after, len(times) - 1)
-    return np.where(at - times[before] <= times[after] - at, before, after)
+    return np.where(at - times[before] <= times[after] - at + 1e-6, before, after)
