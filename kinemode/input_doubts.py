@@ -33,7 +33,8 @@ def checked_agreement(
     if len(cameras) < 2:
         return []
     pixels = np.array([np.where((o.confidence > 0.0)[..., None], o.pixels, np.nan) for o in observations])
-    found = agreement(cameras, pixels)
+    unknown = [track.image_size is None for track in tracks.values()]
+    found = agreement(cameras, pixels, unknown if any(unknown) else [True] * len(cameras))
     if found is None:
         return []
     if found.factor is not None:

@@ -144,6 +144,9 @@ def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, f
     size = f"{round(160 * factor)}x{round(120 * factor)}"
     with pytest.raises(InputError, match=f"--keypoint-size {size}"):
         load(tmp_path, scaled)
+    one = {**{name: replace(t, image_size=SIZE) for name, t in SEEN.items()}, "b": scaled["b"]}
+    with pytest.raises(InputError, match=f"--keypoint-size b={size}"):
+        load(tmp_path, one)
     wrong = {name: replace(t, image_size=SIZE) for name, t in scaled.items()}
     assert told(load(tmp_path, wrong), "are the sizes that are declared")
 
@@ -309,7 +312,7 @@ def test_the_real_clip_fits_itself(shared_data: Path) -> None:
     late[:, 1] = pixels[6:, 1]
     assert likely_offsets(cameras, pixels, found.times) == ()
     np.testing.assert_allclose(likely_offsets(cameras, late, found.times[:94]), (0.0, 0.1, 0.0, 0.0), atol=0.02)
-    half = agreement(cameras, (pixels + 0.5) / 2.0 - 0.5)
+    half = agreement(cameras, (pixels + 0.5) / 2.0 - 0.5, [True] * 4)
     assert half is not None
     assert half.factor == 2.0
 

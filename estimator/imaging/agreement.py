@@ -27,7 +27,7 @@ class Agreement:
     """How well keypoints of several cameras fit each other.
 
     distance: median Sampson distance of the pairs of cameras, averaged [px]. far: whether it is too large by far.
-    factor: on the keypoints, with which they would fit much better, as those of pictures of another size; None without.
+    factor: on the keypoints of doubtful size, with which all would fit much better; None without.
     """
 
     distance: float
@@ -35,15 +35,18 @@ class Agreement:
     factor: float | None = None
 
 
-def agreement(cameras: Sequence[Camera], pixels: np.ndarray) -> Agreement | None:
-    """How well the keypoints pixels (T, C, L, 2), NaN where missing, fit each other; None where few are seen twice."""
+def agreement(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bool]) -> Agreement | None:
+    """How well the keypoints pixels (T, C, L, 2), NaN where missing, fit each other; None where few are seen twice.
+
+    doubtful (C): the cameras whose keypoints may be of pictures of another size, the same share of all of them.
+    """
     picked = np.unique(np.linspace(0, len(pixels) - 1, min(len(pixels), _MOST_FRAMES)).astype(int))
     some, pairs = pixels[picked], pairs_of(cameras)
     distance = _overall(pairs, [rays(camera, some[:, c]) for c, camera in enumerate(cameras)])
     if not np.isfinite(distance):
         return None
     share = distance / max(max(camera.image_size) for camera in cameras)
-    factor = _factor(cameras, pairs, some, distance) if share > _SUSPICIOUS else None
+    factor = _factor(cameras, some, doubtful, distance) if share > _SUSPICIOUS else None
     return Agreement(distance, share > _TOO_FAR, factor)
 
 
@@ -89,11 +92,15 @@ def _overall(pairs: Sequence[Pair], seen: Sequence[np.ndarray]) -> float:
     return float(found[np.isfinite(found)].mean()) if np.isfinite(found).any() else float("nan")
 
 
-def _factor(cameras: Sequence[Camera], pairs: Sequence[Pair], pixels: np.ndarray, distance: float) -> float | None:
+def _factor(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bool], distance: float) -> float | None:
     """Factor on the keypoints, errors counted at the size they were found in, where it makes them fit much better."""
+    pairs = pairs_of(cameras)
 
     def scaled(factor: float) -> float:
-        seen = [rays(camera, (pixels[:, c] + 0.5) * factor - 0.5) for c, camera in enumerate(cameras)]
+        seen = [
+            rays(camera, (pixels[:, c] + 0.5) * (factor if doubtful[c] else 1.0) - 0.5)
+            for c, camera in enumerate(cameras)
+        ]
         return _overall(pairs, seen) / max(factor, 1.0)
 
     factors = np.unique(np.concatenate([np.geomspace(0.2, 5.0, 81), SIMPLE_FACTORS]))
