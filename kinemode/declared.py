@@ -10,11 +10,12 @@ from typing import Any
 
 from estimator.imaging.resolution import Size
 from humanoid.errors import InputError
-from kinemode.named import named_values
+from kinemode.named import by_name, named_values, value_of
 
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
 Offsets = str | Iterable[str] | Mapping[str, float] | None
+_SECONDS = "a number of seconds"
 _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 
 
@@ -37,50 +38,50 @@ class Declared:
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""
-        return named_values(self.keypoint_size, names, "--keypoint-size", _size)
+        return named_values(
+            self.keypoint_size, names, "--keypoint-size", _size, "width and height in whole pixels, as 1920x1080"
+        )
 
     def rates(self, names: Iterable[str]) -> dict[str, float]:
         """Frames per second, of the cameras for which they are given."""
-        return named_values(self.fps, names, "--fps", _rate)
-
-    @property
-    def by_name(self) -> bool:
-        """Whether the rates are given for single cameras."""
-        return isinstance(self.fps, Mapping) or "=" in str(self.fps)
+        return named_values(self.fps, names, "--fps", _rate, "frames per second, 0.5 to 2000")
 
     def offsets(self, names: Iterable[str]) -> dict[str, float]:
         """Seconds of each camera, 0 for those that are not given."""
         names = list(names)
-        given = named_values(self.offset, names, "--offset", _seconds, all_at_once=False)
+        given = named_values(self.offset, names, "--offset", _seconds, _SECONDS)
+        if given and not by_name(self.offset):
+            raise InputError("--offset", "is for no camera", remedy=f"NAME=SECONDS; cameras: {', '.join(names)}")
         return dict.fromkeys(names, 0.0) | given
 
     def part(self) -> tuple[float | None, float | None]:
         """`start` and `end`, checked."""
-        for option, value in (("--start", self.start), ("--end", self.end)):
-            if value is not None and not math.isfinite(value):
-                raise InputError(option, f"{value} is no time", remedy="seconds")
-        if self.start is not None and self.end is not None and self.start > self.end:
-            raise InputError("--start", f"{self.start:g} s is after --end {self.end:g} s")
-        return self.start, self.end
+        start, end = (
+            None if value is None else value_of(value, option, _seconds, _SECONDS)
+            for option, value in (("--start", self.start), ("--end", self.end))
+        )
+        if start is not None and end is not None and start > end:
+            raise InputError("--start", f"{start:g} s is after --end {end:g} s")
+        return start, end
 
 
 def _size(value: Any) -> Size:
     found = _SIZE.fullmatch(value) if isinstance(value, str) else None
-    sides = found.groups() if found else value
-    if isinstance(sides, str) or len(sides) != 2 or any(int(side) != float(side) or int(side) < 1 for side in sides):
-        raise ValueError("width and height are needed, as 1920x1080")
-    return int(sides[0]), int(sides[1])
+    width, height = found.groups() if found else (() if isinstance(value, str) else value)
+    if not all(1 <= int(side) < 100_000 and int(side) == float(side) for side in (width, height)):
+        raise ValueError
+    return int(width), int(height)
 
 
 def _rate(value: Any) -> float:
     rate = float(value)
     if not 0.5 <= rate <= 2000.0:
-        raise ValueError("frames per second between 0.5 and 2000 are needed")
+        raise ValueError
     return rate
 
 
 def _seconds(value: Any) -> float:
     seconds = float(value)
     if not math.isfinite(seconds):
-        raise ValueError("seconds are needed")
+        raise ValueError
     return seconds

@@ -10,6 +10,7 @@ from estimator.imaging.clip import DEFAULT_FPS, Clip
 from estimator.imaging.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
 from humanoid.errors import InputError
 from kinemode.declared import Declared
+from kinemode.named import by_name
 
 
 def clocks_of(
@@ -76,7 +77,7 @@ def _lengths(tracks: Mapping[str, KeypointTrack], clocks: Mapping[str, CameraClo
 def _refuse_unused(rates: Mapping[str, float], used: set[str], told: Declared) -> None:
     """A rate that changes nothing is a misunderstanding."""
     unused = [name for name in rates if name not in used]
-    if unused and (told.by_name or len(unused) == len(rates)):
+    if unused and (by_name(told.fps) or len(unused) == len(rates)):
         problem = f"the files of {', '.join(unused)} declare their frame rates"
         remedy = "--fps is for folders of pictures, and for keypoint files that declare none; correct fps in the file"
         raise InputError("--fps", problem, remedy=remedy)

@@ -10,6 +10,7 @@ from humanoid.errors import InputError
 
 Value = TypeVar("Value")
 PathLike = str | Path
+_SHOWN = 60  # characters of what a user wrote that are repeated
 Named = PathLike | Iterable[PathLike] | Mapping[str, PathLike] | None
 
 
@@ -84,11 +85,11 @@ def matched(
 
 
 def named_values(
-    given: Any, names: Iterable[str], option: str, read: Callable[[Any], Value], *, all_at_once: bool = True
+    given: Any, names: Iterable[str], option: str, read: Callable[[Any], Value], needed: str
 ) -> dict[str, Value]:
     """A value for each camera that one is given for: from `[NAME=]VALUE` texts, a value for all, or a mapping by name.
 
-    read: makes a value, raises ValueError for what is none. all_at_once: whether a value without a name makes sense.
+    read, needed: see `value_of`. What is given by name counts before what is given for all.
 
     Raises
     ------
@@ -96,20 +97,30 @@ def named_values(
     """
     names = list(names)
     found: dict[str, Value] = {}
+    own: dict[str, Value] = {}
     for name, value in _named_values(given):
-        if name is None and not all_at_once:
-            raise InputError(option, f"{value} is for no camera", remedy=f"write NAME={value}: {', '.join(names)}")
-        if name is not None and name not in names:
-            raise InputError(option, f"there is no camera {name!r}", remedy=f"cameras: {', '.join(names)}")
-        try:
-            made = read(value)
-        except (TypeError, ValueError) as error:
-            raise InputError(option, f"{value!r}: {error}"[:200]) from None
-        for each in names if name is None else [name]:
-            if each in found and found[each] != made:
-                raise InputError(option, f"camera {each!r} is given {found[each]} and {made}", remedy="choose one")
-            found[each] = made
-    return found
+        made = value_of(value, option, read, needed)
+        if name is None:
+            found = dict.fromkeys(names, made)
+            continue
+        if name not in names:
+            raise InputError(option, f"there is no camera {name[:_SHOWN]!r}", remedy=f"cameras: {', '.join(names)}")
+        if own.setdefault(name, made) != made:
+            raise InputError(option, f"camera {name!r} is given {own[name]} and {made}", remedy="choose one")
+    return found | own
+
+
+def value_of(value: Any, option: str, read: Callable[[Any], Value], needed: str) -> Value:
+    """What `read` makes of a value; raises InputError, saying what is `needed`, where it cannot."""
+    try:
+        return read(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(option, f"{str(value)[:_SHOWN]!r} cannot be used", remedy=needed) from None
+
+
+def by_name(given: Any) -> bool:
+    """Whether every value is for a camera that is named."""
+    return all(name is not None for name, _ in _named_values(given))
 
 
 def _named_values(given: Any) -> list[tuple[str | None, Any]]:

@@ -122,7 +122,7 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
     assert alone.observations[0].cameras[0].image_size == (80, 60)
     with pytest.raises(InputError, match=r"disagree: keypoints 80 x 80"):
         load(tmp_path, {"a": replace(SEEN["a"], image_size=(80, 80))})
-    for wrong in ("320", "320x", (320,), "0x4", "d=80x60"):
+    for wrong in ("80", "80x", (80,), "0x4", "d=80x60", (float("inf"), 60), 7, ["a=80x60", "a=60x80"]):
         with pytest.raises(InputError, match="--keypoint-size"):
             load(tmp_path, SEEN, keypoint_size=wrong)
 
@@ -245,7 +245,7 @@ def test_a_part_of_the_clip(tmp_path: Path, folder_clip: Path) -> None:
     np.testing.assert_array_equal(part.frames[0], np.arange(15, 31))
     assert [o.index for o in part.observations] == list(range(16))
     assert part.observations[0].jitter == whole.observations[0].jitter
-    for wrong in ({"start": 1.0, "end": 0.5}, {"start": 5.0}, {"end": -1.0}, {"start": float("nan")}):
+    for wrong in ({"start": 1.0, "end": 0.5}, {"start": 5.0}, {"end": -1.0}, {"start": float("nan")}, {"end": "late"}):
         with pytest.raises(InputError, match=r"--start|--end"):
             load(tmp_path, {"a": SEEN["a"]}, **wrong)
 
