@@ -23,7 +23,7 @@ from humanoid.errors import InputError
 from kinemode.declared import Declared
 from kinemode.input_clocks import clocks_of, notes_on_time
 from kinemode.input_doubts import checked_agreement
-from kinemode.named import Named, PathLike, chosen_names, matched, named_paths
+from kinemode.named import Named, PathLike, chosen_names, kept, matched, named_paths
 
 KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
 Cameras = PathLike | Mapping[str, Camera] | None
@@ -65,6 +65,7 @@ def load_inputs(
     or times that contradict each other.
     """
     told = declared or Declared()
+    clips, keypoints, masks, backgrounds = map(kept, (clips, keypoints, masks, backgrounds))
     clip_files, keypoint_files = named_paths(clips, "clip"), named_paths(keypoints, "keypoint file")
     if not keypoint_files:
         raise _no_keypoints(clip_files)

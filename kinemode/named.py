@@ -30,6 +30,11 @@ def named_paths(given: Named, what: str) -> dict[str, Path]:
     return found
 
 
+def kept(given: Named) -> Named:
+    """The same, to be read more than once."""
+    return given if given is None or isinstance(given, (str, Path, Mapping)) else list(given)
+
+
 def chosen_names(given: Named, what: str) -> frozenset[str]:
     """The names that the user wrote; the others are stems of files."""
     return frozenset(name for name, _, chosen in _pairs(given, what) if chosen)

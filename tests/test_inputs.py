@@ -294,6 +294,8 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
     for wrong in (f"b={keypoints}", {"b": keypoints}):
         with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
             load_inputs(BODY, str(folder_clip), wrong, None, person="auto")
+    with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
+        load_inputs(BODY, str(folder_clip), iter([f"b={keypoints}"]), None, person="auto")
     assert told(loaded(None, str(keypoints), tmp_path / "c.json"), "the camera 'a' of")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'b'"):
         loaded(None, f"b={keypoints}", tmp_path / "c.json")  # type: ignore[arg-type]
