@@ -14,9 +14,9 @@ from cyclopts import Parameter
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import beam_folder, save, start, tell, work_folder
 from estimator.evaluation import Reference, evaluate_points
+from estimator.formats.film import write_film
 from estimator.formats.run_file import Run
 from estimator.imaging.clip import Clip
-from estimator.synthesis.video import write_video
 from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import load_subject
@@ -74,7 +74,7 @@ def disagreeing(folder: Path, work: Path, faults: tuple[str, ...]) -> Files:
 def cut(clip: Path, out: Path) -> Path:
     """The clip without its first frames."""
     opened = Clip.open(clip)
-    write_video(out, opened.frames(LATE_FRAMES), FPS)
+    write_film(out, opened.frames(LATE_FRAMES), FPS)
     opened.close()
     return out
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from estimator.formats.cameras import write_cameras
+from estimator.formats.film import write_film
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.imaging.agreement import agreement
 from estimator.imaging.camera import Camera
@@ -20,7 +21,6 @@ from estimator.imaging.clock_offsets import likely_offsets
 from estimator.imaging.resampling import at_places
 from estimator.imaging.resolution import resized_camera, same_aspect
 from estimator.imaging.timing import CameraClock, clip_clock, keypoint_clock, timeline
-from estimator.synthesis.video import write_video
 from humanoid.errors import InputError
 from kinemode.declared import Declared
 from kinemode.inputs import Inputs, load_inputs
@@ -330,7 +330,7 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
 
 
 def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
-    video = write_video(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
+    video = write_film(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
     half = {"a": every(SEEN["a"], 2, None)}
     assert told(load(tmp_path, half, {"a": video}), "say the keypoints' rate: --fps a=RATE")
     found = load(tmp_path, half, {"a": video}, fps="a=15")
