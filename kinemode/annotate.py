@@ -87,7 +87,8 @@ def _session(
     if not 0 <= frame < count:
         raise InputError(clip, f"has no frame {frame}", remedy=f"--frame 0 to {count - 1}")
     guide = landmark_guide(Body(loaded))
-    start = no_clicks(guide.names, count, opened.image_size, opened.report.fps)
+    rate = opened.report.fps if opened.rate_known else None  # what is assumed is not declared
+    start = no_clicks(guide.names, count, opened.image_size, rate)
     if out.exists():
         start = load_clicks(out, start)
     if keypoints is not None:
@@ -101,8 +102,9 @@ def _session(
 
 def _next(clip: Path, camera: str | None, subject: Subject, out: Path) -> str:
     """The command that tracks from the clicks."""
+    name = clip.name if clip.is_dir() else clip.stem
     view = f"{camera}=" if camera else ""
+    of_view = view or ("" if out.stem == name else f"{name}=")
     chosen = [] if subject.source == "human34" else ["--subject", subject.source]
-    run = clip.name if clip.is_dir() else clip.stem
-    named = [Path(f"{view}{path}") for path in (clip, out)]
-    return command("track", named[0], *chosen, "--keypoints", named[1], "--out", Path(f"{run}.run"))
+    keypoints = Path(f"{of_view}{out}")
+    return command("track", Path(f"{view}{clip}"), *chosen, "--keypoints", keypoints, "--out", Path(f"{name}.run"))

@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from estimator.fitting import Fit, fit_proportions
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.formats.temporary_run import TemporaryFolder
-from estimator.imaging.camera import Camera
 from estimator.initialisation.stages import fit_subject
 from estimator.runner import Cues, run_into
 from estimator.search.workers import checked_count, helped
@@ -27,9 +26,11 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
+from kinemode.declared import Declared, Offsets, Rates, Sizes
 from kinemode.findings import findings
-from kinemode.inputs import Inputs, Named, PathLike, load_inputs
+from kinemode.inputs import Cameras, Inputs, load_inputs
 from kinemode.interruption import kept_if_interrupted
+from kinemode.named import Named, PathLike
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
 from kinemode.settings import Chosen, check_workers, choose
@@ -37,7 +38,6 @@ from kinemode.settings import Chosen, check_workers, choose
 FIT_CHOICES = ("auto", "proportions", "off")
 FitChoice = Literal["auto", "proportions", "off"]
 SubjectLike = Subject | PathLike
-Cameras = PathLike | Mapping[str, Camera] | None
 
 
 class InputWarning(UserWarning):
@@ -70,6 +70,11 @@ def track(
     resume: bool = False,
     overwrite: bool = False,
     person: str | int = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    offset: Offsets = None,
+    start: float | None = None,
+    end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
     progress: Reporter | None = None,
@@ -98,6 +103,11 @@ def track(
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: whom of several people in the keypoint files: "auto" or an id.
+    keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
+        not the clip's: (540, 960), or by name.
+    fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
+    offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
+    start, end: track from here to here [s], both included.
     workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
         run is the same with any number.
         Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
@@ -129,8 +139,9 @@ def track(
     # the matrices are small: more threads only wait for each other
     with kept_if_interrupted(job.target.frames_at_first), threadpool_limits(limits=1):
         inputs = load_inputs(
-            Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
-        )
+            Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background,
+            declared=Declared(keypoint_size, fps, offset, start, end),
+        )  # fmt: skip
         _check_inputs(loaded, inputs)
         found = _track(job, loaded, inputs, choice)
     for sentence in found:
@@ -184,6 +195,11 @@ def fit(
     background: Named = None,
     seed: int = 0,
     person: str | int = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    offset: Offsets = None,
+    start: float | None = None,
+    end: float | None = None,
     out: PathLike | None = None,
 ) -> Fit:
     """Fit a subject to the person in the first frames of a clip; `out` is written as a URDF that loads again.
@@ -199,8 +215,9 @@ def fit(
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
         inputs = load_inputs(
-            Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background
-        )
+            Body(loaded), clips, keypoints, cameras, person=person, masks=masks, backgrounds=background,
+            declared=Declared(keypoint_size, fps, offset, start, end),
+        )  # fmt: skip
         _check_inputs(loaded, inputs)
         chosen = chosen_cues(choice, inputs, Settings().cues)
         with opened_cues(inputs, chosen) as reader:
@@ -322,6 +339,11 @@ def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], 
         cues=cues,
         masks=_absolute(names, inputs.masks) if cues else {},
         backgrounds=_absolute(names, inputs.backgrounds) if cues else {},
+        clip_frames={
+            name: tuple(frames.tolist())
+            for name, frames in zip(names, inputs.frames, strict=True)
+            if frames is not None
+        },
     )
 
 

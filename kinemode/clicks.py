@@ -12,7 +12,8 @@ import numpy as np
 from estimator.formats.checked_json import mapping, shaped
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.formats.keypoints_layouts import read_layout
-from estimator.imaging.sequence import assembly_notes, common_landmarks
+from estimator.imaging.sequence import common_landmarks
+from estimator.imaging.timing import length_notes
 from humanoid.errors import InputError
 
 LAYOUT = "landmarks"
@@ -21,8 +22,8 @@ LAYOUT = "landmarks"
 _PAGE = "the page"
 
 
-def no_clicks(names: Sequence[str], frame_count: int, image_size: tuple[int, int], fps: float) -> KeypointTrack:
-    """A track of a clip's length, T frames, in which none of the L landmarks is set."""
+def no_clicks(names: Sequence[str], frame_count: int, image_size: tuple[int, int], fps: float | None) -> KeypointTrack:
+    """A track of a clip's length, T frames, in which none of the L landmarks is set; fps None where it is unknown."""
     pixels, confidence = np.full((frame_count, len(names), 2), np.nan), np.zeros((frame_count, len(names)))
     return KeypointTrack(LAYOUT, tuple(names), pixels, confidence, image_size, fps)
 
@@ -65,7 +66,7 @@ def corrected_from(clicks: KeypointTrack, path: str | Path) -> KeypointTrack:
     pixels, confidence = clicks.pixels.copy(), clicks.confidence.copy()
     pixels[np.ix_(frames, here)] = detected.pixels[np.ix_(frames, there)]
     confidence[np.ix_(frames, here)] = detected.confidence[np.ix_(frames, there)]
-    notes = (*detected.notes, *assembly_notes({Path(path).name: detected}, clicks.frame_count))
+    notes = (*detected.notes, *length_notes({Path(path).name: detected}, clicks.frame_count))
     return replace(clicks, pixels=pixels, confidence=confidence, notes=notes)
 
 

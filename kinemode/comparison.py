@@ -18,8 +18,8 @@ from kinemode import api
 from kinemode.comparison_files import write_comparison
 from kinemode.comparison_scores import Course, TrackerScore, courses, scored
 from kinemode.comparison_times import TimeFile
-from kinemode.inputs import Named, PathLike
 from kinemode.interruption import kept_if_interrupted
+from kinemode.named import Named, PathLike
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import made_folder
 from kinemode.settings import choose_for_all, read_settings
@@ -60,7 +60,7 @@ def compare(
     Parameters
     ----------
     subject, clips, cameras, modes, settings, progress, how: as `kinemode.track` takes them; `how` is whatever else it
-        takes of keypoints, cues, masks, background, seed, fit and person.
+        takes of keypoints, cues, masks, background, seed, fit, person, keypoint_size, fps, offset, start and end.
     trackers: names, or one text with commas between them.
     out: folder, made if it is not there, for the runs (NAME.run) and for compare.csv, compare.json and compare.png.
     reference: known 3D landmarks (see `kinemode.evaluate`); in the world of `cameras` where these are given.

@@ -126,7 +126,8 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
     names = [camera.name for camera in header.cameras]
     clips = [Path(header.clips[name] or "") for name in names]
     masks, plates = ([Path(f[n]) if n in f else None for n in names] for f in (header.masks, header.backgrounds))
-    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates)
+    frames = [header.frames_of(name) if name in header.clip_frames else None for name in names]
+    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames)
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:
@@ -196,12 +197,12 @@ def _view(run: Run, case: Case, c: int) -> CueView:
     return view if case.evidence is None else _with_cues(view, case, case.evidence.cameras[c])
 
 
-def _image(run: Run, camera: Camera, frame: int) -> np.ndarray:
+def _image(run: Run, camera: Camera, instant: int) -> np.ndarray:
     """The camera's picture at its size; a plain one where the run was made without."""
     path = run.header.clips.get(camera.name)
     if path is None or not (run.header.cues or Path(path).exists()):
         return palette.plain(*camera.image_size)
-    clip = Clip.open(path)
+    clip, frame = Clip.open(path), int(run.header.frames_of(camera.name)[instant])
     try:
         return np.asarray(cv2.resize(clip.frame(frame), camera.image_size, interpolation=cv2.INTER_AREA))
     except IndexError:

@@ -123,7 +123,9 @@ def opened_cues(inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhea
         return
     clips: list[Path] = [clip for clip in inputs.clips if clip is not None]
     cameras = inputs.observations[0].cameras
-    reader = ReadAhead(CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds))
+    reader = ReadAhead(
+        CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds, frames=inputs.frames)
+    )
     try:
         yield reader
     finally:

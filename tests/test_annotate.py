@@ -22,7 +22,6 @@ import numpy as np
 import pytest
 
 from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-from estimator.imaging.clip import DEFAULT_FPS
 from humanoid.errors import InputError
 from humanoid.landmarks import COCO17, mirror_index
 from kinemode import __main__ as front
@@ -199,7 +198,7 @@ def test_the_file_is_what_was_posted(serve: Serve, clip: Path) -> None:
     assert f"front={clip} --subject arm8 --keypoints front={served.out} --out" in told["command"]
 
     track = load_keypoints(served.out)
-    assert (track.layout, track.names, track.image_size, track.fps) == ("landmarks", ARM, (WIDTH, HEIGHT), DEFAULT_FPS)
+    assert (track.layout, track.names, track.image_size, track.fps) == ("landmarks", ARM, (WIDTH, HEIGHT), None)
     expected = np.full((FRAMES, len(ARM), 2), np.nan)
     expected[0, 1:] = pixels
     np.testing.assert_array_equal(track.pixels, expected)
@@ -335,7 +334,7 @@ def test_the_command_says_what_comes_next(
     out = tmp_path / "c.json"
     assert front.main(["annotate", str(clip), "--out", str(out)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-2:] == [str(out), f"next: kinemode track {clip} --keypoints {out} --out {clip.name}.run"]
+    assert lines[-2:] == [str(out), f"next: kinemode track {clip} --keypoints {clip.name}={out} --out {clip.name}.run"]
     assert out.exists()
     assert front.main(["annotate", str(clip), "--out", str(out), "--frame", "3"]) == front.BAD_INPUT
 

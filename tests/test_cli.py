@@ -17,7 +17,7 @@ from estimator.imaging.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import api
-from kinemode.inputs import named_paths
+from kinemode.named import named_paths
 from kinemode.progress import reported
 
 COMMANDS = (

@@ -281,3 +281,20 @@ def test_a_moving_camera_is_noted(tmp_path: Path) -> None:
     reader = CueReader([clip], [replace(camera_at(0.0), image_size=(WIDTH, HEIGHT))], CueSettings())
     assert reader.notes == ("at0: the camera moves, no background model",)
     assert reader.at(5)[0].silhouette is None
+
+
+def test_instants_need_not_be_the_clips_frames(tmp_path: Path, crossing) -> None:
+    frames, _, _ = crossing
+    camera = replace(camera_at(0.0), image_size=(WIDTH, HEIGHT))
+    clip = write_images(tmp_path / "clip", frames[:8])
+    settings = CueSettings(working_size=120, use_silhouette=False)
+    whole = CueReader([clip], [camera], settings)
+    part = CueReader([clip] * 2, [camera] * 2, settings, frames=[np.arange(3, 8), np.array([3, 3, 4, 4, 5])])
+    for i in (2, 1, 4):
+        same(part.at(i)[:1], whole.at(3 + i))
+    assert part.at(0)[0].flow is None
+    for i in range(5):  # a picture for two instants shows no motion, and then that of both
+        np.testing.assert_array_equal(part.at(i)[1].edges.strength, whole.at(3 + i // 2)[0].edges.strength)
+        assert part.at(i)[1].flow is None
+    with pytest.raises(InputError, match="instant 5"):
+        part.at(5)

@@ -11,7 +11,8 @@ import pytest
 
 from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
 from estimator.imaging.camera import guessed_camera
-from estimator.imaging.sequence import assemble, assembly_notes, keypoint_jitter
+from estimator.imaging.sequence import assemble, keypoint_jitter
+from estimator.imaging.timing import length_notes
 from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.landmarks import COCO17, FORMATS, landmark_name, landmark_spread, mirror_index
@@ -215,7 +216,7 @@ def test_observations_are_in_the_bodys_order(tmp_path: Path) -> None:
                 assert np.isnan(found).all()
                 assert observations[1].confidence[c, i] == 0.0
     assert observations[4].count == int((observations[4].confidence[0] > 0).sum()) > 0  # b has ended
-    assert [note.split(":")[0] for note in assembly_notes(tracks, 5)] == ["a", "b"]
+    assert [note.split(":")[0] for note in length_notes(tracks, 5)] == ["a", "b"]
     with pytest.raises(InputError, match=r"no camera 'b'.*cameras: a"):
         assemble(body, tracks, {"a": cameras["a"]}, times)
     with pytest.raises(InputError, match="camera 640 x 480, clip 64 x 48"):

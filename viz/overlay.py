@@ -130,7 +130,7 @@ def _draw_caption(scene: Scene, painter: BodyPainter, camera: int, t: int, canva
     palette.shade(canvas, height - line, height)
     baseline = height - line // 2 + int(size / 2)
     x = palette.text(canvas, scene.cameras[camera].name, (10, baseline), size, palette.MUTED)
-    x = palette.text(canvas, f"frame {scene.index[t]}   {scene.time[t]:.2f} s", (x + 14, baseline), size)
+    x = palette.text(canvas, f"{scene.label(camera, t)}   {scene.time[t]:.2f} s", (x + 14, baseline), size)
     status = scene.status[t]
     palette.text(canvas, status, (x + 14, baseline), size, palette.STATUS.get(status, palette.TEXT))
     right = width - 10

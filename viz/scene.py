@@ -14,18 +14,20 @@ from estimator.imaging.clip import Clip
 from humanoid.body import Body
 from humanoid.errors import InputError
 
-Frames = Callable[[], Iterable[np.ndarray]]
+Frames = Callable[..., Iterable[np.ndarray]]
+"""Opens a clip's frames, from the first on or from the one that is given."""
 
 
 @dataclass(frozen=True)
 class Scene:
     """T instants of a body in front of C cameras, with up to K hypotheses each.
 
-    cameras (C). frames (C): opens each camera's clip as BGR images from its first frame on; None without pictures.
-    index (T,) int: number of each instant's frame in the clips. time (T,) [s]. status (T): see `FrameResult`.
+    cameras (C). frames (C): opens each camera's clip as BGR images; None without pictures.
+    index (T,) int: number of each instant. time (T,) [s]. status (T): see `FrameResult`.
     q (T, nq): the best hypothesis, NaN where there is none. path (T,) int: which mode it is, -1 for none.
     mode_q (T, K, nq), mode_weight (T, K): all hypotheses, NaN where there are fewer.
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
+    clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
     """
 
     body: Body
@@ -40,6 +42,7 @@ class Scene:
     path: np.ndarray
     pixels: np.ndarray
     confidence: np.ndarray
+    clip_frames: tuple[np.ndarray | None, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time)
@@ -63,13 +66,24 @@ class Scene:
         ]
         return sorted(found, key=lambda mode: mode[2])
 
+    def frame_of(self, camera: int, t: int) -> int:
+        """Number of a camera's clip frame at instant t."""
+        own = self.clip_frames[camera] if self.clip_frames else None
+        return int(self.index[t] if own is None else own[t])
+
+    def label(self, camera: int, t: int) -> str:
+        """The instant's number, and that of the camera's clip frame where it is another."""
+        frame = self.frame_of(camera, t)
+        return f"frame {self.index[t]}" + ("" if frame == self.index[t] else f" (clip {frame})")
+
     def images(self, camera: int, rows: Sequence[int]) -> Iterator[np.ndarray | None]:
         """The picture of one camera at each of the given instants (ascending); None where there is none."""
         opener = self.frames[camera]
-        stream = iter(opener()) if opener is not None else iter(())
-        position, image = -1, None
+        first = self.frame_of(camera, rows[0]) if len(rows) else 0
+        stream = iter(()) if opener is None else iter(opener(first) if first else opener())
+        position, image = first - 1, None
         for t in rows:
-            while position < self.index[t]:
+            while position < self.frame_of(camera, t):
                 image = next(stream, None)
                 position += 1
                 if image is None:
@@ -95,8 +109,12 @@ def as_scene(source: Scene | Run) -> Scene:
     status = tuple(str(s) for s in run.status)
     return Scene(
         run.body, cameras, frames, run.index, run.time, status, run.q, run.mode_q, run.mode_weight, run.path,
-        pixels, confidence,
+        pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras),
     )  # fmt: skip
+
+
+def _own_frames(run: Run, camera: str) -> np.ndarray | None:
+    return run.header.frames_of(camera)[: len(run)] if camera in run.header.clip_frames else None
 
 
 def _opener(clip: str | None) -> Frames | None:
@@ -104,10 +122,10 @@ def _opener(clip: str | None) -> Frames | None:
     if clip is None or not Path(clip).exists():
         return None
 
-    def frames() -> Iterator[np.ndarray]:
+    def frames(start: int = 0) -> Iterator[np.ndarray]:
         opened = Clip.open(clip)
         try:
-            yield from opened.frames()
+            yield from opened.frames(start)
         finally:
             opened.close()
 

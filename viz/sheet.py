@@ -50,7 +50,7 @@ def _column(
     canvas = drawn(scene, painter, view, camera, t, image, caption=False)
     above = _crop(canvas, _box(scene, painter, view, t))
     gap = palette.plain(TILE[0], _GAP, palette.PANEL)
-    return np.concatenate([above, gap, _side(scene, painter, view, t), _caption(scene, t)], axis=0)
+    return np.concatenate([above, gap, _side(scene, painter, view, t), _caption(scene, camera, t)], axis=0)
 
 
 def _box(scene: Scene, painter: BodyPainter, view: CameraView, t: int) -> tuple[np.ndarray, float]:
@@ -104,9 +104,9 @@ def _ground(canvas: np.ndarray, side: OrthographicView, height: float) -> None:
     cv2.line(canvas, (0, y), (canvas.shape[1], y), palette.bgr(palette.GRID), 1, cv2.LINE_AA)
 
 
-def _caption(scene: Scene, t: int) -> np.ndarray:
+def _caption(scene: Scene, camera: int, t: int) -> np.ndarray:
     strip = palette.plain(TILE[0], _CAPTION, palette.PANEL)
-    x = palette.text(strip, f"frame {scene.index[t]}   {scene.time[t]:.2f} s", (4, 18), 10.0)
+    x = palette.text(strip, f"{scene.label(camera, t)}   {scene.time[t]:.2f} s", (4, 18), 10.0)
     status = scene.status[t]
     palette.text(strip, status, (x + 12, 18), 10.0, palette.STATUS.get(status, palette.TEXT))
     count = f"{len(scene.others(t)) + 1} modes"

@@ -21,11 +21,12 @@ class RunHeader:
     cameras: in the order of the observations.
     clips: path of each camera's clip, None for keypoints alone.
     image_sizes: width, height [px] of each camera's images.
-    times (T,): time of every frame that is to be tracked [s].
+    times (T,): time of every instant that is to be tracked [s].
     tracker, settings (JSON values), seed, version: how it was tracked, and by which kinemode.
     notes: what the user was told.
     cues: which of the pictures' cues were looked at; none for keypoints alone.
     masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.
+    clip_frames: by camera, number of its clip's frame at each instant (T,), where that is not the instant's own number.
     """
 
     subject_urdf: str
@@ -43,6 +44,11 @@ class RunHeader:
     cues: tuple[str, ...] = ()
     masks: Mapping[str, str] = field(default_factory=dict)
     backgrounds: Mapping[str, str] = field(default_factory=dict)
+    clip_frames: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def frames_of(self, camera: str) -> np.ndarray:
+        """Number of a camera's clip frame at each instant (T,)."""
+        return np.asarray(self.clip_frames.get(camera, range(len(self.times))), dtype=np.int64)
 
     @property
     def base(self) -> Literal["free", "fixed"]:
@@ -64,6 +70,7 @@ class RunHeader:
             "cues": list(self.cues),
             "cameras with masks": sorted(self.masks),
             "cameras with a background": sorted(self.backgrounds),
+            "frames of the clips": {name: list(frames) for name, frames in self.clip_frames.items()},
         }
 
     def differences(self, other: RunHeader) -> tuple[str, ...]:
@@ -109,6 +116,7 @@ class RunHeader:
             cues=tuple(v.get("cues", ())),  # headers written before there were cues have none
             masks=v.get("masks", {}),
             backgrounds=v.get("backgrounds", {}),
+            clip_frames={name: tuple(int(i) for i in f) for name, f in v.get("frames of the clips", {}).items()},
         )
 
 

@@ -134,7 +134,7 @@ class Run:
 
     @cached_property
     def index(self) -> np.ndarray:
-        """(T,) number of each frame in the clip."""
+        """(T,) number of each instant among those observed; `header.frames_of` has the clips' own frames."""
         return np.array([f["index"] for f in self._frames], dtype=np.int64)
 
     @cached_property

@@ -60,12 +60,14 @@ class Clip:
     image_size: width, height [px] as displayed (a video's rotation flag is applied).
     fps: declared frames per second; 30 where nothing sensible is declared.
     frame_count: declared number of frames, None if unknown; `report.read` is the verified one.
+    rate_known: whether the frame rate is given or declared, not assumed.
     """
 
     path: Path
     image_size: tuple[int, int]
     fps: float
     frame_count: int | None
+    rate_known: bool
 
     @staticmethod
     def open(path: str | Path, *, fps: float | None = None) -> Clip:
@@ -113,7 +115,7 @@ class FolderClip(Clip):
             raise InputError(path, "has no images", remedy=f"known are {', '.join(IMAGE_SUFFIXES)}")
         self.path, self.files = path, sorted(files, key=natural_order)
         self.frame_count = len(self.files)
-        self._declared_fps, self.fps = fps, fps or DEFAULT_FPS
+        self.rate_known, self.fps = fps is not None, fps or DEFAULT_FPS
         first, _ = read_picture(self.files[0])
         self._damaged: set[int] = set()
         self.image_size = (first.shape[1], first.shape[0])
@@ -138,7 +140,7 @@ class FolderClip(Clip):
     def report(self) -> ClipReport:
         """See `Clip.report`; every image is checked."""
         read = sum(1 for _ in self.frames())
-        notes = [] if self._declared_fps else [f"a folder of images has no frame rate: {DEFAULT_FPS:g} assumed"]
+        notes = [] if self.rate_known else [f"a folder of images has no frame rate: {DEFAULT_FPS:g} assumed"]
         if self._damaged:
             first = self.files[min(self._damaged)].name
             notes.append(f"{len(self._damaged)} images are damaged and not seen as they were, {first} first")
@@ -163,6 +165,7 @@ class VideoClip(Clip):
         if first is None:
             raise InputError(path, "has no frame that can be decoded")
         self.image_size = (first.shape[1], first.shape[0])
+        self.rate_known = self._fps_known or not any("assumed" in note for note in self._timing(self._stamps)[2])
 
     def frame(self, index: int) -> np.ndarray:
         """See `Clip.frame`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -23,8 +23,11 @@ from estimator.imaging.foreground import (
     learn_background,
     silhouette_of,
 )
+from estimator.imaging.resolution import resized_camera
 from estimator.imaging.threads import one_thread
 from humanoid.errors import InputError
+
+_SAME_STEP = 0.1  # share of the usual step from one picture to the next that a step may differ by, to be followed
 
 
 @dataclass(frozen=True)
@@ -64,13 +67,10 @@ class ImageCues:
 def scaled_camera(camera: Camera, factor: float) -> Camera:
     """The camera of an image resized by `factor`.
 
-    Image sides are rounded to whole pixels, and K follows the ratio of the rounded sides, as resizing does: with pixel
-    centres at integers, x becomes (x + 0.5) s - 0.5.
+    Image sides are rounded to whole pixels, and K follows the ratio of the rounded sides, as resizing does.
     """
     size = (max(1, round(camera.image_size[0] * factor)), max(1, round(camera.image_size[1] * factor)))
-    sx, sy = (new / old for new, old in zip(size, camera.image_size, strict=True))
-    T_new_old = np.array([[sx, 0.0, 0.5 * sx - 0.5], [0.0, sy, 0.5 * sy - 0.5], [0.0, 0.0, 1.0]])
-    return replace(camera, image_size=size, K=T_new_old @ camera.K)
+    return resized_camera(camera, size)
 
 
 class CueReader:
@@ -79,6 +79,7 @@ class CueReader:
     clips: open clips or their paths. cameras: in the same order.
     masks: for each camera a folder of images or a video, white on the person, or None; they replace the background.
     plates: for each camera a picture of the empty scene, or None.
+    frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
 
     Attributes
     ----------
@@ -97,18 +98,19 @@ class CueReader:
         *,
         masks: Sequence[Path | None] | None = None,
         plates: Sequence[Path | None] | None = None,
+        frames: Sequence[np.ndarray | None] | None = None,
     ) -> None:
-        count = len(cameras)
+        none = (None,) * len(cameras)
         self._views = tuple(
-            _View(clip, camera, settings, mask, plate)
-            for clip, camera, mask, plate in zip(
-                clips, cameras, masks or (None,) * count, plates or (None,) * count, strict=True
+            _View(clip, camera, settings, mask, plate, numbers)
+            for clip, camera, mask, plate, numbers in zip(
+                clips, cameras, masks or none, plates or none, frames or none, strict=True
             )
         )
         self.notes = tuple(note for view in self._views for note in view.notes)
 
     def at(self, index: int) -> tuple[ImageCues, ...]:
-        """Cues of frame `index` of every camera, the same whatever was read before; InputError beyond a clip's end."""
+        """Cues of every camera at instant `index`, the same whatever was read before; InputError past a clip's end."""
         return tuple(view.at(index) for view in self._views)
 
     def close(self) -> None:
@@ -121,10 +123,17 @@ class _View:
     """One camera's clip and what is known of its background."""
 
     def __init__(
-        self, clip: Clip | Path, camera: Camera, settings: CueSettings, mask: Path | None, plate: Path | None
+        self,
+        clip: Clip | Path,
+        camera: Camera,
+        settings: CueSettings,
+        mask: Path | None,
+        plate: Path | None,
+        frames: np.ndarray | None,
     ) -> None:
         self._clip = clip if isinstance(clip, Clip) else Clip.open(clip)
         self._settings = settings
+        self._frames = frames
         _check_size(self._clip.path, self._clip.image_size, camera)
         self.camera = scaled_camera(camera, min(1.0, settings.working_size / max(camera.image_size)))
         self._masks = Clip.open(mask) if mask else None
@@ -137,19 +146,38 @@ class _View:
             self._background = self._learned() if plate is None else self._from_plate(plate, camera)
 
     def at(self, index: int) -> ImageCues:
-        """Cues of one frame."""
-        chosen = self._settings
-        previous = self._picture(index - 1) if chosen.use_flow and index > 0 else None
-        picture = self._picture(index)
+        """Cues at one instant."""
+        chosen, frame = self._settings, self._frame_of(index)
+        before = self._frame_before(index) if chosen.use_flow else None
+        previous = None if before is None else self._picture(before)
+        picture = self._picture(frame)
         flow = None if previous is None else flow_field(previous, picture, chosen.flow)
         edges = edge_map(picture, chosen.edges) if chosen.use_edges else None
-        return ImageCues(self.camera, edges, flow, self._silhouette(index, picture) if chosen.use_silhouette else None)
+        return ImageCues(self.camera, edges, flow, self._silhouette(frame, picture) if chosen.use_silhouette else None)
 
     def close(self) -> None:
         """Let go of the files."""
         self._clip.close()
         if self._masks is not None:
             self._masks.close()
+
+    def _frame_of(self, index: int) -> int:
+        if self._frames is None:
+            return index
+        if index >= len(self._frames):
+            raise InputError(self._clip.path, "has no frame there", place=f"instant {index}")
+        return int(self._frames[index])
+
+    def _frame_before(self, index: int) -> int | None:
+        """The frame at the instant before, None where the motion between the two pictures is not that between the
+        instants: a camera with fewer pictures than there are instants shows some of them twice."""
+        if index == 0:
+            return None
+        before = self._frame_of(index - 1)
+        if self._frames is None:
+            return before
+        usual = (self._frames[-1] - self._frames[0]) / (len(self._frames) - 1)
+        return before if abs(self._frame_of(index) - before - usual) <= _SAME_STEP * usual else None
 
     def _picture(self, index: int) -> np.ndarray:
         """A frame at the working resolution; the last two are kept."""

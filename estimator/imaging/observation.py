@@ -14,8 +14,8 @@ from estimator.imaging.cues import ImageCues
 class Observation:
     """What every camera shows of one instant.
 
-    index: number of the frame in the clip.
-    time: seconds since the clip's start.
+    index: number of the instant among those observed.
+    time: seconds since the clip's start, or since that of the cameras' common clock.
     cameras (C): the cameras, in the order of the arrays.
     pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
     confidence (C, L): 0 to 1; 0 where missing.

@@ -24,11 +24,13 @@ def assemble(
     times: np.ndarray,
     *,
     clip_sizes: Mapping[str, tuple[int, int]] | None = None,
+    detected: Mapping[str, KeypointTrack] | None = None,
 ) -> list[Observation]:
     """Observations (T) of all cameras with keypoints, in the order of `tracks`.
 
     A landmark whose keypoint a layout lacks stays missing. A track shorter than `times` (T,) [s] is missing at its
-    end, a longer one is cut; `assembly_notes` says so.
+    end, a longer one is cut; `timing.length_notes` says so. detected: the keypoints frame by frame as the detector gave
+    them, of tracks that were brought to other instants: interpolation hides how much they tremble.
 
     Raises
     ------
@@ -39,16 +41,18 @@ def assemble(
     shape = (len(times), len(tracks), len(body.landmark_names))
     pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
     used: list[Camera] = []
+    jitter: list[float] = []
     for c, (name, track) in enumerate(tracks.items()):
         used.append(_camera(name, track, cameras, (clip_sizes or {}).get(name)))
         here, there = common_landmarks(body.landmark_names, track)
         count = min(len(times), track.frame_count)
         pixels[:count, c, here] = track.pixels[:count, there]
         confidence[:count, c, here] = track.confidence[:count, there]
-    jitter = tuple(keypoint_jitter(pixels[:, c]) for c in range(len(used)))
+        whole = (detected or {}).get(name)
+        jitter.append(keypoint_jitter(pixels[:, c] if whole is None else whole.pixels[:, there]))
     given = all(track.layout == GIVEN for track in tracks.values())
     return [
-        Observation(i, float(t), tuple(used), pixels[i], confidence[i], jitter, given)
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i], tuple(jitter), given)
         for i, t in enumerate(np.asarray(times).tolist())
     ]
 
@@ -64,17 +68,6 @@ def keypoint_jitter(pixels: np.ndarray) -> float:
     if second.size < _FEWEST_DIFFERENCES:
         return 0.0
     return float(np.median(second) / (0.6745 * np.sqrt(6.0)))  # of a normal distribution; 1, -2, 1 squared add to 6
-
-
-def assembly_notes(tracks: Mapping[str, KeypointTrack], frame_count: int) -> tuple[str, ...]:
-    """What a user should hear of tracks whose lengths differ from the clip's."""
-    notes = []
-    for name, track in tracks.items():
-        if track.frame_count < frame_count:
-            notes.append(f"{name}: keypoints end after {track.frame_count} of {frame_count} frames")
-        elif track.frame_count > frame_count:
-            notes.append(f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used")
-    return tuple(notes)
 
 
 def common_landmarks(landmarks: Sequence[str], track: KeypointTrack) -> tuple[list[int], list[int]]:

@@ -2,9 +2,62 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Flag = Annotated[bool, Parameter(negative="")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class InputOptions:
+    """What a body is tracked from, and what the files do not say themselves.
+
+    Parameters
+    ----------
+    cameras
+        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
+    keypoints
+        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s.
+    mask
+        Videos or folders of masks, white on the person; the background is then not needed.
+    background
+        Pictures of the empty scene; learned from the clip unless given.
+    person
+        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
+    keypoint_size
+        [NAME=]WxH of the pictures that the detector saw, as 960x540, where the keypoint files do not say it.
+    fps
+        [NAME=]RATE in frames per second, of folders of pictures, and of keypoint files that declare none.
+    offset
+        NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
+        below for one that started early. What it shows at its own time t is taken for that of t + SECONDS.
+    start
+        Begin here, in seconds; frames before it are left out.
+    end
+        End here, in seconds; frames after it are left out.
+    """
+
+    cameras: Path | None = None
+    keypoints: Files = None
+    mask: Files = None
+    background: Files = None
+    person: str = "auto"
+    keypoint_size: Files = None
+    fps: Files = None
+    offset: Files = None
+    start: float | None = None
+    end: float | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The options as `kinemode.track`, `fit` and `compare` take them."""
+        given = dict(vars(self))
+        given["masks"] = given.pop("mask")
+        return given
+
+
+NO_INPUT = InputOptions()

@@ -7,19 +7,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import Files
+from kinemode.commands.options import NO_INPUT, InputOptions
 
 
 def fit(
     *clips: Annotated[str, Parameter(name="clip")],
+    files: InputOptions = NO_INPUT,
     subject: str = "human34",
-    cameras: Path | None = None,
-    keypoints: Files = None,
     cues: str = "auto",
-    mask: Files = None,
-    background: Files = None,
     seed: int = 0,
-    person: str = "auto",
     out: Path,
 ) -> None:
     """Fit a subject's proportions, and with pictures its flesh, to the first frames of a clip; write it as a URDF.
@@ -36,20 +32,10 @@ def fit(
         Video files or folders of images; none where the keypoints are enough.
     subject
         A built-in name (see `kinemode subjects`) or a URDF file with proportions.
-    cameras
-        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
-    keypoints
-        2D keypoint files or folders.
     cues
         What the flesh is fitted to, see `track`: off, or some of edges,silhouette.
-    mask
-        Videos or folders of masks, white on the person.
-    background
-        Pictures of the empty scene.
     seed
         Seed of the random numbers.
-    person
-        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
     out
         The URDF file to write.
     """
@@ -58,13 +44,9 @@ def fit(
     fitted = api.fit(
         subject,
         clips,
-        cameras=cameras,
-        keypoints=keypoints,
+        **files.arguments(),
         cues=cues,
-        masks=mask,
-        background=background,
         seed=seed,
-        person=person,
         out=out,
     )
     report.print_fit(fitted, out)

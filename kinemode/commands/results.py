@@ -89,7 +89,7 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
     run
         A run file.
     frame
-        Number of the frame.
+        Number of the frame in the run, as the overlay shows it.
     out
         Folder for pictures of each camera's cues with the body on them.
     hypothesis

@@ -8,23 +8,19 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import Files, Flag
+from kinemode.commands.options import NO_INPUT, Flag, InputOptions
 
 
 def track(
     *clips: Annotated[str, Parameter(name="clip")],
+    files: InputOptions = NO_INPUT,
     subject: str = "human34",
-    cameras: Path | None = None,
-    keypoints: Files = None,
     cues: str = "auto",
-    mask: Files = None,
-    background: Files = None,
     settings: Path | None = None,
     tracker: str = "css",
     modes: int | None = None,
     seed: int = 0,
     fit: Literal["auto", "proportions", "off"] = "auto",
-    person: str = "auto",
     workers: int = 1,
     out: Path,
     resume: Flag = False,
@@ -49,17 +45,9 @@ def track(
         Video files or folders of images; none where the keypoints are enough.
     subject
         A built-in name (see `kinemode subjects`) or a URDF file.
-    cameras
-        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
-    keypoints
-        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s.
     cues
         What the pictures are looked at for: off, or some of edges,flow,silhouette; auto takes all of them where less
         than half of the frames have keypoints.
-    mask
-        Videos or folders of masks, white on the person; the background is then not needed.
-    background
-        Pictures of the empty scene; learned from the clip unless given.
     settings
         A TOML file of settings, see `kinemode settings`.
     tracker
@@ -71,8 +59,6 @@ def track(
     fit
         auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
         silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
-    person
-        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
     workers
         How many processes share the work of a tracker that searches many hypotheses; the run is the same with any
         number.
@@ -90,11 +76,8 @@ def track(
     run = api.track(
         subject,
         clips,
-        cameras=cameras,
-        keypoints=keypoints,
+        **files.arguments(),
         cues=cues,
-        masks=mask,
-        background=background,
         settings=settings,
         tracker=tracker,
         modes=modes,
@@ -103,7 +86,6 @@ def track(
         out=out,
         resume=resume,
         overwrite=overwrite,
-        person=person,
         workers=workers,
         progress=reported,
     )
@@ -112,18 +94,14 @@ def track(
 
 def compare(
     *clips: Annotated[str, Parameter(name="clip")],
+    files: InputOptions = NO_INPUT,
     trackers: Annotated[list[str], Parameter(consume_multiple=True, negative="")],
     subject: str = "human34",
-    cameras: Path | None = None,
-    keypoints: Files = None,
     cues: str = "auto",
-    mask: Files = None,
-    background: Files = None,
     settings: Path | None = None,
     modes: int | None = None,
     seed: int = 0,
     fit: Literal["auto", "proportions", "off"] = "auto",
-    person: str = "auto",
     reference: Path | None = None,
     out: Path,
     resume: Flag = False,
@@ -147,16 +125,8 @@ def compare(
         Their names with commas between them, see `kinemode trackers`.
     subject
         A built-in name (see `kinemode subjects`) or a URDF file.
-    cameras
-        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
-    keypoints
-        2D keypoint files or folders.
     cues
         What the pictures are looked at for, see `track`.
-    mask
-        Videos or folders of masks, white on the person.
-    background
-        Pictures of the empty scene.
     settings
         A TOML file of settings; each tracker takes those that are about it.
     modes
@@ -165,8 +135,6 @@ def compare(
         Seed of the trackers' random numbers.
     fit
         Whether the subject is fitted to the person, see `track`.
-    person
-        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
     reference
         Known 3D landmarks, see `evaluate`: the table then has errors, and where each tracker lost the person.
     out
@@ -184,16 +152,12 @@ def compare(
         subject,
         clips,
         trackers=trackers,
-        cameras=cameras,
-        keypoints=keypoints,
+        **files.arguments(),
         cues=cues,
-        masks=mask,
-        background=background,
         settings=settings,
         modes=modes,
         seed=seed,
         fit=fit,
-        person=person,
         reference=reference,
         out=out,
         resume=resume,

@@ -1,0 +1,342 @@
+"""Input that disagrees with itself: sizes, frame rates, clocks and names are put right or said, never assumed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.formats.cameras import write_cameras
+from estimator.formats.film import write_film
+from estimator.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.imaging.agreement import agreement
+from estimator.imaging.camera import Camera
+from estimator.imaging.clip import ClipReport
+from estimator.imaging.clock_offsets import likely_offsets
+from estimator.imaging.resampling import at_places
+from estimator.imaging.resolution import resized_camera, same_aspect
+from estimator.imaging.timing import CameraClock, clip_clock, keypoint_clock, timeline
+from humanoid.errors import InputError
+from kinemode.declared import Declared
+from kinemode.inputs import Inputs, load_inputs
+from tests.builders import body_of, camera_at
+
+SIZE, COUNT, RATE = (160, 120), 60, 30.0
+BODY = body_of("human34")
+
+
+def swinging(time: np.ndarray) -> np.ndarray:
+    """Configurations (T, nq) of a body that swings its limbs and sways, at these times [s]."""
+    rng = np.random.default_rng(4)
+    amplitude, phase = rng.uniform(0.2, 0.6, BODY.nv), rng.uniform(0.0, 6.28, BODY.nv)
+    amplitude[:6] = 0.1
+    return np.array([BODY.integrate(BODY.neutral, amplitude * np.sin(4.0 * t + phase)) for t in time])
+
+
+def seen(camera: Camera, time: np.ndarray, fps: float | None = RATE, **changes: Any) -> KeypointTrack:
+    """What an exact detector sees of the body at these times; the file declares no size unless `changes` do."""
+    pixels = np.array([camera.project(BODY.landmarks(BODY.at(q))) for q in swinging(time)])
+    return KeypointTrack("landmarks", BODY.landmark_names, pixels, np.ones(pixels.shape[:2]), fps=fps, **changes)
+
+
+TIME = np.arange(COUNT) / RATE
+CAMERAS = {
+    name: replace(resized_camera(camera_at(at), SIZE), name=name)
+    for name, at in (("a", 0.0), ("b", 70.0), ("c", 160.0))
+}
+SEEN = {name: seen(camera, TIME) for name, camera in CAMERAS.items()}
+
+
+def halved(track: KeypointTrack) -> KeypointTrack:
+    return replace(track, pixels=(track.pixels + 0.5) / 2.0 - 0.5)
+
+
+def later(track: KeypointTrack, frames: int) -> KeypointTrack:
+    return replace(track, pixels=track.pixels[frames:], confidence=track.confidence[frames:])
+
+
+def every(track: KeypointTrack, step: int, fps: float | None) -> KeypointTrack:
+    return replace(track, pixels=track.pixels[::step], confidence=track.confidence[::step], fps=fps)
+
+
+def pictures(folder: Path, count: int = COUNT, size: tuple[int, int] = SIZE) -> Path:
+    """A clip as a folder of pictures, each of which tells its number by its grey value."""
+    folder.mkdir()
+    for i in range(count):
+        cv2.imwrite(str(folder / f"{i:03d}.png"), np.full((size[1], size[0]), i, np.uint8))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return pictures(tmp_path_factory.mktemp("clips") / "a")
+
+
+def files(folder: Path, tracks: dict[str, KeypointTrack]) -> dict[str, Path]:
+    folder.mkdir(exist_ok=True)
+    for name, track in tracks.items():
+        write_keypoints(folder / f"{name}.json", track)
+    return {name: folder / f"{name}.json" for name in tracks}
+
+
+def load(folder: Path, tracks: dict[str, KeypointTrack], clips: Any = None, **told: Any) -> Inputs:
+    return load_inputs(
+        BODY, clips, files(folder / "k", tracks), CAMERAS, person="auto", declared=Declared(**told) if told else None
+    )
+
+
+def stacked(inputs: Inputs) -> np.ndarray:
+    return np.array([o.pixels for o in inputs.observations])
+
+
+def told(inputs: Inputs, text: str) -> bool:
+    return any(text in note for note in inputs.notes)
+
+
+def test_what_agrees_is_taken_as_it_is(tmp_path: Path) -> None:
+    found = load(tmp_path, SEEN)
+    assert found.notes == ()
+    np.testing.assert_array_equal(found.times, TIME)
+    np.testing.assert_array_equal(stacked(found), np.stack([t.pixels for t in SEEN.values()], axis=1))
+
+
+def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
+    declared = {name: replace(halved(track), image_size=(80, 60)) for name, track in SEEN.items()}
+    unsaid = {name: halved(track) for name, track in SEEN.items()}
+    expected = stacked(load(tmp_path, SEEN))
+    sizes = {"b": (80, 60), "a": "80x60", "c": "80x60"}
+    for tracks, more in ((declared, {}), (unsaid, {"keypoint_size": "80x60"}), (unsaid, {"keypoint_size": sizes})):
+        found = load(tmp_path, tracks, **more)
+        np.testing.assert_allclose(stacked(found), expected, atol=1e-9)
+        assert sum("80 x 60 are scaled to 160 x 120" in note for note in found.notes) == 3
+    with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size says 160 x 120"):
+        load(tmp_path, declared, keypoint_size=SIZE)
+    alone = load_inputs(
+        BODY, None, files(tmp_path, {"a": unsaid["a"]}), None, person="auto", declared=Declared(keypoint_size=(80, 60))
+    )
+    assert alone.observations[0].cameras[0].image_size == (80, 60)
+    with pytest.raises(InputError, match=r"disagree: keypoints 80 x 80"):
+        load(tmp_path, {"a": replace(SEEN["a"], image_size=(80, 80))})
+    for wrong in ("80", "80x", (80,), "0x4", "d=80x60", (float("inf"), 60), 7, ["a=80x60", "a=60x80"]):
+        with pytest.raises(InputError, match="--keypoint-size"):
+            load(tmp_path, SEEN, keypoint_size=wrong)
+
+
+def test_undeclared_sizes_are_noticed(tmp_path: Path) -> None:
+    doubled = replace(SEEN["a"], pixels=SEEN["a"].pixels * 4.0)
+    with pytest.raises(InputError, match=r"outside the picture of 160 x 120.*--keypoint-size"):
+        load(tmp_path, {"a": doubled})
+    assert told(load(tmp_path, {"a": halved(SEEN["a"])}), "--keypoint-size 80x60")
+    some = SEEN["a"].pixels.copy()
+    some[:12] += 1000.0
+    assert told(load(tmp_path, {"a": replace(SEEN["a"], pixels=some)}), "20% of the keypoints lie outside")
+    assert load(tmp_path, {"a": SEEN["a"]}).notes == ()
+
+
+@pytest.mark.parametrize("factor", [0.5, 2 / 3, 1.5])
+def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, factor: float) -> None:
+    scaled = {name: replace(t, pixels=(t.pixels + 0.5) * factor - 0.5) for name, t in SEEN.items()}
+    size = f"{round(160 * factor)}x{round(120 * factor)}"
+    with pytest.raises(InputError, match=f"--keypoint-size {size}"):
+        load(tmp_path, scaled)
+    one = {**{name: replace(t, image_size=SIZE) for name, t in SEEN.items()}, "b": scaled["b"]}
+    with pytest.raises(InputError, match=f"--keypoint-size b={size}"):
+        load(tmp_path, one)
+    wrong = {name: replace(t, image_size=SIZE) for name, t in scaled.items()}
+    assert told(load(tmp_path, wrong), "are the sizes that are declared")
+
+
+def test_a_calibration_of_another_size_is_scaled(tmp_path: Path, folder_clip: Path) -> None:
+    write_cameras(tmp_path / "c.json", [resized_camera(CAMERAS["a"], (320, 240))])
+    keypoints = files(tmp_path, {"a": SEEN["a"]})
+    found = load_inputs(BODY, {"a": folder_clip}, keypoints, tmp_path / "c.json", person="auto")
+    np.testing.assert_allclose(found.observations[0].cameras[0].K, CAMERAS["a"].K, atol=1e-9)
+    assert told(found, "calibrated at 320 x 240, scaled to 160 x 120")
+    write_cameras(tmp_path / "c.json", [replace(CAMERAS["a"], image_size=(160, 100))])
+    with pytest.raises(InputError, match=r"c\.json: image sizes of 'a' disagree: camera 160 x 100, pictures 160 x 120"):
+        load_inputs(BODY, {"a": folder_clip}, keypoints, tmp_path / "c.json", person="auto")
+
+
+def test_aspects() -> None:
+    for one, other in (((1920, 1080), (854, 480)), ((1080, 1920), (480, 854)), ((640, 480), (160, 120))):
+        assert same_aspect(one, other)
+        assert same_aspect(other, one)
+    assert not same_aspect((1088, 1920), (1080, 1920))
+    assert not same_aspect((640, 480), (480, 640))
+
+
+def test_keypoints_of_another_rate_are_matched_by_time(tmp_path: Path, folder_clip: Path) -> None:
+    full = seen(CAMERAS["a"], TIME)
+    expected = full.pixels
+    slow = load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}, fps=RATE)
+    assert told(slow, "keypoints at 15 frames per second, the clip at 30: matched by time")
+    found = stacked(slow)[:, 0]
+    np.testing.assert_array_equal(found[::2], expected[::2])
+    middle = (expected[:-2:2] + expected[2::2]) / 2.0
+    np.testing.assert_allclose(found[1:-1:2], middle, atol=1e-9)
+    assert np.isnan(found[-1]).all()  # nothing comes after the last keypoint
+    unsaid = load(tmp_path, {"a": every(full, 2, None)}, {"a": folder_clip}, fps=RATE)
+    assert told(unsaid, "keypoints end after 30 of 60 frames; if they are of every 2nd frame")
+    assert told(unsaid, "write their fps into the keypoint file")
+    assert told(load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}), "the pictures' rate: --fps a=RATE")
+    copied = load(tmp_path, {"a": every(full, 2, RATE)}, {"a": folder_clip}, fps=RATE)
+    assert told(copied, "correct fps in the keypoint file")
+    fast = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, 60.0)}, {"a": folder_clip}, fps=RATE)
+    np.testing.assert_allclose(stacked(fast)[:, 0], expected, atol=1e-9)
+    double = load(tmp_path, {"a": seen(CAMERAS["a"], np.arange(2 * COUNT) / 60.0, None)}, {"a": folder_clip}, fps=RATE)
+    assert told(double, "only the first 60 are used; if the clip has every 2nd of these")
+
+
+def test_pictures_without_a_rate_take_the_keypoints_rate(tmp_path: Path, folder_clip: Path) -> None:
+    found = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip})
+    np.testing.assert_allclose(found.times, np.arange(COUNT) / 60.0)
+    assert told(found, "the pictures have no frame rate: 60, as")
+    both = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip}, fps="a=30")
+    np.testing.assert_allclose(both.times, TIME)  # as many keypoints as pictures are the pictures' own
+    np.testing.assert_array_equal(stacked(both)[:, 0], SEEN["a"].pixels)
+    assert told(both, "both have 60 frames: frame by frame, at the clip's rate")
+    with pytest.raises(InputError, match="declare their frame rates"):
+        load(tmp_path, {"a": SEEN["a"]}, fps=25.0)
+    with pytest.raises(InputError, match="no camera 'z'"):
+        load(tmp_path, {"a": SEEN["a"]}, fps="z=25")
+    assert told(load(tmp_path, {"a": replace(SEEN["a"], fps=None)}), "30 frames per second assumed")
+    assert load(tmp_path, {"a": replace(SEEN["a"], fps=None)}, fps=25.0).times[1] == pytest.approx(0.04)
+
+
+def test_cameras_with_offsets_share_a_clock(tmp_path: Path) -> None:
+    shifted = {"a": SEEN["a"], "b": later(SEEN["b"], 4), "c": SEEN["c"]}
+    found = load(tmp_path, shifted, offset={"b": 4 / RATE})
+    assert found.times[0] == pytest.approx(4 / RATE)
+    expected = np.stack([track.pixels[4:] for track in SEEN.values()], axis=1)
+    np.testing.assert_allclose(stacked(found), expected, atol=1e-9)
+    assert told(found, "56 instants from 0.13 to 1.97 s")
+    assert not told(found, "--offset")
+    unsaid = load(tmp_path, shifted)
+    assert told(unsaid, "--offset b=0.13")
+    for wrong, why in (("0.1", "no camera"), ("z=1", "no camera 'z'"), ("b=x", "--offset"), ("b=900", "never run at")):
+        with pytest.raises(InputError, match=why):
+            load(tmp_path, shifted, offset=wrong)
+
+
+def test_cameras_of_different_rates(tmp_path: Path, folder_clip: Path) -> None:
+    half = pictures(tmp_path / "b", COUNT // 2)
+    tracks = {"a": SEEN["a"], "b": every(SEEN["b"], 2, 15.0)}
+    found = load(tmp_path, tracks, {"a": folder_clip, "b": half}, fps=["a=30", "b=15"], offset="b=0.21")
+    assert told(found, "a 30 from 0 s, b 15 from 0.21 s")
+    np.testing.assert_allclose(found.times, TIME[6:])
+    assert found.frames[0] is not None
+    assert found.frames[1] is not None
+    np.testing.assert_array_equal(found.frames[0], np.arange(6, COUNT))
+    np.testing.assert_array_equal(found.frames[1][:6], [0, 0, 1, 1, 2, 2])
+    between = 0.65 * tracks["b"].pixels[1] + 0.35 * tracks["b"].pixels[2]  # at 0.3 s, 0.09 s after it began
+    np.testing.assert_allclose(found.observations[3].pixels[1], between, atol=1e-6)
+
+
+def test_a_part_of_the_clip(tmp_path: Path, folder_clip: Path) -> None:
+    whole = load(tmp_path, {"a": SEEN["a"]}, {"a": folder_clip})
+    part = load(tmp_path, {"a": SEEN["a"]}, {"a": folder_clip}, start=0.5, end=1.0)
+    np.testing.assert_allclose(part.times, TIME[15:31])
+    np.testing.assert_array_equal(stacked(part), stacked(whole)[15:31])
+    np.testing.assert_array_equal(part.frames[0], np.arange(15, 31))
+    assert [o.index for o in part.observations] == list(range(16))
+    assert part.observations[0].jitter == whole.observations[0].jitter
+    for wrong in ({"start": 1.0, "end": 0.5}, {"start": 5.0}, {"end": -1.0}, {"start": float("nan")}, {"end": "late"}):
+        with pytest.raises(InputError, match=r"--start|--end"):
+            load(tmp_path, {"a": SEEN["a"]}, **wrong)
+
+
+def test_interpolation_ends_at_gaps() -> None:
+    track = KeypointTrack("x", ("nose",), np.array([[[0.0, 0.0]], [[1.0, 2.0]], [[np.nan] * 2], [[3.0, 6.0]]]),
+                          np.array([[1.0], [0.4], [0.0], [1.0]]))  # fmt: skip
+    times = np.arange(4) / 30.0
+    found = at_places(track, np.array([0.25, 1.0, 1.5, 2.5, 3.0, np.nan]), times)
+    np.testing.assert_allclose(found.pixels[:, 0, 0], [0.25, 1.0, np.nan, np.nan, 3.0, np.nan])
+    np.testing.assert_allclose(found.confidence[:, 0], [0.4, 0.4, 0.0, 0.0, 1.0, 0.0])
+    assert np.isnan(at_places(track, np.array([0.5, 1.0]), times * 10.0).pixels[0]).all()
+    assert at_places(track, np.arange(4.0), times) is track
+
+
+def test_clocks() -> None:
+    report = ClipReport(90, 90, np.arange(90) / 29.97, 29.97, ())
+    track = KeypointTrack("x", ("nose",), np.zeros((90, 1, 2)), np.ones((90, 1)))
+    for rate in (None, 30.0):
+        clock, notes = clip_clock("a", track, report, rate)
+        assert (clock.frame_by_frame, notes) == (True, ())
+    several = {"a": keypoint_clock(90, 30.0), "b": keypoint_clock(88, 29.97)}
+    line = timeline(several)  # never half a frame apart
+    np.testing.assert_array_equal(line.times, several["a"].keypoints)
+    np.testing.assert_array_equal(line.places["b"][:88], np.arange(88))
+    assert np.isnan(line.places["b"][88:]).all()
+    apart = timeline({"a": keypoint_clock(3000, 30.0), "b": keypoint_clock(3000, 29.7)})
+    assert (
+        np.nanmax(np.abs(apart.places["b"] / 29.7 - apart.times)) < 0.02 / 29.7 + 1e-9
+    )  # by time: else 1 s at the end
+    empty = CameraClock(TIME, TIME, RATE, 100.0)
+    with pytest.raises(InputError, match="never run at the same time"):
+        timeline({"a": keypoint_clock(90, 30.0), "b": empty})
+
+
+def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
+    keypoints = files(tmp_path, {"other": SEEN["a"]})["other"]
+    write_cameras(tmp_path / "c.json", [CAMERAS["a"]])
+
+    def loaded(clip: str, points: str, cameras: Path | None = None) -> Inputs:
+        return load_inputs(BODY, clip, points, cameras, person="auto")
+
+    found = loaded(str(folder_clip), str(keypoints))
+    assert told(found, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
+    assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are taken for")
+    for wrong in (f"b={keypoints}", {"b": keypoints}):
+        with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
+            load_inputs(BODY, str(folder_clip), wrong, None, person="auto")
+    with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
+        load_inputs(BODY, str(folder_clip), iter([f"b={keypoints}"]), None, person="auto")
+    assert told(loaded(None, str(keypoints), tmp_path / "c.json"), "the camera 'a' of")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no camera 'b'"):
+        loaded(None, f"b={keypoints}", tmp_path / "c.json")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no camera 'b'"):
+        loaded(f"b={folder_clip}", f"b={keypoints}", tmp_path / "c.json")
+
+
+def test_the_real_clip_fits_itself(shared_data: Path) -> None:
+    folder = shared_data / "beam4cam"
+    keypoints = {name: folder / "keypoints" / f"{name}.json" for name in ("cam01", "cam02", "cam03", "cam04")}
+    found = load_inputs(BODY, None, keypoints, folder / "calibration.json", person="auto")
+    assert found.notes == ()
+    assert all(frames is None for frames in found.frames)
+    cameras, pixels = found.observations[0].cameras, stacked(found)
+    late = pixels[:94].copy()
+    late[:, 1] = pixels[6:, 1]
+    assert likely_offsets(cameras, pixels, found.times) == ()
+    np.testing.assert_allclose(likely_offsets(cameras, late, found.times[:94]), (0.0, 0.1, 0.0, 0.0), atol=0.02)
+    half = agreement(cameras, (pixels + 0.5) / 2.0 - 0.5, [True] * 4)
+    assert half is not None
+    assert half.factor == 2.0
+
+
+def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_clip: Path) -> None:
+    folder = tmp_path / "a"
+    folder.mkdir()
+    for i in range(0, COUNT, 2):
+        flat = [v for point in SEEN["a"].pixels[i][:17].tolist() for v in (*point, 1.0)]
+        (folder / f"a_{i:06d}_keypoints.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": flat}]}))
+    found = load_inputs(BODY, {"a": folder_clip}, {"a": folder}, CAMERAS, person="auto")
+    assert [o.count > 0 for o in found.observations] == [i % 2 == 0 for i in range(COUNT)]
+
+
+def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
+    video = write_film(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
+    half = {"a": every(SEEN["a"], 2, None)}
+    assert told(load(tmp_path, half, {"a": video}), "say the keypoints' rate: --fps a=RATE")
+    found = load(tmp_path, half, {"a": video}, fps="a=15")
+    assert told(found, "matched by time")
+    np.testing.assert_array_equal(stacked(found)[::2, 0], SEEN["a"].pixels[::2])
+    thirds = {"a": replace(later(SEEN["a"], 5), fps=None)}  # cut short, but no fraction of the clip
+    assert load(tmp_path, thirds, {"a": video}).notes == ("a: keypoints end after 55 of 60 frames",)
+    with pytest.raises(InputError, match="declare their frame rates"):
+        load(tmp_path, {"a": SEEN["a"]}, {"a": video}, fps=RATE)
