@@ -129,7 +129,7 @@ def _set_subject(document: Document, path: Path, entries: dict[str, Any]) -> Non
             raise InputError(path, "unknown entry", place=f"[subject] {name}", remedy='base = "free" or "fixed"')
     if "base" in entries:
         if entries["base"] not in ("free", "fixed"):
-            raise InputError(path, f"{shown(entries["base"])} is unknown", place="[subject] base", remedy="free or fixed")
+            raise InputError(path, f"{shown(entries['base'])} is unknown", place="[subject] base", remedy="free or fixed")
         for old in list(elements(document.root, "subject")):
             document.root.remove(old)
         element = ET.SubElement(document.root, "subject", {"base": entries["base"]})
