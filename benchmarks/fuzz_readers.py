@@ -18,7 +18,8 @@ from estimator.evaluation import Reference
 from estimator.formats.cameras import load_cameras
 from estimator.formats.checked_json import read_json
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.formats.run_file import Run
+from estimator.formats.run_checks import checked_state
+from estimator.formats.run_file import Run, RunWriter
 from estimator.imaging.camera import guessed_camera
 from estimator.imaging.clip import Clip
 from estimator.imaging.cues import CueReader, CueSettings
@@ -86,11 +87,9 @@ def _run(path: Path) -> object:
 
 def _state(path: Path) -> object:
     """What a resumed run begins with."""
-    from estimator.formats.run_file import RunWriter
-
     writer, arrays, _ = RunWriter.resume(path, Run.open(path).header)
     with writer:
-        return TrackState.from_arrays(arrays) if arrays else None
+        return TrackState.from_arrays(checked_state(arrays, Run.open(path).body, path)) if arrays else None
 
 
 def _clip(path: Path) -> object:

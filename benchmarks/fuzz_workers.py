@@ -16,7 +16,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from benchmarks.fuzz_judge import MOST_MEMORY, MOST_SECONDS, Case, Verdict
+from benchmarks.fuzz_judge import MOST_MEMORY, MOST_SECONDS, Case, Verdict, forget_peak
 
 Judge = Callable[[Case, Any, Path], Verdict]
 _BATCH = 50
@@ -109,6 +109,7 @@ def _serve(connection: Connection, judge: Judge, stored: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder, suppress(EOFError, OSError, KeyboardInterrupt):
         while True:
             for case in connection.recv():
+                forget_peak()
                 verdict = judge(case, corpus, Path(folder) / "case")
                 connection.send(_with_printed(verdict, printed))
 

@@ -156,3 +156,5 @@ def _set_limits(document: Document, path: Path, entries: dict[str, Any]) -> None
             limit = ET.SubElement(joint, "limit")
         limit.set("lower", repr(float(entry[0])))
         limit.set("upper", repr(float(entry[1])))
+        for key in ("effort", "velocity"):  # URDF parsers refuse a limit without them
+            limit.attrib.setdefault(key, "1000")

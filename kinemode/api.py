@@ -13,6 +13,7 @@ from typing import Any, Literal, cast
 from threadpoolctl import threadpool_limits
 
 from estimator.fitting import Fit, fit_proportions
+from estimator.formats.run_checks import checked_state
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.imaging.camera import Camera
 from estimator.initialisation.stages import fit_subject
@@ -246,7 +247,7 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
     first = 0
     if target.resumed:
         writer, arrays, first = RunWriter.resume(target.path, header)
-        state = TrackState.from_arrays(arrays) if arrays else None
+        state = TrackState.from_arrays(checked_state(arrays, Body(subject), target.path)) if arrays else None
     else:
         writer = RunWriter.create(target.path, header, overwrite=target.overwrite)
     with writer:

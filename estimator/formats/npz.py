@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.formats.packing import valid_text
 from humanoid.errors import InputError
 
 _MOST_BYTES = 400_000_000  # of all arrays together, unpacked: hours of landmarks
@@ -25,9 +26,13 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         if size > _MOST_BYTES:
             raise InputError(path, f"unpacks to more than {_MOST_BYTES // 1_000_000} MB", remedy="give a smaller file")
         with np.load(path, allow_pickle=False) as file:
-            return {name: np.asarray(file[name]) for name in file.files}
+            arrays = {name: np.asarray(file[name]) for name in file.files}
     except InputError:
         raise
     except Exception as error:  # zipfile, zlib and numpy's header parser raise whatever their parsing meets
         what = str(error) or type(error).__name__
         raise InputError(path, f"cannot be read: {what}", remedy="an .npz of plain arrays is needed") from None
+    for name, array in arrays.items():
+        if not valid_text(array):
+            raise InputError(path, "has characters that are none", place=name)
+    return arrays
