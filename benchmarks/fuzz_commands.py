@@ -15,17 +15,15 @@ from typing import NamedTuple
 import tomli_w
 
 from benchmarks.fuzz_arrays import mutated_run
-from benchmarks.fuzz_corpus import QUICK, Files
+from benchmarks.fuzz_corpus import QUICK, Files, facing
 from benchmarks.fuzz_judge import Case, Verdict, timed, write
 from benchmarks.fuzz_mutations import mutated
 from estimator.formats.cameras import camera_to_json
-from estimator.imaging.camera import guessed_camera
 from humanoid.errors import LONGEST
 from kinemode.__main__ import BAD_INPUT, main
 
 _PREFIX = "error: "
 _NUMERIC = re.compile(r"note: .*encountered|Traceback|Warning:")
-_SMALL = (64, 48)
 
 
 class Command(NamedTuple):
@@ -42,15 +40,15 @@ def _run_files(corpus: Mapping[str, list[Files]]) -> dict[str, bytes]:
 
 def _track_files(corpus: Mapping[str, list[Files]]) -> dict[str, bytes]:
     """What arm8 is tracked from, with pictures and without."""
-    camera = camera_to_json(guessed_camera("k", _SMALL))
+    camera = camera_to_json(facing("k"))
     return {
         "k.json": corpus["seen"][0]["arm8.json"],
         "cameras.json": json.dumps({"cameras": [camera]}).encode(),
-        "settings.toml": tomli_w.dumps(QUICK | {"cues": {"working_size": 64}}).encode(),
+        "settings.toml": tomli_w.dumps(QUICK).encode(),
         "clip.mp4": corpus["film"][0]["clip.mp4"],
         "plate.png": corpus["background"][0]["plate.png"],
         "mask.mp4": corpus["film"][0]["clip.mp4"],
-        "a.run": corpus["run"][0]["arm8.run"],
+        "a.run": corpus["unfinished run"][0]["arm8.run"],
     }
 
 
@@ -66,7 +64,7 @@ COMMANDS = {
         f"{_TRACK} {{}}/clip.mp4 --cues silhouette --mask {{}}/mask.mp4 --out {{}}/new.run", _track_files, ("mask.mp4",)
     ),
     "track resume": Command(
-        "track --subject arm8 --fit off --keypoints {}/k.json --resume --out {}/a.run", _track_files, ("a.run",)
+        f"{_TRACK} --resume --out {{}}/a.run", _track_files, ("a.run",)
     ),
     "export npz": Command("export {}/a.run {}/a.npz", _run_files, ("a.run",)),
     "export csv": Command("export {}/a.run {}/a.csv", _run_files, ("a.run",)),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from humanoid.body import Body
 from humanoid.landmarks import FORMATS
 from humanoid.subject import URDF_FOLDER, load_subject
 from kinemode.api import track
+from kinemode.progress import Progress
 from kinemode.settings import describe_settings
 
 Files = Mapping[str, bytes]
@@ -81,6 +84,22 @@ def _keypoints() -> dict[str, list[Files]]:
         "clicks": [{"clicks.json": _json(clicks)}],
         "page": [{"page.json": _json(page)}],
     }
+
+
+@contextmanager
+def _stopping(label: str) -> Iterator[Progress]:
+    """A progress report that is interrupted, as by Ctrl-C, before the last frame."""
+
+    def stop(done: int, total: int) -> None:
+        if label == "tracking" and done == total - 1:
+            raise KeyboardInterrupt
+
+    yield stop
+
+
+def facing(name: str) -> Camera:
+    """A camera 3 m in front of the origin."""
+    return replace(guessed_camera(name, SIZE), t_camera_world=np.array([0.0, 0.0, 3.0]))
 
 
 def cameras() -> list[Camera]:
@@ -156,24 +175,25 @@ def _pictures(folder: Path) -> dict[str, list[Files]]:
 def _runs(folder: Path) -> dict[str, list[Files]]:
     """Tracked runs, and a reference that was exported from one."""
     runs: list[Files] = []
+    unfinished: list[Files] = []
     seen: list[Files] = []
     for name in ("arm8", "upper13"):
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
-        run = track(
-            name, None, keypoints=keypoints, cameras={"k": guessed_camera("k", SIZE)}, settings=QUICK,
-            fit="off", out=folder / f"{name}.run",
-        )  # fmt: skip
+        inputs: dict[str, Any] = {"keypoints": keypoints, "cameras": {"k": facing("k")}, "settings": QUICK, "fit": "off"}
+        run = track(name, None, **inputs, out=folder / f"{name}.run")
+        with suppress(KeyboardInterrupt):
+            track(name, None, **inputs, out=folder / "stopped.run", overwrite=True, progress=_stopping)
+        unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
-    return {"run": runs, "seen": seen, "trc": [{"reference.trc": (folder / "a.trc").read_bytes()}]}
+    return {"run": runs, "unfinished run": unfinished, "seen": seen, "trc": [{"reference.trc": (folder / "a.trc").read_bytes()}]}
 
 
 def _seen(folder: Path, name: str) -> Path:
-    """Keypoints of a subject at rest, seen by a guessed camera."""
+    """Keypoints of a subject at rest."""
     body = Body(load_subject(name))
-    turned = body.landmarks(body.at(body.clamp(body.neutral))) + np.array([3.0, 0.0, 0.0])
-    pixels = np.repeat(guessed_camera("k", SIZE).project(turned)[None], FRAMES, axis=0)
+    pixels = np.repeat(facing("k").project(body.landmarks(body.at(body.clamp(body.neutral))))[None], FRAMES, axis=0)
     track_ = KeypointTrack("landmarks", body.landmark_names, pixels, np.ones(pixels.shape[:2]), SIZE, 30.0)
     write_keypoints(folder / f"{name}.json", track_)
     return folder / f"{name}.json"

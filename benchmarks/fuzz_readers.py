@@ -131,5 +131,5 @@ READERS = {
     "pictures": Reader("binary", _folder, 0.01, folder=True),
     "background": Reader("binary", _plate, 0.01),
 }
-"""By name; "state" reads the corpus of "run"."""
-CORPUS_OF = {"state": "run"}
+"""By name; "state" reads runs that were not finished."""
+CORPUS_OF = {"state": "unfinished run"}

@@ -71,6 +71,8 @@ class Run:
         with run_store.reading(self.file) as connection:
             query = "SELECT data FROM frame WHERE position < ? ORDER BY position"
             rows = connection.execute(query, (self.frame_count,)).fetchall()
+        if len(rows) != self.frame_count:
+            raise InputError(self.file, f"is damaged: {self.frame_count - len(rows)} of its frames are missing")
         frames: list[dict[str, np.ndarray]] = []
         for i, (data,) in enumerate(rows):
             before = len(frames[-1]["weight"]) if frames else None
