@@ -54,6 +54,15 @@ def shown(value: Any, most: int = _LONGEST_QUOTE) -> str:
         return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
 
 
+def misplaced(name: str, value: Any, taken: str) -> InputError:
+    """The error of an argument that is of a kind which is not taken: what it is, and what may be given."""
+    kind = type(value)
+    label = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
+    quoted = f" ({shown(value, 40)})" if isinstance(value, (str, int, float)) else ""
+    found = "None" if value is None else f"of type {label}{quoted}"
+    return InputError(name, f"cannot be {found}", remedy=f"give {taken}")
+
+
 def _message(source: str, place: str, problem: str, remedy: str) -> str:
     where = f"{source}: {place}" if place else source
     return f"{where}: {problem}" + (f" ({remedy})" if remedy else "")

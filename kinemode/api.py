@@ -26,6 +26,7 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
+from kinemode.arguments import check_arguments, whole
 from kinemode.inputs import Inputs, Named, PathLike, load_inputs
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
@@ -43,6 +44,7 @@ class InputWarning(UserWarning):
 
 def open_run(path: PathLike) -> Run:
     """Open a run file, finished or still being written; raises InputError where it is none."""
+    check_arguments(path=path)
     return Run.open(path)
 
 
@@ -98,6 +100,11 @@ def track(
     ------
     InputError: whatever is wrong with what was given.
     """
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        background=background, tracker=tracker, modes=modes, fit=fit, out=out, resume=resume, overwrite=overwrite,
+        person=person, settings=settings, workers=workers, progress=progress,
+    )  # fmt: skip
     path = Path(tempfile.mkdtemp(prefix="kinemode-")) / "track.run" if out is None else Path(out)
     job = _Job(
         tracker,
@@ -172,6 +179,10 @@ def fit(
     Proportions are fitted to the keypoints, and where edges or silhouettes are looked at the flesh to them. The
     arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
     """
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        background=background, person=person, out=out,
+    )  # fmt: skip
     choice = cue_choice(cues)
     if out is not None:
         _check_folder(Path(out))
@@ -300,9 +311,7 @@ def _check_inputs(subject: Subject, inputs: Inputs) -> None:
 
 
 def _seed(seed: int) -> int:
-    if seed < 0:
-        raise InputError("seed", f"{seed} is negative", remedy="0 or more")
-    return seed
+    return whole("seed", seed, 0)
 
 
 def _fit_choice(fit: str) -> FitChoice:
