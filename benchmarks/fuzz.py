@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,8 +13,9 @@ from cyclopts import Parameter
 
 from benchmarks import fuzz_commands
 from benchmarks.common import Several, save, start, tell
+from benchmarks.fuzz_cases import GOOD, Case, Verdict
 from benchmarks.fuzz_corpus import Files, corpus
-from benchmarks.fuzz_judge import GOOD, Case, Verdict, judge, prepare, write
+from benchmarks.fuzz_judge import judge, prepare, write
 from benchmarks.fuzz_readers import READERS
 from benchmarks.fuzz_workers import verdicts
 from humanoid.errors import InputError
@@ -49,7 +50,7 @@ class Tally:
         self.faults: list[tuple[Case, Verdict]] = []
         self.worst: dict[str, Verdict] = {}
         self.memory = 0
-        self.seconds: Counter[str] = Counter()
+        self.seconds: defaultdict[str, float] = defaultdict(float)
 
     def add(self, case: Case, verdict: Verdict) -> None:
         self.outcomes[case.reader, verdict.outcome] += 1
@@ -113,9 +114,10 @@ def main(
     tally, began = Tally(), time.monotonic()
     files = corpus()
     try:
-        work(judge_case, files, cases(inputs, seed, readers), jobs, tally, keep, "readers")
+        wanted = cases(inputs, seed, readers)
+        work(verdicts(judge_case, files, wanted, jobs), len(wanted), files, tally, keep)
         wanted = [] if readers else fuzz_commands.cases(commands, seed)
-        work(fuzz_commands.judge_case, files, wanted, jobs, tally, keep, "commands", batch=5)
+        work(verdicts(fuzz_commands.judge_case, files, wanted, jobs, batch=5), len(wanted), files, tally, keep)
     except KeyboardInterrupt:
         tell("interrupted: what follows is of the inputs so far")
     show(tally, time.monotonic() - began)
@@ -123,15 +125,15 @@ def main(
 
 
 def work(
-    judge_one: Any, files: Any, wanted: list[Case], jobs: int, tally: Tally, keep: Path | None, what: str, batch: int = 50
+    found: Iterator[tuple[Case, Verdict]], count: int, files: Mapping[str, list[Files]], tally: Tally, keep: Path | None
 ) -> None:
-    """Judge the cases in processes of their own, and keep those that fail."""
-    with reported(what) as progress:
-        for done, (case, verdict) in enumerate(verdicts(judge_one, files, wanted, jobs, batch), 1):
+    """Count the verdicts on so many cases as they come, and keep the inputs that fail."""
+    with reported("damaged inputs") as progress:
+        for done, (case, verdict) in enumerate(found, 1):
             tally.add(case, verdict)
             if not verdict.good and keep is not None:
                 kept(case, verdict, files, keep)
-            progress(done, len(wanted))
+            progress(done, count)
 
 
 def kept(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], folder: Path) -> None:

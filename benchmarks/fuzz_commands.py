@@ -15,8 +15,9 @@ from typing import NamedTuple
 import tomli_w
 
 from benchmarks.fuzz_arrays import mutated_run
+from benchmarks.fuzz_cases import Case, Verdict
 from benchmarks.fuzz_corpus import QUICK, Files, facing
-from benchmarks.fuzz_judge import Case, Verdict, timed, write
+from benchmarks.fuzz_judge import timed, write
 from benchmarks.fuzz_mutations import mutated
 from estimator.formats.cameras import camera_to_json
 from humanoid.errors import LONGEST
@@ -63,9 +64,7 @@ COMMANDS = {
     "track masks": Command(
         f"{_TRACK} {{}}/clip.mp4 --cues silhouette --mask {{}}/mask.mp4 --out {{}}/new.run", _track_files, ("mask.mp4",)
     ),
-    "track resume": Command(
-        f"{_TRACK} --resume --out {{}}/a.run", _track_files, ("a.run",)
-    ),
+    "track resume": Command(f"{_TRACK} --resume --out {{}}/a.run", _track_files, ("a.run",)),
     "export npz": Command("export {}/a.run {}/a.npz", _run_files, ("a.run",)),
     "export csv": Command("export {}/a.run {}/a.csv", _run_files, ("a.run",)),
     "export trc": Command("export {}/a.run {}/a.trc", _run_files, ("a.run",)),
@@ -123,5 +122,3 @@ def judged_output(code: int, said: str) -> tuple[str, str]:
     if len(errors[0]) > LONGEST + len(_PREFIX):
         return "long message", errors[0]
     return "refused", errors[0]
-
-

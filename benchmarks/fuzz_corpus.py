@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, OBJ
-from estimator.formats.cameras import write_cameras
 from estimator.formats.export import export
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.imaging.camera import Camera, guessed_camera
@@ -33,10 +32,11 @@ QUICK: dict[str, Any] = {"css": {"samples": 1, "flips": 0, "modes": 2, "budget":
 """Settings that make a track short."""
 
 
-def corpus() -> dict[str, list[Files]]:
-    """All of it; the first name of each folder is the file that is read."""
-    with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder:
-        return {**_keypoints(), **_texts(), **_subjects(), **_pictures(Path(folder)), **_runs(Path(folder))}
+def corpus(subjects: Sequence[str] = ("arm8", "upper13")) -> dict[str, list[Files]]:
+    """All of it, with runs of some subjects; the first name of each folder is the file that is read."""
+    with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as name:
+        folder = Path(name)
+        return {**_keypoints(), **_texts(), **_subjects(), **_pictures(folder), **_runs(folder, subjects)}
 
 
 def points(layout: str, frame: int) -> np.ndarray:
@@ -62,7 +62,8 @@ def _keypoints() -> dict[str, list[Files]]:
         for t in range(FRAMES) for who in range(2)
     ]  # fmt: skip
     cmu = {f"{t}.jpg": {"bodies": [{"joints": points("coco18", t).ravel().tolist()}]} for t in range(FRAMES)}
-    instance = [{"keypoints": points("coco17", 0)[:, :2].tolist(), "keypoint_scores": points("coco17", 0)[:, 2].tolist()}]
+    seen = points("coco17", 0)
+    instance = [{"keypoints": seen[:, :2].tolist(), "keypoint_scores": seen[:, 2].tolist()}]
     frames = [{"frame_id": t + 1, "instances": 2 * instance} for t in range(FRAMES)]
     pose = [{"person_id": [-1], "pose_keypoints_2d": points("body25", t).ravel().tolist()} for t in range(FRAMES)]
     folders = [
@@ -172,22 +173,23 @@ def _pictures(folder: Path) -> dict[str, list[Files]]:
     }
 
 
-def _runs(folder: Path) -> dict[str, list[Files]]:
+def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     """Tracked runs, and a reference that was exported from one."""
     runs: list[Files] = []
     unfinished: list[Files] = []
     seen: list[Files] = []
-    for name in ("arm8", "upper13"):
+    for name in subjects:
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
-        inputs: dict[str, Any] = {"keypoints": keypoints, "cameras": {"k": facing("k")}, "settings": QUICK, "fit": "off"}
-        run = track(name, None, **inputs, out=folder / f"{name}.run")
+        how: dict[str, Any] = {"keypoints": keypoints, "cameras": {"k": facing("k")}, "settings": QUICK, "fit": "off"}
+        run = track(name, None, **how, out=folder / f"{name}.run")
         with suppress(KeyboardInterrupt):
-            track(name, None, **inputs, out=folder / "stopped.run", overwrite=True, progress=_stopping)
+            track(name, None, **how, out=folder / "stopped.run", overwrite=True, progress=_stopping)
         unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
-    return {"run": runs, "unfinished run": unfinished, "seen": seen, "trc": [{"reference.trc": (folder / "a.trc").read_bytes()}]}
+    trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
+    return {"run": runs, "unfinished run": unfinished, "seen": seen, "trc": trc}
 
 
 def _seen(folder: Path, name: str) -> Path:

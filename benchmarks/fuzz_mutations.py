@@ -14,8 +14,8 @@ NUMBERS = (
     "1000", "1e9", "1e-9", "\u0663", "true",
 )  # fmt: skip
 TEXTS = (
-    "", " ", "\0", 100_000 * "n", "\ufeff", "\u202eabc", "e\u0301", "\U0001f600", "'", '"', "<b>&amp;", "../../etc/passwd",
-    "a\n\nb", "%s%n{0}", "\x1b[31m", "nan", "None", "\ud800", "a" + 300 * " b",
+    "", " ", "\0", 100_000 * "n", "\ufeff", "\u202eabc", "e\u0301", "\U0001f600", "'", '"', "<b>&amp;",
+    "../../etc/passwd", "a\n\nb", "%s%n{0}", "\x1b[31m", "nan", "None", "\ud800", "a" + 300 * " b",
 )  # fmt: skip
 DEPTHS = (40, 1500, 100_000)
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")

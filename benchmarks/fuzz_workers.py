@@ -16,10 +16,11 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from benchmarks.fuzz_judge import MOST_MEMORY, MOST_SECONDS, Case, Verdict, forget_peak
+from benchmarks.fuzz_cases import MOST_MEMORY, MOST_SECONDS, Case, Verdict, forget_peak
 
 Judge = Callable[[Case, Any, Path], Verdict]
 _BATCH = 50
+_PATIENCE = 1.5 * MOST_SECONDS
 _ROOM = 4 * MOST_MEMORY  # address space beyond the start's: what is over it is refused by the system
 _START = 120.0  # s that a worker may take to come up
 
@@ -51,9 +52,13 @@ class _Worker:
 
 
 def verdicts(
-    judge: Judge, corpus: object, cases: Sequence[Case], jobs: int, batch: int = _BATCH
+    judge: Judge, corpus: object, cases: Sequence[Case], jobs: int, batch: int = _BATCH, patience: float = _PATIENCE
 ) -> Iterator[tuple[Case, Verdict]]:
-    """The verdict on each case, as they come. judge: a function of a module; corpus: what it needs, once a process."""
+    """The verdict on each case, as they come.
+
+    judge: a function of a module. corpus: what it needs, once a process. batch: cases that are sent together.
+    patience [s]: a worker that says nothing for so long is killed.
+    """
     waiting = [list(cases[i : i + batch]) for i in range(0, len(cases), batch)][::-1]
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder:
         stored = Path(folder) / "corpus"
@@ -63,18 +68,18 @@ def verdicts(
             for worker in workers:
                 worker.give(waiting.pop())
             while workers:
-                yield from _round(workers, waiting, judge, stored)
+                yield from _round(workers, waiting, lambda: _Worker(judge, stored), patience)
         finally:
             for worker in workers:
                 worker.end()
 
 
 def _round(
-    workers: list[_Worker], waiting: list[list[Case]], judge: Judge, stored: Path
+    workers: list[_Worker], waiting: list[list[Case]], another: Callable[[], _Worker], patience: float
 ) -> Iterator[tuple[Case, Verdict]]:
     """What the workers have to say now; the dead are replaced, the late are killed."""
     ready = wait([w.connection for w in workers], timeout=0.5)
-    for i, worker in enumerate(list(workers)):
+    for worker in list(workers):
         bad: Verdict | None = None
         if worker.connection in ready:
             try:
@@ -83,10 +88,10 @@ def _round(
                 bad = Verdict("crash", f"exit code {worker.end()}")
             else:
                 yield worker.cases.pop(0), verdict
-                worker.deadline = time.monotonic() + 1.5 * MOST_SECONDS
+                worker.deadline = time.monotonic() + patience
         elif time.monotonic() > worker.deadline:
             worker.end()
-            bad = Verdict("hang", f"over {MOST_SECONDS:.0f} s", MOST_SECONDS)
+            bad = Verdict("hang", f"nothing for {patience:.0f} s", patience)
         if bad is not None:
             yield worker.cases.pop(0), bad
         if not worker.cases and not waiting:
@@ -95,7 +100,7 @@ def _round(
             continue
         if bad is not None:
             rest = worker.cases
-            workers[workers.index(worker)] = worker = _Worker(judge, stored)
+            workers[workers.index(worker)] = worker = another()
             worker.give(rest or waiting.pop())
         elif not worker.cases:
             worker.give(waiting.pop())

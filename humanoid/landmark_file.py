@@ -86,12 +86,14 @@ def _set_elements(document: Document, path: Path, table: str, entries: dict[str,
     for name, entry in entries.items():
         place = f"[{table}] {name}"
         if not name.strip() or not name.isprintable():
-            raise InputError(path, f"the name {shown(name)} cannot be written in a URDF", place=place, remedy="rename it")
+            problem = f"the name {shown(name)} cannot be written in a URDF"
+            raise InputError(path, problem, place=place, remedy="rename it")
         if not isinstance(entry, dict):
             raise InputError(path, "is not a table", place=place, remedy="entries: " + ", ".join(kinds))
         for given in entry:
             if given not in kinds:
-                raise InputError(path, f"unknown entry {shown(given)}", place=place, remedy=nearest(given, kinds, "entries"))
+                remedy = nearest(given, kinds, "entries")
+                raise InputError(path, f"unknown entry {shown(given)}", place=place, remedy=remedy)
         attributes = {key: name}
         for wanted, kind in kinds.items():
             if wanted in entry:
@@ -129,7 +131,8 @@ def _set_subject(document: Document, path: Path, entries: dict[str, Any]) -> Non
             raise InputError(path, "unknown entry", place=f"[subject] {name}", remedy='base = "free" or "fixed"')
     if "base" in entries:
         if entries["base"] not in ("free", "fixed"):
-            raise InputError(path, f"{shown(entries['base'])} is unknown", place="[subject] base", remedy="free or fixed")
+            problem = f"{shown(entries['base'])} is unknown"
+            raise InputError(path, problem, place="[subject] base", remedy="free or fixed")
         for old in list(elements(document.root, "subject")):
             document.root.remove(old)
         element = ET.SubElement(document.root, "subject", {"base": entries["base"]})
@@ -147,7 +150,8 @@ def _set_limits(document: Document, path: Path, entries: dict[str, Any]) -> None
         if name not in joints:
             raise InputError(path, "there is no such joint", place=place, remedy=nearest(name, joints, "joints"))
         if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry)) and entry[0] <= entry[1]):
-            raise InputError(path, f"{shown(entry)} is not [lower, upper]", place=place, remedy="two numbers, lower first")
+            problem = f"{shown(entry)} is not [lower, upper]"
+            raise InputError(path, problem, place=place, remedy="two numbers, lower first")
         joint = joints[name]
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")

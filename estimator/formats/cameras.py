@@ -92,7 +92,8 @@ def image_size(value: Any, source: str | Path, place: str) -> tuple[int, int]:
     """Width and height [px] of a JSON pair."""
     size = shaped(value, (2,), source, place)
     if not ((size >= 1) & (size <= _MOST_PIXELS) & (size == np.round(size))).all():
-        raise InputError(source, "width and height in whole pixels are needed", place=place, remedy=f"1 to {_MOST_PIXELS}")
+        problem = "width and height in whole pixels are needed"
+        raise InputError(source, problem, place=place, remedy=f"1 to {_MOST_PIXELS}")
     return int(size[0]), int(size[1])
 
 

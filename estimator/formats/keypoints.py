@@ -13,7 +13,6 @@ from estimator.formats.keypoints_people import Person, select
 from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
-
 _LONGEST_GAP = 1000  # frames that may be missing for each that is there
 
 

@@ -18,7 +18,7 @@ _NORM = 1e-3  # by how much a quaternion of a configuration may be off one
 
 
 class _Field(NamedTuple):
-    """One array. kinds: numpy's letters. shape: sizes, by name (K, nq, nv, ...). finite: every number is, and likely."""
+    """One array. kinds: numpy's letters. shape: sizes, by name (K, nq, nv, ...). finite: all numbers are."""
 
     kinds: str
     shape: tuple[str, ...] = ()
@@ -63,7 +63,7 @@ _OBSERVATION = {
 }
 
 
-class Damage(ValueError):
+class DamageError(ValueError):
     """What is wrong with an array of a run file."""
 
 
@@ -72,19 +72,19 @@ def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, befo
 
     Raises
     ------
-    Damage: an array is missing, misshapen or of another kind, or has numbers that cannot be.
+    DamageError: an array is missing, misshapen or of another kind, or has numbers that cannot be.
     """
     count = _length(arrays, "weight")
     _check(arrays, _FRAME, {**_sizes(body), "K": count})
     if not 0 <= int(arrays["index"]) < planned:
-        raise Damage(f"index {int(arrays['index'])} of {planned} frames")
+        raise DamageError(f"index {int(arrays['index'])} of {planned} frames")
     _check_weights(arrays["weight"], "weight")
     _check_parents(arrays["parent"], before)
     _check_configurations(body, arrays["q"], "q")
 
 
 def check_state(arrays: Mapping[str, np.ndarray], body: Body) -> None:
-    """A tracker's state, with its particles where it has them; raises Damage as `check_frame` does."""
+    """A tracker's state, with its particles where it has them; raises DamageError as `check_frame` does."""
     _check(arrays, _STATE, {**_sizes(body), "K": _length(arrays, "weights")})
     _check_weights(arrays["weights"], "weights")
     _check_parents(arrays["parent"], None)
@@ -94,39 +94,39 @@ def check_state(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     _check(arrays, _PARTICLES, {"N": _length(arrays, "particle_weights")})
     _check_weights(arrays["particle_weights"], "particle_weights")
     if not ((arrays["particle_owner"] >= -1) & (arrays["particle_owner"] < len(arrays["weights"]))).all():
-        raise Damage("particle_owner is no hypothesis")
+        raise DamageError("particle_owner is no hypothesis")
 
 
 def checked_state(arrays: Mapping[str, np.ndarray], body: Body, source: Path) -> Mapping[str, np.ndarray]:
     """The arrays of a tracker's state; raises InputError where they cannot be."""
     try:
         check_state(arrays, body)
-    except Damage as error:
+    except DamageError as error:
         raise InputError(source, f"is damaged: {error}", place="state", remedy="--overwrite starts anew") from None
     return arrays
 
 
 def check_observation(arrays: Mapping[str, np.ndarray], cameras: int, landmarks: int) -> None:
-    """The keypoints of a frame; raises Damage as `check_frame` does."""
+    """The keypoints of a frame; raises DamageError as `check_frame` does."""
     _check(arrays, _OBSERVATION, {"C": cameras, "L": landmarks, "2": 2})
     confidence, pixels = arrays["confidence"], arrays["pixels"]
     if not ((confidence >= 0.0) & (confidence <= 1.0)).all():
-        raise Damage("confidence is not between 0 and 1")
+        raise DamageError("confidence is not between 0 and 1")
     if not (np.abs(pixels[confidence > 0.0]) < _LARGEST).all():
-        raise Damage("pixels are not finite")
+        raise DamageError("pixels are not finite")
     if "jitter" in arrays:
         _check(arrays, {"jitter": _Field("f", ("any",))}, {})
         if arrays["jitter"].size not in (0, cameras) or (arrays["jitter"] < 0.0).any():
-            raise Damage("jitter does not fit the cameras")
+            raise DamageError("jitter does not fit the cameras")
     if "given" in arrays:
         _check(arrays, {"given": _Field("b")}, {})
 
 
 def check_trajectory(arrays: Mapping[str, np.ndarray], body: Body) -> None:
-    """Smoothed configurations q (T, nq), NaN in frames without a pose; raises Damage as `check_frame` does."""
+    """Smoothed configurations q (T, nq), NaN in frames without a pose; raises DamageError as `check_frame` does."""
     q = arrays.get("q", np.zeros(0))
     if q.dtype.kind != "f" or q.ndim != 2:
-        raise Damage("q is no trajectory")
+        raise DamageError("q is no trajectory")
     if q.shape[1] == body.nq:
         _check_configurations(body, q[~np.isnan(q).all(axis=1)], "q")
 
@@ -137,14 +137,14 @@ def _sizes(body: Body) -> dict[str, int]:
 
 def _length(arrays: Mapping[str, np.ndarray], name: str) -> int:
     if name not in arrays or arrays[name].ndim != 1:
-        raise Damage(f"{name} is missing" if name not in arrays else f"{name} is no list")
+        raise DamageError(f"{name} is missing" if name not in arrays else f"{name} is no list")
     return len(arrays[name])
 
 
 def _check(arrays: Mapping[str, np.ndarray], fields: Mapping[str, _Field], sizes: Mapping[str, int]) -> None:
     for name, field in fields.items():
         if name not in arrays:
-            raise Damage(f"{name} is missing")
+            raise DamageError(f"{name} is missing")
         array = arrays[name]
         empty = field.shape[:1] == ("K",) and sizes["K"] == 0 and array.size == 0  # of any type, shape and length
         if empty:
@@ -152,23 +152,23 @@ def _check(arrays: Mapping[str, np.ndarray], fields: Mapping[str, _Field], sizes
         wanted = tuple(sizes.get(size, -1) for size in field.shape)
         fits = array.ndim == len(wanted) and all(w in (-1, n) for w, n in zip(wanted, array.shape, strict=True))
         if array.dtype.kind not in field.kinds or not fits:
-            raise Damage(f"{name} has the shape {array.shape} and type {array.dtype}")
+            raise DamageError(f"{name} has the shape {array.shape} and type {array.dtype}")
         if array.dtype.kind == "U" and not valid_text(array):
-            raise Damage(f"{name} has characters that are none")
+            raise DamageError(f"{name} has characters that are none")
         if array.dtype.kind == "f" and field.finite and not (np.abs(array) < _LARGEST).all():
-            raise Damage(f"{name} has numbers that are not finite, or beyond all measure")
+            raise DamageError(f"{name} has numbers that are not finite, or beyond all measure")
 
 
 def _check_weights(weight: np.ndarray, name: str) -> None:
     if (weight < 0.0).any() or (len(weight) and not weight.sum() > 0.0):
-        raise Damage(f"{name} has negative numbers, or none above zero")
+        raise DamageError(f"{name} has negative numbers, or none above zero")
 
 
 def _check_parents(parent: np.ndarray, before: int | None) -> None:
     if parent.size and (parent.min() < -1 or (before is not None and parent.max() >= max(before, 1))):
-        raise Damage(f"parent {shown(int(parent.max()))} is no hypothesis of the frame before")
+        raise DamageError(f"parent {shown(int(parent.max()))} is no hypothesis of the frame before")
 
 
 def _check_configurations(body: Body, q: np.ndarray, name: str) -> None:
     if not (np.abs(q) < _LARGEST).all() or not all(pin.isNormalized(body.model, one, _NORM) for one in q):
-        raise Damage(f"{name} is no configuration of the subject")
+        raise DamageError(f"{name} is no configuration of the subject")

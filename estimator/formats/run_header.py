@@ -162,7 +162,8 @@ class _Entries:
 
     def paths(self, key: str, *, missing: bool = False) -> dict[str, Any]:
         found = self.mapping(key)
-        if not all((isinstance(path, str) and "\0" not in path) or (missing and path is None) for path in found.values()):
+        given = [path for path in found.values() if not (missing and path is None)]
+        if not all(isinstance(path, str) and "\0" not in path for path in given):
             raise InputError(self.source, "is damaged: file names are needed", place=key)
         return dict(found)
 

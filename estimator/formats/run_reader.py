@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -76,11 +76,8 @@ class Run:
         frames: list[dict[str, np.ndarray]] = []
         for i, (data,) in enumerate(rows):
             before = len(frames[-1]["weight"]) if frames else None
-            frames.append(
-                self._unpacked(
-                    data, f"frame {i}", lambda a, before=before: check_frame(a, self.body, self.planned_count, before)
-                )
-            )
+            check = partial(check_frame, body=self.body, planned=self.planned_count, before=before)
+            frames.append(self._unpacked(data, f"frame {i}", check))
         return frames
 
     def _unpacked(

@@ -124,7 +124,9 @@ def _with_lost_bones(motion: BvhMotion) -> BvhMotion:
     """
     offsets, place = motion.offsets.copy(), motion.names.index
     for name in ("Neck", "LeftShoulder", "RightShoulder"):
-        if {name, "Spine1"} <= set(motion.names) and motion.parents[place(name)] == place("Spine1") and not offsets[place(name)].any():
+        if not {name, "Spine1"} <= set(motion.names):  # lost by another program
+            continue
+        if motion.parents[place(name)] == place("Spine1") and not offsets[place(name)].any():
             offsets[place(name)] = offsets[place("Spine1")]
     for name in ("LeftHand", "RightHand"):
         if name in motion.names:

@@ -109,7 +109,7 @@ def settings_for(
     if modes is None:
         return settings
     if not 1 <= modes <= MOST:
-        raise InputError("modes", f"{shown(modes)} hypotheses cannot be kept", remedy=f"1 to {MOST}")
+        raise InputError("modes", f"{shown(modes)} hypotheses cannot be kept", remedy=f"at least 1, at most {MOST}")
     group = getattr(settings, GROUPS[name])
     return replace(settings, **{GROUPS[name]: replace(group, modes=modes)}) if hasattr(group, "modes") else settings
 

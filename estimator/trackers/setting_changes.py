@@ -21,8 +21,8 @@ MAY_BE_ZERO = {
     "calm", "tail", "other_readings", "settled",
 }  # fmt: skip
 LARGEST, SMALLEST, MOST = 1e9, 1e-12, 100_000
-"""No setting needs a number beyond LARGEST, a count beyond MOST, or less than SMALLEST where that is not nothing at all;
-a tolerance may be as good as nothing."""
+"""No setting needs a number beyond LARGEST, a count beyond MOST, or one below SMALLEST that is not zero; only a
+tolerance may be as good as nothing."""
 AT_MOST = {
     "motion_boundary": 1.0,  # beyond, an edge's weight 1 - k S_p is negative
     "pose_prior_weight": 1.0,  # a share
