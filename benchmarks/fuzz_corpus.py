@@ -117,7 +117,8 @@ def _texts() -> dict[str, list[Files]]:
         for c in cameras()
     ]  # fmt: skip
     alone = {key: entries[0][key] for key in ("name", "image_size", "K")}
-    bare = "\n".join(line for line in describe_settings("css").splitlines() if not line.startswith("#"))
+    lines = [line for line in describe_settings("css").splitlines() if not line.startswith("#")]
+    bare, some = "\n".join(lines), "\n".join(lines[:40])
     time = np.arange(FRAMES) / 30.0
     where = np.random.default_rng(1).normal(size=(FRAMES, 4, 3))
     arrays = {"points": where, "names": np.array(["nose", "left_hip", "right_hip", "neck"]), "fps": np.array(30.0)}
@@ -125,7 +126,7 @@ def _texts() -> dict[str, list[Files]]:
     return {
         "cameras": [{"cameras.json": _json({"cameras": some})} for some in (entries, [alone])],
         "bvh": [{"motion.bvh": text.encode()} for text in (BVH_PLAIN, BVH_CMU)],
-        "settings": [{"settings.toml": text.encode()} for text in (bare, bare[:800], describe_settings("annealed"))],
+        "settings": [{"settings.toml": text.encode()} for text in (bare, some, describe_settings("annealed"))],
         "reference": [{"reference.npz": npz(arrays)}, {"reference.npz": npz(ours)}],
     }
 

@@ -34,7 +34,8 @@ from kinemode.settings import read_settings
 
 @dataclass(frozen=True)
 class Reader:
-    """kind: how its files are damaged. read: what is done with the file or folder. share: of all inputs."""
+    """kind: how its files are damaged. read: what is done with the file or folder. share: of all inputs, smaller where reading
+    takes long."""
 
     kind: str
     read: Callable[[Path], object]
@@ -113,23 +114,23 @@ def _clicked() -> KeypointTrack:
 
 
 READERS = {
-    "keypoints": Reader("json", load_keypoints, 0.33),
-    "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.09, folder=True),
-    "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.05),
-    "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.05),
-    "cameras": Reader("json", load_cameras, 0.15),
+    "keypoints": Reader("json", load_keypoints, 0.36),
+    "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
+    "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
+    "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
+    "cameras": Reader("json", load_cameras, 0.17),
     "bvh": Reader("text", _bvh, 0.06),
-    "settings": Reader("text", lambda path: read_settings("css", path), 0.08),
-    "reference": Reader("npz", Reference.load, 0.05),
-    "trc": Reader("text", Reference.load, 0.04),
-    "urdf": Reader("text", _body, 0.02),
-    "landmark file": Reader("text", _landmark_file, 0.015),
-    "mesh": Reader("text", lambda path: _body(path.with_name("arm.urdf")), 0.015),
-    "run": Reader("run", _run, 0.02),
-    "state": Reader("run", _state, 0.01),
-    "film": Reader("binary", _clip, 0.01),
-    "pictures": Reader("binary", _folder, 0.01, folder=True),
-    "background": Reader("binary", _plate, 0.01),
+    "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
+    "reference": Reader("npz", Reference.load, 0.04),
+    "trc": Reader("text", Reference.load, 0.05),
+    "urdf": Reader("text", _body, 0.008),
+    "landmark file": Reader("text", _landmark_file, 0.004),
+    "mesh": Reader("text", lambda path: _body(path.with_name("arm.urdf")), 0.003),
+    "run": Reader("run", _run, 0.008),
+    "state": Reader("run", _state, 0.004),
+    "film": Reader("binary", _clip, 0.004),
+    "pictures": Reader("binary", _folder, 0.005, folder=True),
+    "background": Reader("binary", _plate, 0.004),
 }
 """By name; "state" reads runs that were not finished."""
 CORPUS_OF = {"state": "unfinished run"}

@@ -18,7 +18,7 @@ _LINKS = """<?xml version="1.0"?>
 """
 _ELEMENTS = """  <subject base="fixed"/>
   <landmark name="hand" link="lower" xyz="0 0 0.3"/>
-  <stabiliser joint="elbow" rest="0.5" std="0.2"/>
+  <stabiliser joint="shoulder" rest="0.5" std="0.2"/>
   <proportion joint="elbow" scale_min="0.8" scale_max="1.2" mean="1" std="0.06"/>
 """
 ARM = _LINKS.format(shape='<box size="1 1 1"/>', more=_ELEMENTS)

@@ -183,7 +183,7 @@ def fit(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
         background=background, person=person, out=out,
     )  # fmt: skip
-    choice = cue_choice(cues)
+    choice, seed = cue_choice(cues), _seed(seed)
     if out is not None:
         _check_folder(Path(out))
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
@@ -201,7 +201,7 @@ def fit(
                 notes += (*reader.notes, *notes_on_silhouettes(reader, inputs))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=2)
-            fitted = _fit(loaded, inputs, _seed(seed), reader, None)
+            fitted = _fit(loaded, inputs, seed, reader, None)
     if out is not None:
         fitted.subject.write(out)
     return fitted

@@ -94,7 +94,7 @@ def _check_bones(names: tuple[str, ...], points: np.ndarray, source: str) -> Non
     place, least = names.index, _SHORTEST * _leg_length(names, points)
     pairs = [(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in _BONES]
     pairs += [(f"left_{name}", f"right_{name}") for name in ("hip", "shoulder")]
-    for a, b in [*pairs, ("head_base", "head_top")]:
+    for a, b in pairs:
         if not np.linalg.norm(points[:, place(a)] - points[:, place(b)], axis=1).min() > least:
             raise InputError(source, f"{a} and {b} are at the same place", remedy=_SKELETON)
 
