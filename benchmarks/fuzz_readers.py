@@ -34,8 +34,9 @@ from kinemode.settings import read_settings
 
 @dataclass(frozen=True)
 class Reader:
-    """kind: how its files are damaged. read: what is done with the file or folder. share: of all inputs, smaller where reading
-    takes long."""
+    """kind: how its files are damaged. read: what is done with the file, or with the folder it is in (folder).
+    share: of all inputs, smaller where reading takes long.
+    """
 
     kind: str
     read: Callable[[Path], object]

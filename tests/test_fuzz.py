@@ -207,6 +207,7 @@ def test_frame_numbers_that_cannot_be(number: int | str, files: Mapping[str, lis
     assert re.search("no likely frame number|number the frames from the clip's first", said)
 
 
+_DEEP = "".join(f"JOINT a{i}\n{{\nOFFSET 0 0 0\nCHANNELS 0\n" for i in range(300))
 BVH = {
     "no Spine1": (BVH_CMU, "Spine1", "Spine9", ""),
     "far away": (BVH_PLAIN, "1 17 2", "1 17e9 2", "line .*beyond all measure .*below 1e\\+07"),
@@ -218,7 +219,7 @@ BVH = {
         "1e-300 s from frame to frame cannot be .0.0005 to 2",
     ),
     "no shank": (BVH_PLAIN, "0 -7 0", "0 0 0", "left_knee and left_ankle are at the same place"),
-    "deep": (BVH_PLAIN, "End Site", 300 * "JOINT a\n{\nOFFSET 0 0 0\nCHANNELS 0\n", "nested over 200 deep|used twice"),
+    "deep": (BVH_PLAIN, "End Site", _DEEP, "nested over 200 deep"),
 }
 
 
@@ -227,7 +228,6 @@ def test_motion_capture_that_cannot_be(name: str, tmp_path: Path) -> None:
     text, old, new, told = BVH[name]
     assert old in text
     path = tmp_path / "a.bvh"
-    new = re.sub("JOINT a", lambda _, n=iter(range(1000)): f"JOINT a{next(n)}", new)
     path.write_text(text.replace(old, new, 1))
     verdict = judge("bvh", path)
     assert verdict.outcome == ("refused" if told else "read"), verdict
@@ -429,13 +429,14 @@ def test_headers_that_cannot_be(place: str, files: Mapping[str, list[Files]], tm
 @pytest.mark.parametrize(
     "index",
     [
-        "3", "[3]", '[["a", "f8", 3]]', '[["a", "O", [1]]]', '[["a", "f8", [-1]]]', '[["a", "<f8", [4294967296, 4294967296]]]',
-        '[["a", "f8,f8", [1]]]', '[["a", "U0", [1000000, 1000000]]]', '[["a", "f8", [0, 9000000000000000000]]]', "[" * 100_000,
+        "3", "[3]", '[["a", "f8", 3]]', '[["a", "O", [1]]]', '[["a", "f8", [-1]]]', '[["a", "f8,f8", [1]]]',
+        '[["a", "<f8", [4294967296, 4294967296]]]', '[["a", "U0", [1000000, 1000000]]]',
+        '[["a", "f8", [0, 9000000000000000000]]]', "[" * 100_000,
     ],
 )  # fmt: skip
 def test_packed_arrays_with_an_index_that_cannot_be(index: str) -> None:
     body = index.encode() + bytes(64)
-    with pytest.raises(ValueError, match="array 'a'|its index|Expecting"):
+    with pytest.raises(ValueError, match=r"array 'a'|its index|Expecting"):
         unpack(struct.pack("<II", len(index), zlib.crc32(body)) + body)
 
 
@@ -494,7 +495,7 @@ def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("function", [km.open_run, km.load_subject])
 @pytest.mark.parametrize("value", [None, 3, np.zeros(3), b"arm8", ["arm8"]])
 def test_what_is_opened_is_a_path(function: Callable[[Any], Any], value: Any) -> None:
-    with pytest.raises(InputError, match="cannot be .*give .*path of"):
+    with pytest.raises(InputError, match=r"cannot be .*give .*path of"):
         function(value)
 
 
