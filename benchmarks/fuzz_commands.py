@@ -115,10 +115,11 @@ def judged_output(code: int, said: str) -> tuple[str, str]:
         return f"exit code {code}", " ".join(errors)[:1000] or said[-1000:]
     if _NUMERIC.search(said):
         return "warned", said[-600:]
+    longest = max(said.splitlines(), key=len, default="")
+    if len(longest) > LONGEST + len(_PREFIX):
+        return "long message", longest[:1000]
     if code == 0:
         return "read", ""
     if len(errors) != 1 or not said.rstrip("\n").endswith(errors[0]) or not errors[0].isprintable():
         return "not one line", said[-600:]
-    if len(errors[0]) > LONGEST + len(_PREFIX):
-        return "long message", errors[0]
     return "refused", errors[0]

@@ -49,7 +49,7 @@ def _rebuild(source: str, problem: str, place: str, remedy: str) -> InputError:
 def shown(value: Any, most: int = _LONGEST_QUOTE) -> str:
     """A value as a message quotes it: its repr, shortened in the middle, whatever is in it."""
     try:
-        return _shortened(_one_line(repr(value)), most)
+        return shortened(_one_line(repr(value)), most)
     except (ValueError, RecursionError):  # a whole number of over 4300 digits has no repr
         return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
 
@@ -77,18 +77,18 @@ def _fitting(parts: list[str]) -> list[str]:
     """The parts of a message, shortened where they are too long together: first what they quote, then the longest."""
     if len(_message(*parts)) <= LONGEST:
         return parts
-    parts = [_QUOTED.sub(lambda quote: _shortened(quote[0], _LONGEST_QUOTE), part) for part in parts]
+    parts = [_QUOTED.sub(lambda quote: shortened(quote[0], _LONGEST_QUOTE), part) for part in parts]
     lengths = sorted(map(len, parts))
     room = LONGEST - (len(_message(*parts)) - sum(lengths))
     for rank, length in enumerate(lengths):  # short parts stay as they are, long ones share what is left
         share = room // (len(parts) - rank)
         if length > share:
-            return [_shortened(part, share) for part in parts]
+            return [shortened(part, share) for part in parts]
         room -= length
     return parts
 
 
-def _shortened(text: str, most: int) -> str:
+def shortened(text: str, most: int = LONGEST) -> str:
     """A text of at most `most` characters, its middle left out."""
     if len(text) <= most:
         return text

@@ -97,6 +97,7 @@ def test_bad_messages_are_recognised(tmp_path: Path) -> None:
     assert judged(2, "error: a\nerror: b\n")[0] == "not one line"
     assert judged(2, "error: " + "x" * 501)[0] == "long message"
     assert judged(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
+    assert judged(0, "note: " + "x" * 501)[0] == "long message"
     assert judged(0, "note: overflow encountered in multiply")[0] == "warned"
 
 
@@ -181,7 +182,6 @@ CAMERAS = {
     "image size": ("cameras.1.image_size", [10**6, 10**6], "image_size.*1 to 16384"),
     "distortion": ("cameras.1.distortion.0", 1e6, "distortion: has a coefficient beyond all measure .up to 10000"),
     "far away": ("cameras.1.t.0", 1e8, "t: .*beyond all measure"),
-    "long name": ("cameras.0.image_size", {"x" * 100_000: 1}, "image_size"),
 }
 
 
@@ -199,7 +199,7 @@ def test_cameras_that_cannot_be(name: str, files: Mapping[str, list[Files]], tmp
     assert re.search(told, refused("cameras", "c.json", changed(value, place, new), tmp_path))
 
 
-@pytest.mark.parametrize("number", [13_000_000, "9" * 5000, 400_000])
+@pytest.mark.parametrize("number", ["9" * 5000, 400_000])
 def test_frame_numbers_that_cannot_be(number: int | str, files: Mapping[str, list[Files]], tmp_path: Path) -> None:
     """They would fill the memory with frames that nobody has."""
     value = json.loads(next(f["keypoints.json"] for f in files["keypoints"] if b"image_id" in f["keypoints.json"]))

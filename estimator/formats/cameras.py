@@ -4,6 +4,7 @@
                   "R": 3 x 3, "t": [x, y, z]}, ...]}
 
 x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates.
+Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels, coefficients up to 1e4.
 """
 
 from __future__ import annotations
