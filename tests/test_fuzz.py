@@ -97,7 +97,7 @@ def test_bad_messages_are_recognised(tmp_path: Path) -> None:
     assert judged(2, "error: a\nerror: b\n")[0] == "not one line"
     assert judged(2, "error: " + "x" * 501)[0] == "long message"
     assert judged(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
-    assert judged(0, "note: " + "x" * 501)[0] == "long message"
+    assert judged(0, "note: " + "x" * 600)[0] == "long message"
     assert judged(0, "note: overflow encountered in multiply")[0] == "warned"
 
 
