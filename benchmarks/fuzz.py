@@ -17,7 +17,7 @@ from benchmarks.fuzz_cases import GOOD, Case, Verdict
 from benchmarks.fuzz_corpus import Files, corpus
 from benchmarks.fuzz_judge import judge, prepare, write
 from benchmarks.fuzz_readers import READERS
-from benchmarks.fuzz_workers import verdicts
+from benchmarks.fuzz_workers import limit_memory, verdicts
 from humanoid.errors import InputError
 from kinemode import report
 from kinemode.progress import reported
@@ -149,7 +149,8 @@ def kept(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], folder:
 
 
 def show_replayed(folder: Path) -> None:
-    """Read a kept input again, here: what happens can be looked at with a debugger."""
+    """Read a kept input again, here, with the workers' limit of memory: a debugger can look on."""
+    limit_memory()
     reader, seed, number = folder.name.rsplit("-", 2)
     case = Case(reader.replace("_", " "), int(seed), int(number))
     if case.reader not in READERS:

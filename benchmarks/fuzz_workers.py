@@ -110,7 +110,7 @@ def _serve(connection: Connection, judge: Judge, stored: Path) -> None:
     """A worker's life: cases in, verdicts out, until its leader is gone."""
     corpus = pickle.loads(stored.read_bytes())
     printed = _captured()
-    _limit_memory()
+    limit_memory()
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder, suppress(EOFError, OSError, KeyboardInterrupt):
         while True:
             for case in connection.recv():
@@ -141,7 +141,7 @@ def _with_printed(verdict: Verdict, handle: int) -> Verdict:
     return Verdict("printed", text, verdict.seconds, verdict.memory) if verdict.good else verdict
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
     """Refuse far more memory than is allowed, so that the machine does not suffer."""
     with suppress(ValueError, OSError):
         status = Path("/proc/self/statm").read_text().split() if sys.platform == "linux" else ["0"]
