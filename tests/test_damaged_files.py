@@ -15,6 +15,7 @@ import pytest
 from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
 from benchmarks.fuzz_judge import judge
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
+from estimator.formats.keypoints import load_keypoints
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.foreground import silhouette_of
 from estimator.search.mode_search import ModeSearch
@@ -81,6 +82,15 @@ def test_frame_numbers_that_cannot_be(number: int | str, valid: Mapping[str, lis
 
 
 _DEEP = "".join(f"JOINT a{i}\n{{\nOFFSET 0 0 0\nCHANNELS 0\n" for i in range(300))
+
+
+@pytest.mark.parametrize("id", [20261121, 10**12])
+def test_ids_may_be_large(id: int, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    value = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b"image_id" in f["keypoints.json"]))
+    (tmp_path / "k.json").write_bytes(changed(value, "0.idx", id))
+    assert load_keypoints(tmp_path / "k.json", person=id).notes == (f"person {id}",)
+
+
 BVH = {
     "no Spine1": (BVH_CMU, "Spine1", "Spine9", ""),
     "far away": (BVH_PLAIN, "1 17 2", "1 17e9 2", "line .*beyond all measure .*below 1e\\+07"),

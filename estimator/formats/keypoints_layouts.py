@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 
 from estimator.formats.cameras import image_size
-from estimator.formats.checked_json import LARGEST, mapping, member, number_between, numbers, read_json, sequence
+from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
 from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
 from estimator.imaging.clip import FPS_RANGE, listed
 from humanoid.errors import InputError
 from humanoid.landmarks import FORMATS, landmark_name
 
 _MOST_FRAMES = 2_000_000
+_LARGEST_ID = 1e15  # a float is exact up to there
 _FRAME_NUMBER = re.compile(r"([0-9]+)(?:_keypoints)?$")
 
 
@@ -75,7 +76,7 @@ def _person_id(value: Any) -> str | None:
         value = value[0]
     if isinstance(value, str):
         return value or None
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < LARGEST:
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < _LARGEST_ID:
         return str(int(value)) if value == int(value) else str(value)
     return None  # OpenPose writes [-1] where it knows none
 
