@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
+
+LONGEST = 500  # characters of a message: what is longer is not read, and may be a damaged file's content
+_LONGEST_QUOTE = 60  # of a name or value, where the message is too long
+_QUOTED = re.compile(r"'[^']{61,}'" + r'|"[^"]{61,}"')
+_GAP = " ... "
 
 
 class InputError(ValueError):
     """Something the user gave cannot be used.
+
+    Its message is one line of at most 500 characters: where it would be longer, the middle of long names, values and
+    lists is left out. The attributes have everything.
 
     Attributes
     ----------
@@ -25,8 +35,7 @@ class InputError(ValueError):
         self.place = place
         self.problem = problem
         self.remedy = remedy
-        where = f"{self.source}: {place}" if place else self.source
-        super().__init__(f"{where}: {problem}" + (f" ({remedy})" if remedy else ""))
+        super().__init__(_message(*_fitting([_one_line(t) for t in (self.source, place, problem, remedy)])))
 
     def __reduce__(self) -> tuple[object, ...]:
         # keyword-only arguments do not survive the default exception pickling between processes
@@ -35,3 +44,53 @@ class InputError(ValueError):
 
 def _rebuild(source: str, problem: str, place: str, remedy: str) -> InputError:
     return InputError(source, problem, place=place, remedy=remedy)
+
+
+def shown(value: Any, most: int = _LONGEST_QUOTE) -> str:
+    """A value as a message quotes it: its repr, shortened in the middle, whatever is in it."""
+    try:
+        return shortened(_one_line(repr(value)), most)
+    except (ValueError, RecursionError):  # a whole number of over 4300 digits has no repr
+        return "a number of thousands of digits" if isinstance(value, int) else f"a {type(value).__name__}"
+
+
+def misplaced(name: str, value: Any, taken: str) -> InputError:
+    """The error of an argument that is of a kind which is not taken: what it is, and what may be given."""
+    kind = type(value)
+    label = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
+    quoted = f" ({shown(value, 40)})" if isinstance(value, (str, int, float)) else ""
+    found = "None" if value is None else f"of type {label}{quoted}"
+    return InputError(name, f"cannot be {found}", remedy=f"give {taken}")
+
+
+def _message(source: str, place: str, problem: str, remedy: str) -> str:
+    where = f"{source}: {place}" if place else source
+    return f"{where}: {problem}" + (f" ({remedy})" if remedy else "")
+
+
+def _one_line(text: str) -> str:
+    """What a terminal would act on is written out: line ends, escapes, marks that turn the direction of writing."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _fitting(parts: list[str]) -> list[str]:
+    """The parts of a message, shortened where they are too long together: first what they quote, then the longest."""
+    if len(_message(*parts)) <= LONGEST:
+        return parts
+    parts = [_QUOTED.sub(lambda quote: shortened(quote[0], _LONGEST_QUOTE), part) for part in parts]
+    lengths = sorted(map(len, parts))
+    room = LONGEST - (len(_message(*parts)) - sum(lengths))
+    for rank, length in enumerate(lengths):  # short parts stay as they are, long ones share what is left
+        share = room // (len(parts) - rank)
+        if length > share:
+            return [shortened(part, share) for part in parts]
+        room -= length
+    return parts
+
+
+def shortened(text: str, most: int = LONGEST) -> str:
+    """A text of at most `most` characters, its middle left out."""
+    if len(text) <= most:
+        return text
+    kept = most - len(_GAP)
+    return text[: kept - kept // 2] + _GAP + text[len(text) - kept // 2 :]

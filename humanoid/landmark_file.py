@@ -21,7 +21,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-from humanoid.errors import InputError
+from humanoid.errors import InputError, shown
 from humanoid.files import read_bytes
 from humanoid.urdf_document import Document, elements, nearest
 
@@ -86,12 +86,14 @@ def _set_elements(document: Document, path: Path, table: str, entries: dict[str,
     for name, entry in entries.items():
         place = f"[{table}] {name}"
         if not name.strip() or not name.isprintable():
-            raise InputError(path, f"the name {name!r} cannot be written in a URDF", place=place, remedy="rename it")
+            problem = f"the name {shown(name)} cannot be written in a URDF"
+            raise InputError(path, problem, place=place, remedy="rename it")
         if not isinstance(entry, dict):
             raise InputError(path, "is not a table", place=place, remedy="entries: " + ", ".join(kinds))
         for given in entry:
             if given not in kinds:
-                raise InputError(path, f"unknown entry {given!r}", place=place, remedy=nearest(given, kinds, "entries"))
+                remedy = nearest(given, kinds, "entries")
+                raise InputError(path, f"unknown entry {shown(given)}", place=place, remedy=remedy)
         attributes = {key: name}
         for wanted, kind in kinds.items():
             if wanted in entry:
@@ -112,7 +114,7 @@ def _as_text(path: Path, place: str, kind: str, value: Any) -> str:
         return " ".join(repr(float(v)) for v in value)
     if kind == "a list of names" and isinstance(value, list) and all(map(_is_name, value)):
         return " ".join(value)
-    raise InputError(path, f"{value!r} is not {kind}", place=place, remedy=f"give {kind}")
+    raise InputError(path, f"{shown(value)} is not {kind}", place=place, remedy=f"give {kind}")
 
 
 def _is_name(value: Any) -> bool:
@@ -129,7 +131,8 @@ def _set_subject(document: Document, path: Path, entries: dict[str, Any]) -> Non
             raise InputError(path, "unknown entry", place=f"[subject] {name}", remedy='base = "free" or "fixed"')
     if "base" in entries:
         if entries["base"] not in ("free", "fixed"):
-            raise InputError(path, f"{entries['base']!r} is unknown", place="[subject] base", remedy="free or fixed")
+            problem = f"{shown(entries['base'])} is unknown"
+            raise InputError(path, problem, place="[subject] base", remedy="free or fixed")
         for old in list(elements(document.root, "subject")):
             document.root.remove(old)
         element = ET.SubElement(document.root, "subject", {"base": entries["base"]})
@@ -147,7 +150,8 @@ def _set_limits(document: Document, path: Path, entries: dict[str, Any]) -> None
         if name not in joints:
             raise InputError(path, "there is no such joint", place=place, remedy=nearest(name, joints, "joints"))
         if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_number, entry)) and entry[0] <= entry[1]):
-            raise InputError(path, f"{entry!r} is not [lower, upper]", place=place, remedy="two numbers, lower first")
+            problem = f"{shown(entry)} is not [lower, upper]"
+            raise InputError(path, problem, place=place, remedy="two numbers, lower first")
         joint = joints[name]
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
@@ -156,3 +160,5 @@ def _set_limits(document: Document, path: Path, entries: dict[str, Any]) -> None
             limit = ET.SubElement(joint, "limit")
         limit.set("lower", repr(float(entry[0])))
         limit.set("upper", repr(float(entry[1])))
+        for key in ("effort", "velocity"):  # URDF parsers refuse a limit without them
+            limit.attrib.setdefault(key, "1000")

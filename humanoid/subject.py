@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from humanoid import example_robots, urdf_elements
 from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from humanoid.errors import InputError, misplaced
 from humanoid.files import read_bytes
 from humanoid.landmark_file import SUFFIX, merge_landmark_file
 from humanoid.quiet import quiet
@@ -200,6 +200,8 @@ def load_subject(
     ------
     InputError: anything is wrong with the file; it says where, and what to do.
     """
+    if not isinstance(source, (str, Path)):
+        raise misplaced("subject", source, "a built-in name, or the path of a URDF")
     _check_choice("base", base, ("auto", "free", "fixed"))
     _check_choice("meshes", meshes, ("require", "ignore"))
     name, packages, landmark_file = str(source), [Path(p) for p in package_dirs], None

@@ -59,14 +59,14 @@ def _users_problem(error: Exception) -> str | None:
     """What the user can do something about; None where the fault is ours."""
     from cyclopts import CycloptsError
 
-    from humanoid.errors import InputError
+    from humanoid.errors import InputError, shortened
 
     if isinstance(error, InputError):
         return str(error)
     if isinstance(error, CycloptsError):
-        return f"{error} (see {command(*(error.command_chain or ()), '--help')})"
+        return f"{shortened(str(error))} (see {command(*(error.command_chain or ()), '--help')})"
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+        return str(InputError(error.filename, error.strerror or type(error).__name__))
     return f"standard output: cannot be written: {error}" if _no_room(error) else None
 
 

@@ -14,6 +14,7 @@ from typing import Any, Literal, cast
 from threadpoolctl import threadpool_limits
 
 from estimator.fitting import Fit, fit_proportions
+from estimator.formats.run_checks import checked_state
 from estimator.formats.run_file import Run, RunHeader, RunWriter
 from estimator.formats.temporary_run import TemporaryFolder
 from estimator.initialisation.stages import fit_subject
@@ -26,6 +27,7 @@ from humanoid.body import Body
 from humanoid.errors import InputError
 from humanoid.subject import BUILT_IN, Subject, load_subject
 from kinemode import __version__
+from kinemode.arguments import check_arguments, whole
 from kinemode.declared import Declared, Offsets, Rates, Sizes
 from kinemode.findings import findings
 from kinemode.inputs import Cameras, Inputs, load_inputs
@@ -50,6 +52,7 @@ class FindingWarning(InputWarning):
 
 def open_run(path: PathLike) -> Run:
     """Open a run file, finished or still being written; raises InputError where it is none."""
+    check_arguments(path=path)
     return Run.open(path)
 
 
@@ -117,6 +120,11 @@ def track(
     ------
     InputError: whatever is wrong with what was given, a changed setting without effect included.
     """
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        background=background, tracker=tracker, modes=modes, fit=fit, out=out, resume=resume, overwrite=overwrite,
+        person=person, settings=settings, workers=workers, progress=progress,
+    )  # fmt: skip
     choice = cue_choice(cues)
     chosen = choose(tracker, settings, modes)
     check_workers(chosen, checked_count(workers))
@@ -207,7 +215,11 @@ def fit(
     Proportions are fitted to the keypoints, and where edges or silhouettes are looked at the flesh to them. The
     arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
     """
-    choice = cue_choice(cues)
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        background=background, person=person, out=out,
+    )  # fmt: skip
+    choice, seed = cue_choice(cues), _seed(seed)
     if out is not None:
         _check_folder(Path(out))
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
@@ -226,7 +238,7 @@ def fit(
                 notes += (*reader.notes, *notes_on_silhouettes(reader, inputs))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=2)
-            fitted = _fit(loaded, inputs, _seed(seed), reader, None)
+            fitted = _fit(loaded, inputs, seed, reader, None)
     if out is not None:
         fitted.subject.write(out)
     return fitted
@@ -298,7 +310,7 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
     first = 0
     if target.resumed:
         writer, arrays, first = RunWriter.resume(target.path, header)
-        state = TrackState.from_arrays(arrays) if arrays else None
+        state = TrackState.from_arrays(checked_state(arrays, Body(subject), target.path)) if arrays else None
     else:
         writer = RunWriter.create(target.path, header, overwrite=target.overwrite)
     with kept_if_interrupted(lambda: writer.frame_count), writer:
@@ -359,9 +371,7 @@ def _check_inputs(subject: Subject, inputs: Inputs) -> None:
 
 
 def _seed(seed: int) -> int:
-    if seed < 0:
-        raise InputError("seed", f"{seed} is negative", remedy="0 or more")
-    return seed
+    return whole("seed", seed, 0)
 
 
 def _fit_choice(fit: str) -> FitChoice:

@@ -15,6 +15,7 @@ from estimator.formats.run_file import Run
 from humanoid.errors import InputError
 from humanoid.subject import load_subject
 from kinemode import api
+from kinemode.arguments import check_arguments
 from kinemode.comparison_files import write_comparison
 from kinemode.comparison_scores import Course, TrackerScore, courses, scored
 from kinemode.comparison_times import TimeFile
@@ -70,6 +71,10 @@ def compare(
     ------
     InputError: as `track` does; an unknown tracker; runs that are there, unasked.
     """
+    check_arguments(
+        subject=subject, clips=clips, trackers=trackers, out=out, reference=reference, cameras=cameras, modes=modes,
+        settings=settings, resume=resume, overwrite=overwrite, progress=progress,
+    )  # fmt: skip
     names = tracker_names(trackers)
     tracked = subject if isinstance(subject, api.Subject) else load_subject(subject)
     fits = how.get("fit", "auto") != "off" and api.is_built_in(tracked)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,3 +50,11 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         yield driver
     finally:
         driver.quit()
+
+
+@pytest.fixture(scope="session")
+def valid() -> Mapping[str, list[Mapping[str, bytes]]]:
+    """Valid files of every kind, see `benchmarks.fuzz_corpus.corpus`; a run of one subject is among them."""
+    from benchmarks.fuzz_corpus import corpus  # every other test does without
+
+    return corpus(("arm8",))

@@ -99,7 +99,9 @@ class CostModel:
         if not observation.cues:
             return None
         points = self.body.landmarks(posed)
-        extents = [image_extent(c.camera.project(points), np.ones(len(points))) for c in observation.cues]
+        pixels = [c.camera.project(points) for c in observation.cues]
+        # landmarks behind a camera have no place in its image
+        extents = [image_extent(p, np.isfinite(p).all(axis=1).astype(np.float64)) for p in pixels]
         detected = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
         return self.image.evidence(observation.cues, extents, detected)
 

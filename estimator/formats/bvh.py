@@ -12,10 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.imaging.clip import FPS_RANGE
 from humanoid.errors import InputError
 from humanoid.files import read_bytes
 
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
+_MOST_JOINTS, _DEEPEST = 2000, 200  # of a skeleton; deeper ones are damage
+_LARGEST = 1e7  # of a length in the file's unit, or of an angle [deg]
 _END = "_end"  # what is added to a joint's name for its end site
 
 
@@ -95,11 +98,14 @@ def read_bvh(path: str | Path) -> BvhMotion:
     _read_joint(lines, skeleton, -1, lines.take("ROOT", 2)[1])
     lines.expect("MOTION")
     count = lines.numbers("Frames:", 1)[0]
-    if count < 1 or count != int(count):
+    if count < 1 or count != round(count):
         raise lines.error("a whole positive number is needed")
     frame_time = lines.numbers("Frame Time:", 1)[0]
     if frame_time <= 0.0:
         raise lines.error("a positive number is needed")
+    shortest, longest = 1.0 / FPS_RANGE[1], 1.0 / FPS_RANGE[0]
+    if not shortest <= frame_time <= longest:
+        raise lines.error(f"{frame_time:g} s from frame to frame cannot be", f"{shortest:g} to {longest:g}")
     values = lines.table(int(count), len(skeleton.channels))
     return BvhMotion(
         tuple(skeleton.names), np.array(skeleton.parents), np.array(skeleton.offsets), tuple(skeleton.channels), values,
@@ -119,14 +125,18 @@ class _Skeleton:
     def add(self, name: str, parent: int, offset: list[float], lines: _Lines) -> int:
         if name in self.names:
             raise lines.error(f"the name {name!r} is used twice")
+        if len(self.names) >= _MOST_JOINTS:
+            raise lines.error(f"has more than {_MOST_JOINTS} joints")
         self.names.append(name)
         self.parents.append(parent)
         self.offsets.append(offset)
         return len(self.names) - 1
 
 
-def _read_joint(lines: _Lines, skeleton: _Skeleton, parent: int, name: str) -> None:
+def _read_joint(lines: _Lines, skeleton: _Skeleton, parent: int, name: str, depth: int = 0) -> None:
     lines.expect("{")
+    if depth >= _DEEPEST:
+        raise lines.error(f"joints are nested over {_DEEPEST} deep")
     joint = skeleton.add(name, parent, lines.numbers("OFFSET", 3), lines)
     words = lines.take("CHANNELS")
     if len(words) < 2 or words[1] != str(len(words) - 2) or any(w not in _CHANNELS for w in words[2:]):
@@ -137,7 +147,7 @@ def _read_joint(lines: _Lines, skeleton: _Skeleton, parent: int, name: str) -> N
         if words == ["}"]:
             return
         if words[0] == "JOINT" and len(words) == 2:
-            _read_joint(lines, skeleton, joint, words[1])
+            _read_joint(lines, skeleton, joint, words[1], depth + 1)
         elif words == ["End", "Site"]:
             lines.expect("{")
             skeleton.add(name + _END, joint, lines.numbers("OFFSET", 3), lines)
@@ -190,4 +200,6 @@ class _Lines:
             values = []
         if len(values) != count or not np.isfinite(values).all():
             raise self.error(f"{count} numbers are needed")
+        if values and max(map(abs, values)) >= _LARGEST:
+            raise self.error("has a number beyond all measure", f"lengths and angles are below {_LARGEST:g}")
         return values

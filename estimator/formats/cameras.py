@@ -4,6 +4,7 @@
                   "R": 3 x 3, "t": [x, y, z]}, ...]}
 
 x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates.
+Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels, coefficients up to 1e4.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
 _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
+_MOST_PIXELS = 16384  # on a side of an image
+_FOCAL = (1.0, 1e6)  # px
+_COEFFICIENT = 1e4
 
 
 def load_cameras(path: str | Path) -> dict[str, Camera]:
@@ -88,8 +92,9 @@ def camera_from_json(value: Any, source: str | Path, place: str, *, alone: bool 
 def image_size(value: Any, source: str | Path, place: str) -> tuple[int, int]:
     """Width and height [px] of a JSON pair."""
     size = shaped(value, (2,), source, place)
-    if (size < 1).any() or (size != np.round(size)).any():
-        raise InputError(source, "width and height in whole pixels are needed", place=place)
+    if not ((size >= 1) & (size <= _MOST_PIXELS) & (size == np.round(size))).all():
+        problem = "width and height in whole pixels are needed"
+        raise InputError(source, problem, place=place, remedy=f"1 to {_MOST_PIXELS}")
     return int(size[0]), int(size[1])
 
 
@@ -97,6 +102,11 @@ def _intrinsics(value: Any, source: str | Path, place: str) -> np.ndarray:
     K = shaped(value, (3, 3), source, place)
     if K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
         raise InputError(source, "a focal length is not positive", place=place)
+    for focal in (K[0, 0], K[1, 1]):
+        if not _FOCAL[0] <= focal <= _FOCAL[1]:
+            low, high = _FOCAL
+            problem = f"a focal length of {focal:g} pixels cannot be"
+            raise InputError(source, problem, place=place, remedy=f"{low:g} to {high:g} are taken")
     if K[1, 0] != 0.0 or not np.array_equal(K[2], [0.0, 0.0, 1.0]):
         raise InputError(source, "is not of the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]", place=place)
     return K
@@ -108,6 +118,8 @@ def _distortion(value: Any, source: str | Path, place: str) -> np.ndarray:
         found = "x".join(map(str, coefficients.shape))
         remedy = "k1, k2, p1, p2 and k3: calibrate with the 5-coefficient model (cv2.calibrateCamera's default)"
         raise InputError(source, f"4 or 5 coefficients are needed, found {found}", place=place, remedy=remedy)
+    if (np.abs(coefficients) > _COEFFICIENT).any():
+        raise InputError(source, "has a coefficient beyond all measure", place=place, remedy=f"up to {_COEFFICIENT:g}")
     return np.concatenate([coefficients, np.zeros(5 - coefficients.size)])
 
 

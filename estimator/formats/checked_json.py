@@ -12,7 +12,9 @@ import numpy as np
 from humanoid.errors import InputError
 from humanoid.files import read_bytes
 
-LARGEST = 1e12  # no length, pixel or coefficient comes near it
+LARGEST = 1e7  # no length [m], pixel or coefficient comes near it
+BEYOND = "has a number that is not finite, or beyond all measure"
+WITHIN = f"numbers are finite and below {LARGEST:g}"
 _MOST_BYTES = 2_000_000_000  # hours of keypoints
 
 
@@ -67,11 +69,22 @@ def numbers(value: Any, source: str | Path, place: str, *, finite: bool = True) 
     except (ValueError, OverflowError):
         raise InputError(source, "the lists differ in length", place=place) from None
     if array.size and array.dtype.kind not in "iuf":
-        raise InputError(source, f"numbers are needed, found {_culprit(value)}", place=place)
+        culprit = _culprit(value)
+        if culprit is None:  # whole numbers too large for any type of numpy's
+            raise InputError(source, BEYOND, place=place, remedy=WITHIN)
+        raise InputError(source, f"numbers are needed, found {_kind(culprit[0])}", place=place)
     array = array.astype(np.float64)
     if finite and not (np.abs(array) < LARGEST).all():
-        raise InputError(source, "has a number that is not finite, or beyond all measure", place=place)
+        raise InputError(source, BEYOND, place=place, remedy=WITHIN)
     return array
+
+
+def number_between(value: Any, low: float, high: float, source: str | Path, place: str) -> float:
+    """One number of a given range, ends included."""
+    found = shaped(value, (), source, place)
+    if not low <= found <= high:
+        raise InputError(source, f"{found:g} cannot be", place=place, remedy=f"{low:g} to {high:g}")
+    return float(found)
 
 
 def shaped(value: Any, shape: tuple[int, ...], source: str | Path, place: str) -> np.ndarray:
@@ -83,10 +96,11 @@ def shaped(value: Any, shape: tuple[int, ...], source: str | Path, place: str) -
     return array
 
 
-def _culprit(value: Any) -> str:
-    while isinstance(value, list):
-        value = next((v for v in value if isinstance(v, bool) or not isinstance(v, (int, float))), "nothing")
-    return _kind(value)
+def _culprit(value: Any) -> tuple[Any] | None:
+    """The first value in nested lists that is no number, if there is one."""
+    if isinstance(value, list):
+        return next((found for v in value if (found := _culprit(v)) is not None), None)
+    return None if isinstance(value, (int, float)) and not isinstance(value, bool) else (value,)
 
 
 def _kind(value: Any) -> str:

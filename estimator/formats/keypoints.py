@@ -13,6 +13,8 @@ from estimator.formats.keypoints_people import Person, select
 from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
+_LONGEST_GAP = 1000  # frames that may be missing for each that is there
+
 
 @dataclass(frozen=True)
 class KeypointTrack:
@@ -88,6 +90,9 @@ def _as_arrays(reading: Reading, chosen: dict[int, Person], first: int) -> tuple
     count = reading.count if reading.count is not None else max(reading.frames) + 1
     if first >= count or first < 0:
         raise InputError(reading.source, f"has no frame {first}", remedy=f"its frames end at {count - 1}")
+    if count - first > _LONGEST_GAP * (1 + len(reading.frames)):
+        problem = f"frame number {count - 1} in a file of {len(reading.frames)} frames"
+        raise InputError(reading.source, problem, remedy="number the frames from the clip's first")
     points: np.ndarray = np.full((count, len(reading.names), 3), [np.nan, np.nan, 0.0])
     for index, person in chosen.items():
         points[index] = person.points

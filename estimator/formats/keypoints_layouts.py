@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 
 from estimator.formats.cameras import image_size
-from estimator.formats.checked_json import LARGEST, mapping, member, numbers, read_json, sequence
+from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
 from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
-from estimator.imaging.clip import listed
+from estimator.imaging.clip import FPS_RANGE, listed
 from humanoid.errors import InputError
 from humanoid.landmarks import FORMATS, landmark_name
 
 _MOST_FRAMES = 2_000_000
+_LARGEST_ID = 1e15  # a float is exact up to there
 _FRAME_NUMBER = re.compile(r"([0-9]+)(?:_keypoints)?$")
 
 
@@ -75,7 +76,7 @@ def _person_id(value: Any) -> str | None:
         value = value[0]
     if isinstance(value, str):
         return value or None
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < LARGEST:
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < _LARGEST_ID:
         return str(int(value)) if value == int(value) else str(value)
     return None  # OpenPose writes [-1] where it knows none
 
@@ -124,10 +125,7 @@ def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
     if value.get("image_size") is not None:
         reading.image_size = image_size(value["image_size"], path, "image_size")
     if value.get("fps") is not None:
-        fps = numbers(value["fps"], path, "fps")
-        if fps.shape != () or fps <= 0.0:
-            raise InputError(path, "a positive number is needed", place="fps")
-        reading.fps = float(fps)
+        reading.fps = number_between(value["fps"], *FPS_RANGE, path, "fps")
     declared = value.get("format")
     if declared is not None and not isinstance(declared, str):
         raise InputError(path, "a name is needed", place="format")
@@ -135,8 +133,8 @@ def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
         reading.layout = declared
     elif reading.layout == "auto" and value.get("names") is not None:
         names = sequence(value["names"], path, "names")
-        if not all(isinstance(name, str) for name in names):
-            raise InputError(path, "a list of names is needed", place="names")
+        if not names or not all(isinstance(name, str) and name for name in names):
+            raise InputError(path, "a list of names is needed, one for each keypoint", place="names")
         reading.layout = declared or "named"
         exact = declared == "landmarks"  # a subject's own names, which may differ from every detector's
         reading.names = tuple(name if exact else landmark_name(name) or name for name in names)
@@ -222,16 +220,16 @@ def _folder(path: Path, layout: str) -> Reading:
 def _numbering(names: Sequence[str], source: Path) -> dict[str, int]:
     """Frame number of each file or image name: the number it ends with; without any, the order of the names."""
     unique = list(dict.fromkeys(names))
-    found: dict[str, int] = {}
+    found: dict[str, str] = {}
     for name in unique:
         match = _FRAME_NUMBER.search(re.sub(r"\.[A-Za-z]{1,4}[0-9]?$", "", name))
         if match:
-            found[name] = int(match.group(1))
+            found[name] = match.group(1).lstrip("0") or "0"
     if not found:
         return {name: i for i, name in enumerate(sorted(unique))}
     for name in unique:
         if name not in found:
             raise InputError(source, "has no frame number at its end", place=name)
-        if found[name] > _MOST_FRAMES:
+        if len(found[name]) > len(str(_MOST_FRAMES)) or int(found[name]) > _MOST_FRAMES:
             raise InputError(source, f"{found[name]} is no likely frame number", place=name)
-    return found
+    return {name: int(digits) for name, digits in found.items()}

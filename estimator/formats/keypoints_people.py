@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.formats.checked_json import LARGEST
+from estimator.formats.checked_json import BEYOND, LARGEST, WITHIN
 from humanoid.errors import InputError
 from humanoid.landmarks import FORMATS
 
@@ -65,8 +65,7 @@ def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) ->
     wrong = ~missing & ~(np.abs(points) < LARGEST).all(axis=1)
     if wrong.any():
         bad = int(np.flatnonzero(wrong)[0])
-        problem = "has a number that is not finite, or beyond all measure"
-        raise InputError(source, problem, place=f"{place}, keypoint {bad}")
+        raise InputError(source, BEYOND, place=f"{place}, keypoint {bad}", remedy=WITHIN)
     notes.add("confidence above 1 taken as 1", int((confidence > 1.0).sum()))
     notes.add("negative confidence taken as 0: a missing point", int((confidence < 0.0).sum()))
     confidence[:] = np.clip(confidence, 0.0, 1.0)

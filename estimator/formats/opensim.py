@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.formats.checked_json import read_text
-from humanoid.errors import InputError
+from humanoid.errors import InputError, shown
 
 R_OPENSIM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _HEADER_LINES = 5
+_MOST = 1e10  # millimetres, or seconds
 
 
 def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.ndarray, *, title: str = "") -> None:
@@ -50,8 +51,10 @@ def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     unit = header.get("Units", "")
     if unit not in _METRES:
-        raise InputError(path, f"unknown unit {unit!r}", place="line 3", remedy=f"one of {', '.join(_METRES)}")
+        raise InputError(path, f"unknown unit {shown(unit)}", place="line 3", remedy=f"one of {', '.join(_METRES)}")
     names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
+    if not names:
+        raise InputError(path, "has no markers", place="line 4")
     rows = [
         _trc_row(line, 3 * len(names) + 2, path, number)
         for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
@@ -120,6 +123,9 @@ def _numbers(cells: list[str], count: int, path: Path, number: int) -> list[floa
     if len(cells) != count:
         raise InputError(path, f"has {len(cells)} columns, {count} are expected", place=f"line {number}")
     try:
-        return [float(cell) if cell.strip() else np.nan for cell in cells]
+        row = [float(cell) if cell.strip() else np.nan for cell in cells]
     except ValueError:
         raise InputError(path, "has a cell that is no number", place=f"line {number}") from None
+    if any(abs(value) > _MOST for value in row):
+        raise InputError(path, "has a number beyond all measure", place=f"line {number}", remedy=f"up to {_MOST:g}")
+    return row

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import struct
+import sys
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 _START = struct.Struct("<II")  # length of the index, CRC-32 of everything after
+_KIND = re.compile(r"[<>|=]?[biufcUS][0-9]{1,6}")
+_MOST_AXES, _MOST_EMPTY = 8, 1_000_000
 
 
 def pack(arrays: Mapping[str, np.ndarray]) -> bytes:
@@ -28,18 +34,49 @@ def pack(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 def unpack(blob: bytes) -> dict[str, np.ndarray]:
     """The arrays `pack` was given, bit by bit; they are read-only views of the bytes. ValueError for damaged bytes."""
-    if len(blob) < _START.size:
+    if not isinstance(blob, bytes) or len(blob) < _START.size:
         raise ValueError("too short")
     length, checksum = _START.unpack_from(blob)
     if zlib.crc32(memoryview(blob)[_START.size :]) != checksum:
         raise ValueError("its checksum does not fit")
     start = _START.size + length
     arrays: dict[str, np.ndarray] = {}
-    for name, dtype, shape in json.loads(blob[_START.size : start]):
-        kind, count = np.dtype(dtype), int(np.prod(shape, dtype=np.int64))
+    for name, kind, shape in _index(blob[_START.size : start]):
+        count = math.prod(shape)
+        if start + kind.itemsize * count > len(blob):
+            raise ValueError(f"array {name!r} is longer than its bytes")
         if kind.itemsize * count == 0:
+            if max(shape, default=0) > _MOST_EMPTY or count > len(blob):  # text of no length counts, too
+                raise ValueError(f"array {name!r} has an unlikely shape")
             arrays[name] = np.zeros(shape, kind)
         else:
             arrays[name] = np.frombuffer(blob, kind, count, start).reshape(shape)
         start += kind.itemsize * count
     return arrays
+
+
+def _index(text: bytes) -> Iterator[tuple[str, np.dtype[Any], tuple[int, ...]]]:
+    """Names, types and shapes of the arrays; ValueError where it is no index."""
+    try:
+        entries = json.loads(text)
+    except RecursionError:
+        raise ValueError("its index is no list") from None
+    if not isinstance(entries, list):
+        raise ValueError("its index is no list")
+    for entry in entries:
+        if not (isinstance(entry, list) and len(entry) == 3 and isinstance(entry[0], str)):
+            raise ValueError("its index has an entry that is none")
+        name, kind, shape = entry
+        if not (isinstance(kind, str) and _KIND.fullmatch(kind)):
+            raise ValueError(f"array {name!r} is of no plain type")
+        if not (isinstance(shape, list) and len(shape) <= _MOST_AXES and all(type(n) is int and n >= 0 for n in shape)):
+            raise ValueError(f"array {name!r} has an unlikely shape")
+        yield name, np.dtype(kind), tuple(shape)
+
+
+def valid_text(array: np.ndarray) -> bool:
+    """Whether an array of text has nothing but characters: numpy takes any 32 bits for one, Python ends on them."""
+    if array.size == 0 or array.dtype.kind != "U" or array.dtype.itemsize == 0:
+        return True
+    codes = np.frombuffer(np.ascontiguousarray(array).tobytes(), array.dtype.byteorder.replace("|", "=") + "u4")
+    return bool((codes <= sys.maxunicode).all())

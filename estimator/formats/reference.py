@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.formats.checked_json import LARGEST
+from estimator.formats.npz import read_npz
 from estimator.formats.opensim import Coordinates, frame_rate, read_mot, read_trc
+from estimator.imaging.clip import FPS_RANGE
 from humanoid.errors import InputError
 from humanoid.landmarks import landmark_name
 
@@ -37,7 +39,7 @@ def load_reference(path: str | Path) -> ReferenceFile:
 
     Raises
     ------
-    InputError: missing, of another kind, or with arrays of the wrong shape.
+    InputError: missing, of another kind, with arrays of the wrong shape, or points or a rate that cannot be.
     """
     path = Path(path)
     if not path.is_file():
@@ -50,56 +52,96 @@ def load_reference(path: str | Path) -> ReferenceFile:
 
 def _trc(path: Path) -> ReferenceFile:
     names, points, time = read_trc(path)
-    return ReferenceFile(_named(names), points, np.arange(len(points)) / frame_rate(time))
+    if points.size == 0:
+        raise InputError(path, "has no points")
+    rate = _checked_rate(path, frame_rate(_rising(path, time, len(points))))
+    return ReferenceFile(_named(names), _checked_points(path, points), np.arange(len(points)) / rate)
 
 
 def _mot(path: Path) -> ReferenceFile:
     coordinates, time = read_mot(path)
+    if coordinates.values.size == 0:
+        raise InputError(path, "has no coordinates")
     return ReferenceFile((), np.zeros((len(time), 0, 3)), _rising(path, time, len(time)), coordinates)
 
 
 def _npz(path: Path) -> ReferenceFile:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            keys = next((k for k in _KEYS if k[0] in file and k[1] in file), None)
-            coordinates = _coordinates(path, file) if "q" in file and "q_names" in file else None
-            if keys is None and coordinates is None:
-                wanted = " or ".join(f"{a}, {b}" for a, b in (*_KEYS, ("q", "q_names")))
-                problem = "has neither landmarks nor joint angles"
-                raise InputError(path, problem, remedy=f"arrays {wanted}; found {', '.join(file.files)}")
-            points = np.zeros((0, 0, 3)) if keys is None else np.asarray(file[keys[0]], dtype=np.float64)
-            names = [] if keys is None else [str(n) for n in file[keys[1]]]
-            given = np.asarray(file["time"], dtype=np.float64) if "time" in file and "fps" not in file else None
-            fps = float(file["fps"]) if "fps" in file else frame_rate(np.zeros(0))
-    except InputError:
-        raise
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(path, f"cannot be read: {error}") from None
-    if keys is None and coordinates is not None:
-        points = np.zeros((len(coordinates.values), 0, 3))
+    arrays = read_npz(path)
+    keys = next((k for k in _KEYS if k[0] in arrays and k[1] in arrays), None)
+    coordinates = _coordinates(path, arrays) if "q" in arrays and "q_names" in arrays else None
+    if keys is None and coordinates is None:
+        wanted = " or ".join(f"{a}, {b}" for a, b in (*_KEYS, ("q", "q_names")))
+        problem = "has neither landmarks nor joint angles"
+        raise InputError(path, problem, remedy=f"arrays {wanted}; found {', '.join(arrays)}")
+    names, points = ((), np.zeros((0, 0, 3))) if keys is None else _landmarks(path, arrays, *keys)
+    if coordinates is not None:
+        points = np.zeros((len(coordinates.values), 0, 3)) if keys is None else points
+        if len(coordinates.values) != len(points):
+            raise InputError(path, f"has {len(coordinates.values)} frames, the landmarks {len(points)}", place="q")
+    return ReferenceFile(names, points, _times(path, arrays, len(points)), coordinates)
+
+
+def _landmarks(
+    path: Path, arrays: Mapping[str, np.ndarray], points_key: str, names_key: str
+) -> tuple[tuple[str, ...], np.ndarray]:
+    points, names = _numbers(arrays[points_key], path, points_key), _texts(arrays[names_key], path, names_key)
     if points.ndim != 3 or points.shape[1:] != (len(names), 3):
         problem = f"{len(names)} names do not fit an array of shape {points.shape}"
-        raise InputError(path, problem, place=keys[0] if keys else "", remedy="(frames, names, 3) is needed")
-    if coordinates is not None and len(coordinates.values) != len(points):
-        raise InputError(path, f"has {len(coordinates.values)} frames, the landmarks {len(points)}", place="q")
-    if not np.isfinite(fps) or fps <= 0.0:
-        raise InputError(path, "a positive number is needed", place="fps")
-    time = np.arange(len(points)) / fps if given is None else _rising(path, given, len(points))
-    return ReferenceFile(_named(names), points, time, coordinates)
+        raise InputError(path, problem, place=points_key, remedy="(frames, names, 3) is needed")
+    if points.size == 0:
+        raise InputError(path, "has no points")
+    return _named(names), _checked_points(path, points)
+
+
+def _coordinates(path: Path, arrays: Mapping[str, np.ndarray]) -> Coordinates:
+    values, names = _numbers(arrays["q"], path, "q"), _texts(arrays["q_names"], path, "q_names")
+    if values.ndim != 2 or values.shape[1] != len(names):
+        problem = f"{len(names)} names do not fit an array of shape {values.shape}"
+        raise InputError(path, problem, place="q", remedy="(frames, names) is needed")
+    return Coordinates(names, values)
+
+
+def _times(path: Path, arrays: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Time (T,) [s] of each frame, by their rate or one by one."""
+    if "fps" not in arrays and "time" in arrays:
+        return _rising(path, _numbers(arrays["time"], path, "time"), count)
+    rate = _numbers(arrays.get("fps", np.array(frame_rate(np.zeros(0)))), path, "fps")
+    if rate.size != 1:
+        raise InputError(path, "one number is needed", place="fps")
+    return np.arange(count) / _checked_rate(path, float(rate.reshape(())))
+
+
+def _numbers(array: np.ndarray, path: Path, place: str) -> np.ndarray:
+    if array.dtype.kind not in "iuf":
+        raise InputError(path, "numbers are needed", place=place)
+    return array.astype(np.float64)
+
+
+def _texts(array: np.ndarray, path: Path, place: str) -> tuple[str, ...]:
+    if array.ndim != 1 or array.dtype.kind not in "US":
+        raise InputError(path, "a list of names is needed", place=place)
+    return tuple(str(name) for name in array)
+
+
+def _checked_points(path: Path, points: np.ndarray) -> np.ndarray:
+    if not (np.isnan(points) | (np.abs(points) < LARGEST)).all():
+        problem = "has a point that is infinite, or beyond all measure"
+        raise InputError(path, problem, remedy=f"metres below {LARGEST:g}, NaN where a point is missing")
+    return points
+
+
+def _checked_rate(path: Path, fps: float) -> float:
+    low, high = FPS_RANGE
+    if not low <= fps <= high:
+        problem = f"{fps:g} frames per second cannot be: a positive number is needed"
+        raise InputError(path, problem, place="fps", remedy=f"{low:g} to {high:g}")
+    return fps
 
 
 def _rising(path: Path, time: np.ndarray, count: int) -> np.ndarray:
     if time.shape != (count,) or not np.isfinite(time).all() or np.any(np.diff(time) <= 0.0):
         raise InputError(path, f"is no {count} rising numbers", place="time", remedy="the time of each frame [s]")
     return time
-
-
-def _coordinates(path: Path, file: Mapping[str, np.ndarray]) -> Coordinates:
-    values, names = np.asarray(file["q"], dtype=np.float64), tuple(str(n) for n in file["q_names"])
-    if values.ndim != 2 or values.shape[1] != len(names):
-        problem = f"{len(names)} names do not fit an array of shape {values.shape}"
-        raise InputError(path, problem, place="q", remedy="(frames, names) is needed")
-    return Coordinates(names, values)
 
 
 def _named(names: Sequence[str]) -> tuple[str, ...]:

@@ -73,12 +73,15 @@ class RunWriter:
         connection = run_store.open_writing(path)
         with run_store.translated(path):
             row = connection.execute("SELECT next, data FROM state").fetchone()
+            (count,) = connection.execute("SELECT count(*) FROM frame").fetchone()
         try:
-            state, position = (unpack(row[1]), int(row[0])) if row else (None, 0)
-        except (TypeError, ValueError) as error:
+            state = unpack(row[1]) if row else None
+            if count != (row[0] if row else 0):
+                raise ValueError(f"it is not of the last of {count} frames")
+        except ValueError as error:
             connection.close()
             raise InputError(path, f"is damaged: {error}", place="state", remedy="--overwrite starts anew") from None
-        return cls(path, connection, position), state, position
+        return cls(path, connection, count), state, count
 
     def put_observations(self, observations: Sequence[Observation]) -> None:
         """Store the keypoints of every frame; in a resumed run they have to be those it began with.

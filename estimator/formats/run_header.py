@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, cast
 
 import numpy as np
 
-from estimator.formats.cameras import camera_from_json, camera_to_json
+from estimator.formats.cameras import camera_from_json, camera_to_json, image_size
+from estimator.formats.checked_json import mapping, member, numbers, sequence
 from estimator.imaging.camera import Camera
+from humanoid.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -98,25 +100,39 @@ class RunHeader:
 
     @staticmethod
     def from_json(text: str, source: str) -> RunHeader:
-        """The header `to_json` wrote; `source` names the file in errors."""
-        v = json.loads(text)
+        """The header `to_json` wrote; `source` names the file in errors.
+
+        Raises
+        ------
+        InputError: it is no such header, or says what cannot be.
+        """
+        try:
+            entries = _Entries(mapping(json.loads(text), source, "header"), source)
+        except (ValueError, RecursionError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(source, "is damaged: its header is not JSON") from None
+        cameras = entries.list("cameras")
         return RunHeader(
-            subject_urdf=v["subject"],
-            subject_source=v["subject_source"],
-            subject_base=v["base"],
-            cameras=tuple(camera_from_json(c, source, f"cameras[{i}]") for i, c in enumerate(v["cameras"])),
-            clips=v["clips"],
-            image_sizes={name: (int(w), int(h)) for name, (w, h) in v["image sizes"].items()},
-            times=np.array(v["frame times"], dtype=np.float64),
-            tracker=v["tracker"],
-            settings=v["settings"],
-            seed=v["seed"],
-            version=v["kinemode version"],
-            notes=tuple(v["notes"]),
-            cues=tuple(v.get("cues", ())),  # headers written before there were cues have none
-            masks=v.get("masks", {}),
-            backgrounds=v.get("backgrounds", {}),
-            clip_frames={name: tuple(int(i) for i in f) for name, f in v.get("frames of the clips", {}).items()},
+            subject_urdf=entries.text("subject"),
+            subject_source=entries.text("subject_source"),
+            subject_base=entries.text("base", ("free", "fixed")),
+            cameras=entries.distinct(camera_from_json(c, source, f"cameras[{i}]") for i, c in enumerate(cameras)),
+            clips=entries.paths("clips", missing=True),
+            image_sizes={
+                name: image_size(size, source, f"image sizes, {name}")
+                for name, size in entries.mapping("image sizes").items()
+            },
+            times=entries.times("frame times"),
+            tracker=entries.text("tracker"),
+            settings=entries.mapping("settings"),
+            seed=entries.seed("seed"),
+            version=entries.text("kinemode version"),
+            notes=entries.texts("notes"),
+            cues=entries.texts("cues"),  # headers written before there were cues have none
+            masks=entries.paths("masks"),
+            backgrounds=entries.paths("backgrounds"),
+            clip_frames=entries.frame_numbers("frames of the clips"),
         )
 
 
@@ -125,3 +141,68 @@ def with_notes(text: str, notes: Sequence[str]) -> str:
     values = json.loads(text)
     values["notes"] = list(dict.fromkeys([*values["notes"], *notes]))
     return json.dumps(values)
+
+
+_LATER = ("cues", "masks", "backgrounds", "frames of the clips")  # what headers of the first runs lack
+
+
+@dataclass(frozen=True)
+class _Entries:
+    """The entries of a header, each checked when it is asked for; InputError names the entry."""
+
+    value: Mapping[str, Any]
+    source: str
+
+    def _get(self, key: str, instead: Any) -> Any:
+        return self.value.get(key, instead) if key in _LATER else member(self.value, key, self.source, "")
+
+    def mapping(self, key: str) -> Mapping[str, Any]:
+        return mapping(self._get(key, {}), self.source, key)
+
+    def list(self, key: str) -> list[Any]:
+        return sequence(self._get(key, []), self.source, key)
+
+    def text(self, key: str, choices: Collection[str] = ()) -> str:
+        found = self._get(key, None)
+        if not isinstance(found, str) or (choices and found not in choices):
+            remedy = f"one of {', '.join(choices)}" if choices else ""
+            raise InputError(self.source, "is damaged: a text is needed", place=key, remedy=remedy)
+        return found
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        found = self.list(key)
+        if not all(isinstance(text, str) for text in found):
+            raise InputError(self.source, "is damaged: texts are needed", place=key)
+        return tuple(found)
+
+    def paths(self, key: str, *, missing: bool = False) -> dict[str, Any]:
+        found = self.mapping(key)
+        given = [path for path in found.values() if not (missing and path is None)]
+        if not all(isinstance(path, str) and "\0" not in path for path in given):
+            raise InputError(self.source, "is damaged: file names are needed", place=key)
+        return dict(found)
+
+    def frame_numbers(self, key: str) -> dict[str, tuple[int, ...]]:
+        found = {name: numbers(value, self.source, f"{key}, {name}") for name, value in self.mapping(key).items()}
+        for name, frames in found.items():
+            if frames.ndim != 1 or not ((frames >= 0) & (frames == np.floor(frames))).all():
+                raise InputError(self.source, "is damaged: frame numbers are needed", place=f"{key}, {name}")
+        return {name: tuple(int(i) for i in frames) for name, frames in found.items()}
+
+    def times(self, key: str) -> np.ndarray:
+        found = numbers(self._get(key, []), self.source, key)
+        if found.ndim != 1 or not (np.diff(found) > 0.0).all():
+            raise InputError(self.source, "is damaged: rising times are needed", place=key)
+        return found
+
+    def seed(self, key: str) -> int:
+        found = self._get(key, None)
+        if type(found) is not int or found < 0:
+            raise InputError(self.source, "is damaged: a whole number from 0 is needed", place=key)
+        return found
+
+    def distinct(self, cameras: Iterable[Camera]) -> tuple[Camera, ...]:
+        found = tuple(cameras)
+        if not found or len({camera.name for camera in found}) < len(found):
+            raise InputError(self.source, "is damaged: cameras of different names are needed", place="cameras")
+        return found

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from estimator.filtering.paths import backtrack
 from estimator.filtering.posterior import Posterior
 from estimator.formats import run_store
 from estimator.formats.packing import unpack
+from estimator.formats.run_checks import check_frame, check_observation, check_trajectory
 from estimator.formats.run_header import RunHeader
 from estimator.formats.temporary_run import TemporaryFolder
 from estimator.frame_result import FrameResult
@@ -65,10 +65,11 @@ class Run:
             row = connection.execute("SELECT json FROM header").fetchone()
             (count,) = connection.execute("SELECT count(*) FROM frame").fetchone()
             (finished,) = connection.execute("SELECT count(*) FROM finished").fetchone()
-        try:
-            header = RunHeader.from_json(row[0], str(path))
-        except (KeyError, TypeError, ValueError, json.JSONDecodeError) as error:
-            raise InputError(path, f"is damaged: its header cannot be read ({error})") from None
+        if row is None or not isinstance(row[0], str):
+            raise InputError(path, "is damaged: it has no header")
+        header = RunHeader.from_json(row[0], str(path))
+        if count > len(header.times):
+            raise InputError(path, f"is damaged: it has {count} frames of {len(header.times)}")
         return Run(path, header, int(count), finished > 0)
 
     @cached_property
@@ -87,13 +88,27 @@ class Run:
         with run_store.reading(self.file) as connection:
             query = "SELECT data FROM frame WHERE position < ? ORDER BY position"
             rows = connection.execute(query, (self.frame_count,)).fetchall()
-        return [self._unpacked(data, f"frame {i}") for i, (data,) in enumerate(rows)]
+        if len(rows) != self.frame_count:
+            raise InputError(self.file, f"is damaged: {self.frame_count - len(rows)} of its frames are missing")
+        frames: list[dict[str, np.ndarray]] = []
+        for i, (data,) in enumerate(rows):
+            before = len(frames[-1]["weight"]) if frames else None
+            check = partial(check_frame, body=self.body, planned=self.planned_count, before=before)
+            frames.append(self._unpacked(data, f"frame {i}", check))
+        return frames
 
-    def _unpacked(self, data: bytes, place: str) -> dict[str, np.ndarray]:
+    def _unpacked(
+        self, data: bytes, place: str, check: Callable[[dict[str, np.ndarray]], None]
+    ) -> dict[str, np.ndarray]:
+        """The arrays of a row, which `check` has nothing against."""
         try:
-            return unpack(data)
-        except (TypeError, ValueError) as error:  # TypeError: a damaged row can come out as a number or text
+            arrays = unpack(data)
+            check(arrays)
+        except InputError:  # of the subject
+            raise
+        except ValueError as error:
             raise InputError(self.file, f"is damaged: {error}", place=place) from None
+        return arrays
 
     def result(self, i: int) -> FrameResult:
         """Frame `i` of the file; negative counts from the end."""
@@ -110,11 +125,15 @@ class Run:
             row = connection.execute("SELECT data FROM observation WHERE position = ?", (int(i),)).fetchone()
         if row is None:
             raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
-        a = self._unpacked(row[0], f"keypoints of frame {i}")
+        a = self._keypoints_of(row[0], i)
         given = bool(a.get("given", False))
         jitter = tuple(a["jitter"].tolist()) if "jitter" in a else ()
         time = float(self.header.times[i])
         return Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
+
+    def _keypoints_of(self, data: bytes, i: int) -> dict[str, np.ndarray]:
+        counts = len(self.header.cameras), len(self.body.landmark_names)
+        return self._unpacked(data, f"keypoints of frame {i}", lambda a: check_observation(a, *counts))
 
     def __iter__(self) -> Iterator[FrameResult]:
         return (self.result(i) for i in range(self.frame_count))
@@ -227,7 +246,7 @@ class Run:
             row = connection.execute("SELECT data FROM smoothed").fetchone()
         if row is None:
             return self.filtered_q
-        q: np.ndarray = self._unpacked(row[0], "smoothed trajectory")["q"]
+        q = self._unpacked(row[0], "smoothed trajectory", lambda a: check_trajectory(a, self.body))["q"]
         return q if q.shape == self.filtered_q.shape else self.filtered_q
 
     @cached_property
@@ -281,7 +300,7 @@ class Run:
     def _keypoints(self) -> tuple[np.ndarray, np.ndarray]:
         with run_store.reading(self.file) as connection:
             rows = connection.execute("SELECT data FROM observation ORDER BY position").fetchall()
-        frames = [self._unpacked(data, f"keypoints of frame {i}") for i, (data,) in enumerate(rows)]
+        frames = [self._keypoints_of(data, i) for i, (data,) in enumerate(rows)]
         shape = (len(frames), len(self.header.cameras), len(self.body.landmark_names))
         pixels = np.array([f["pixels"] for f in frames], dtype=np.float64).reshape(*shape, 2)
         return pixels, np.array([f["confidence"] for f in frames], dtype=np.float64).reshape(shape)

@@ -32,11 +32,12 @@ def load_settings(path: str | Path) -> dict[str, Any]:
     ------
     InputError: the file cannot be read or is not TOML, with the line.
     """
+    content = read_bytes(Path(path))
     try:
-        return tomllib.loads(read_bytes(Path(path)).decode("utf-8-sig"))
+        return tomllib.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise InputError(path, "is not text") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also of a number of over 4300 digits
         problem, place = _parted(str(error))
         raise InputError(
             path, f"is not TOML: {problem}", place=place, remedy="`kinemode settings` writes one"

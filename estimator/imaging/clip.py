@@ -22,7 +22,7 @@ if "OPENCV_LOG_LEVEL" not in os.environ:
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 DEFAULT_FPS = 30.0
-_FPS_RANGE = (0.5, 2000.0)
+FPS_RANGE = (0.5, 2000.0)
 _READ_ON = 30  # a frame this little ahead is reached sooner by reading on than by seeking
 
 
@@ -79,7 +79,7 @@ class Clip:
         """
         path = Path(path)
         if fps is not None and not _sane_fps(fps):
-            raise InputError(path, f"{fps} frames per second cannot be", remedy=f"between {_FPS_RANGE}")
+            raise InputError(path, f"{fps} frames per second cannot be", remedy=f"between {FPS_RANGE}")
         if not path.exists():
             raise InputError(path, "no such clip", remedy="a video file or a folder of images is needed")
         return FolderClip(path, fps) if path.is_dir() else VideoClip(path, fps)
@@ -281,7 +281,7 @@ def _capture(path: Path) -> cv2.VideoCapture:
 
 
 def _sane_fps(fps: float) -> bool:
-    return bool(np.isfinite(fps)) and _FPS_RANGE[0] <= fps <= _FPS_RANGE[1]
+    return bool(np.isfinite(fps)) and FPS_RANGE[0] <= fps <= FPS_RANGE[1]
 
 
 def _increasing(stamps: np.ndarray) -> bool:

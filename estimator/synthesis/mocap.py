@@ -14,6 +14,10 @@ from humanoid.errors import InputError
 CMU_UNIT = 0.0254 / 0.45  # [m]
 """Metres in one unit of the CMU database (mocap.cs.cmu.edu): its skeletons have a length scale of 0.45 to the inch."""
 
+_UNITS = (1e-6, 1e3)  # metres in one unit
+_FARTHEST = 1e4  # m from where a person moves to where the person began
+_SHORTEST = 1e-3  # of thigh and shank: a bone shorter than this share of them has no direction
+_SKELETON = "a skeleton that stands up in its offsets is needed"
 _ADULT_LEG = 0.83  # thigh and shank of an adult [m], for files that do not tell their unit
 _CMU_FOREARM = 1.4
 
@@ -22,6 +26,8 @@ _SIDED = {
     "hip": ("UpLeg",), "knee": ("Leg",), "ankle": ("Foot",), "toe": ("ToeBase_end", "ToeBase", "Toe"),
     "shoulder": ("Arm",), "elbow": ("ForeArm",), "wrist": ("Hand",),
 }  # fmt: skip
+_BONES = (("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"), ("shoulder", "elbow"), ("elbow", "wrist"),
+          ("hip", "shoulder"))  # fmt: skip
 _HEAD_TOP, _NECK = ("Head_end",), ("Head",)
 
 
@@ -61,20 +67,36 @@ def load_mocap(path: str | Path, *, unit: float | None = None) -> Mocap:
 
     Raises
     ------
-    InputError: see `read_bvh`; a joint is missing; the unit is not positive.
+    InputError: see `read_bvh`; a joint is missing, a bone has no length, or the unit cannot be.
     """
-    if unit is not None and not (np.isfinite(unit) and unit > 0.0):
-        raise InputError("unit", f"is {unit:g}", remedy="a positive number of metres")
+    if unit is not None and not _UNITS[0] <= unit <= _UNITS[1]:
+        raise InputError("unit", f"is {unit:g}", remedy=f"a positive number of metres, {_UNITS[0]:g} to {_UNITS[1]:g}")
     motion = read_bvh(path)
     of_cmu = "LHipJoint" in motion.names and "LowerBack" in motion.names
     if of_cmu:
         motion = _with_lost_bones(motion)
     names, chosen = _landmarks(motion)
     rest, points = motion.rest()[chosen], motion.positions()[:, chosen]
+    _check_bones(names, points, motion.source)
     if unit is None:
         unit = CMU_UNIT if of_cmu else _ADULT_LEG / _leg_length(names, points)
-    upright = unit * points @ _axes(names, rest).T
+    if not unit * np.abs(points - points[0, 0]).max() < _FARTHEST:
+        raise InputError(motion.source, f"the person is over {_FARTHEST:g} m from where the motion began")
+    axes = _axes(names, rest)
+    if not axes[2].any():
+        raise InputError(motion.source, "head and feet of its rest pose are at one height", remedy=_SKELETON)
+    upright = unit * points @ axes.T
     return Mocap(names, _facing_x(names, upright), 1.0 / motion.frame_time, unit, str(path))
+
+
+def _check_bones(names: tuple[str, ...], points: np.ndarray, source: str) -> None:
+    """Every part that a body is to follow has a direction, in every frame of points (T, L, 3)."""
+    place, least = names.index, _SHORTEST * _leg_length(names, points)
+    pairs = [(f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in _BONES]
+    pairs += [(f"left_{name}", f"right_{name}") for name in ("hip", "shoulder")]
+    for a, b in pairs:
+        if not np.linalg.norm(points[:, place(a)] - points[:, place(b)], axis=1).min() > least:
+            raise InputError(source, f"{a} and {b} are at the same place", remedy=_SKELETON)
 
 
 def _landmarks(motion: BvhMotion) -> tuple[tuple[str, ...], list[int]]:
@@ -102,7 +124,9 @@ def _with_lost_bones(motion: BvhMotion) -> BvhMotion:
     """
     offsets, place = motion.offsets.copy(), motion.names.index
     for name in ("Neck", "LeftShoulder", "RightShoulder"):
-        if name in motion.names and motion.parents[place(name)] == place("Spine1") and not offsets[place(name)].any():
+        if not {name, "Spine1"} <= set(motion.names):  # lost by another program
+            continue
+        if motion.parents[place(name)] == place("Spine1") and not offsets[place(name)].any():
             offsets[place(name)] = offsets[place("Spine1")]
     for name in ("LeftHand", "RightHand"):
         if name in motion.names:

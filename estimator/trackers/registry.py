@@ -15,12 +15,12 @@ from estimator.trackers.annealed import Annealed, AnnealedSettings
 from estimator.trackers.condensation import Condensation, CondensationSettings
 from estimator.trackers.css import PAPER, CovarianceScaledSampling, CssSettings
 from estimator.trackers.multiple_hypothesis import MultipleHypothesis, MultipleHypothesisSettings
-from estimator.trackers.setting_changes import changed
+from estimator.trackers.setting_changes import MOST, changed
 from estimator.trackers.single_mode import SingleMode, SingleModeSettings
 from estimator.trackers.tracker import Tracker
 from humanoid.body import Body
 from humanoid.clearance import Clearance
-from humanoid.errors import InputError
+from humanoid.errors import InputError, shown
 
 TRACKERS = {
     "css": "covariance scaled sampling with transitions and exchanged readings",
@@ -109,8 +109,8 @@ def settings_for(
     settings = changed(_defaults(name), changes or {}, source)
     if modes is None:
         return settings
-    if modes < 1:
-        raise InputError("modes", f"{modes} hypotheses cannot be kept", remedy="at least 1")
+    if not 1 <= modes <= MOST:
+        raise InputError("modes", f"{shown(modes)} hypotheses cannot be kept", remedy=f"at least 1, at most {MOST}")
     if not keeps_several(name):
         if modes > 1:
             several = ", ".join(n for n in TRACKERS if keeps_several(n))

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from estimator.cost.potentials import POTENTIALS
-from humanoid.errors import InputError
+from humanoid.errors import InputError, shown
 
 MAY_BE_ZERO = {
     "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch",
@@ -20,6 +20,9 @@ MAY_BE_ZERO = {
     "flow_share", "finest_scale", "momentum", "limb_samples", "exchanges", "limb_searches", "pose_prior_weight",
     "calm", "tail", "other_readings", "settled",
 }  # fmt: skip
+LARGEST, SMALLEST, MOST = 1e9, 1e-12, 100_000
+"""No setting needs a number beyond LARGEST, a count beyond MOST, or one below SMALLEST that is not zero; only a
+tolerance may be as good as nothing."""
 AT_MOST = {
     "motion_boundary": 1.0,  # beyond, an edge's weight 1 - k S_p is negative
     "pose_prior_weight": 1.0,  # a share
@@ -57,7 +60,7 @@ class _Changes:
         new: dict[str, Any] = {}
         for name, value in changes.items():
             if name not in known:
-                raise self._refused(table, "", f"no setting {name!r}", self._valid(name, table, list(known)))
+                raise self._refused(table, "", f"no setting {shown(name)}", self._valid(name, table, list(known)))
             if is_dataclass(known[name]):
                 if not isinstance(value, Mapping):
                     raise self._refused(table, name, "is a group of settings", "give a table")
@@ -71,18 +74,18 @@ class _Changes:
 
     def _value(self, table: str, name: str, value: Any, kind: type[Any]) -> Any:
         """A value of a setting's kind; whole numbers do where others are meant."""
-        if kind is float and type(value) is int:
-            value = float(value) if abs(value) < 10**300 else np.inf
-        if type(value) is not kind:
-            raise self._refused(table, name, f"{value!r} is no {_KINDS[kind]}", "")
+        if kind is float and type(value) is int and abs(value) <= LARGEST:
+            value = float(value)
+        if type(value) is not kind and not (kind is float and type(value) is int):
+            raise self._refused(table, name, f"{shown(value)} is no {_KINDS[kind]}", "")
         if name.endswith("potential") and value not in POTENTIALS:
-            raise self._refused(table, name, f"no potential {value!r}", "one of " + ", ".join(POTENTIALS))
+            raise self._refused(table, name, f"no potential {shown(value)}", "one of " + ", ".join(POTENTIALS))
         if isinstance(value, (int, float)) and kind is not bool:
             lowest, wanted = _lowest(name, kind)
-            highest = AT_MOST.get(name)
-            if not (lowest <= value < np.inf and (highest is None or value <= highest)):
-                upper = "" if highest is None else f", at most {highest:g}"
-                raise self._refused(table, name, f"{value} cannot work", f"a finite number, {wanted}{upper}")
+            highest = AT_MOST.get(name, MOST if kind is int else LARGEST)
+            if not (lowest <= value <= highest or (value == 0.0 and name in MAY_BE_ZERO)):
+                wanted = f"a finite number, {wanted}, at most {highest:g}"
+                raise self._refused(table, name, f"{shown(value)} cannot work", wanted)
         return value
 
     def _valid(self, name: str, table: str, known: list[str]) -> str:
@@ -102,9 +105,10 @@ class _Changes:
 
 
 def _lowest(name: str, kind: type) -> tuple[float, str]:
-    if name in MAY_BE_ZERO:
-        return 0.0, "0 or more"
-    return (1.0, "1 or more") if kind is int else (float(np.nextafter(0.0, 1.0)), "more than 0")
+    if kind is int:
+        return (0.0, "0 or more") if name in MAY_BE_ZERO else (1.0, "1 or more")
+    smallest = float(np.nextafter(0.0, 1.0)) if name.endswith("tolerance") else SMALLEST
+    return smallest, "0 or more" if name in MAY_BE_ZERO else "more than 0"
 
 
 def every_setting(group: Any, table: str = "") -> Iterator[tuple[str, str, Any]]:

@@ -1,0 +1,62 @@
+"""A damaged input by name, and what came of it."""
+
+from __future__ import annotations
+
+import re
+import resource
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+MOST_SECONDS = 20.0
+MOST_MEMORY = 1_000_000_000  # bytes, of a whole process
+GOOD = ("read", "refused")
+
+
+class Case(NamedTuple):
+    """A damaged input by name: the same again on every machine. reader: of `READERS`, or a command."""
+
+    reader: str
+    seed: int
+    number: int
+
+    @property
+    def random(self) -> Random:
+        """Where all of the damage comes from."""
+        return Random(f"{self.reader} {self.seed} {self.number}")
+
+    def __str__(self) -> str:
+        return f"{self.reader.replace(' ', '_')}-{self.seed}-{self.number}"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """outcome: of `GOOD`, or what went wrong. said: the message or the fault. seconds; memory: of the process [B]."""
+
+    outcome: str
+    said: str = ""
+    seconds: float = 0.0
+    memory: int = 0
+
+    @property
+    def good(self) -> bool:
+        return self.outcome in GOOD
+
+
+def forget_peak() -> None:
+    """Begin the count of `peak_memory` anew where the system can."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory() -> int:
+    """The largest resident size this process had since `forget_peak` [B]."""
+    with suppress(OSError):
+        found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
+        if found:
+            return 1024 * int(found[1])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

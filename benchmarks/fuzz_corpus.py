@@ -1,0 +1,202 @@
+"""Valid files of every kind that is read, small, to be damaged: by reader, a list of folders as name -> content."""
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, OBJ
+from estimator.formats.export import export
+from estimator.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.imaging.camera import Camera, guessed_camera
+from humanoid.body import Body
+from humanoid.landmarks import FORMATS
+from humanoid.subject import URDF_FOLDER, load_subject
+from kinemode.api import track
+from kinemode.progress import Progress
+from kinemode.settings import describe_settings
+
+Files = Mapping[str, bytes]
+SIZE = (64, 48)
+FRAMES = 3
+QUICK: dict[str, Any] = {"css": {"samples": 1, "flips": 0, "modes": 2, "budget": {"searches": 4}}}
+"""Settings that make a track short."""
+
+
+def corpus(subjects: Sequence[str] = ("arm8", "upper13")) -> dict[str, list[Files]]:
+    """All of it, with runs of some subjects; the first name of each folder is the file that is read."""
+    with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as name:
+        folder = Path(name)
+        return {**_keypoints(), **_texts(), **_subjects(), **_pictures(folder), **_runs(folder, subjects)}
+
+
+def points(layout: str, frame: int) -> np.ndarray:
+    """(J, 3) someone's keypoints in a frame: spread over the image, moving a little."""
+    rng = np.random.default_rng(len(FORMATS[layout]))
+    xy = rng.uniform(0.2, 0.8, (len(FORMATS[layout]), 2)) * SIZE + 0.5 * frame
+    return np.round(np.column_stack([xy, rng.uniform(0.3, 1.0, len(xy))]), 2)
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value).encode()
+
+
+def _own(layout: str) -> dict[str, Any]:
+    frames: list[Any] = [{"keypoints": points(layout, t).tolist()} for t in range(FRAMES - 1)]
+    return {"format": layout, "image_size": list(SIZE), "fps": 30.0, "frames": [*frames, {"keypoints": None}]}
+
+
+def _keypoints() -> dict[str, list[Files]]:
+    named = {**_own("coco17"), "format": "detector", "names": [n or f"k{i}" for i, n in enumerate(FORMATS["coco17"])]}
+    alpha = [
+        {"image_id": f"{t}.jpg", "keypoints": points("halpe26", t).ravel().tolist(), "score": 2.9, "idx": [who]}
+        for t in range(FRAMES) for who in range(2)
+    ]  # fmt: skip
+    cmu = {f"{t}.jpg": {"bodies": [{"joints": points("coco18", t).ravel().tolist()}]} for t in range(FRAMES)}
+    seen = points("coco17", 0)
+    instance = [{"keypoints": seen[:, :2].tolist(), "keypoint_scores": seen[:, 2].tolist()}]
+    frames = [{"frame_id": t + 1, "instances": 2 * instance} for t in range(FRAMES)]
+    pose = [{"person_id": [-1], "pose_keypoints_2d": points("body25", t).ravel().tolist()} for t in range(FRAMES)]
+    folders = [
+        {f"walk_{t:012d}_keypoints.json": _json({"version": 1.3, "people": [pose[t], pose[0]]}) for t in range(FRAMES)}
+    ]
+    whole = [_own("coco17"), _own("mediapipe33"), named, alpha, cmu, frames, {"meta_info": {}, "instance_info": frames},
+             {"people": pose}]  # fmt: skip
+    landmarks = [mark.name for mark in load_subject("human34").landmarks]
+    values = np.round(np.random.default_rng(0).uniform(0, 40, (FRAMES, len(landmarks), 2)), 2)
+    clicks = {
+        "format": "landmarks", "image_size": list(SIZE), "fps": 30.0, "names": landmarks,
+        "frames": [{"keypoints": [[*xy, 1.0] for xy in frame]} for frame in values.tolist()],
+    }  # fmt: skip
+    page = {str(t): dict(zip(landmarks, np.pad(values[t], ((0, 0), (0, 1)), constant_values=1.0).tolist(), strict=True))
+            for t in range(FRAMES)}  # fmt: skip
+    return {
+        "keypoints": [{"keypoints.json": _json(one)} for one in [*whole, clicks]],
+        "keypoint folder": list(folders),
+        "clicks": [{"clicks.json": _json(clicks)}],
+        "page": [{"page.json": _json(page)}],
+    }
+
+
+@contextmanager
+def _stopping(label: str) -> Iterator[Progress]:
+    """A progress report that is interrupted, as by Ctrl-C, before the last frame."""
+
+    def stop(done: int, total: int) -> None:
+        if label == "tracking" and done == total - 1:
+            raise KeyboardInterrupt
+
+    yield stop
+
+
+def facing(name: str) -> Camera:
+    """A camera 3 m in front of the origin."""
+    return replace(guessed_camera(name, SIZE), t_camera_world=np.array([0.0, 0.0, 3.0]))
+
+
+def cameras() -> list[Camera]:
+    """Two that see the same place."""
+    one = guessed_camera("cam01", SIZE)
+    turned = one.R_camera_world @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return [one, Camera("cam02", SIZE, one.K, np.array([-0.1, 0.05, 0.0, 0.0, 0.01]), turned, np.array([0.1, 0, 4.0]))]
+
+
+def _texts() -> dict[str, list[Files]]:
+    entries = [
+        {"name": c.name, "image_size": list(SIZE), "K": c.K.tolist(), "distortion": c.distortion.tolist(),
+         "R": c.R_camera_world.tolist(), "t": c.t_camera_world.tolist()}
+        for c in cameras()
+    ]  # fmt: skip
+    alone = {key: entries[0][key] for key in ("name", "image_size", "K")}
+    lines = [line for line in describe_settings("css").splitlines() if not line.startswith("#")]
+    bare, some = "\n".join(lines), "\n".join(lines[:40])
+    time = np.arange(FRAMES) / 30.0
+    where = np.random.default_rng(1).normal(size=(FRAMES, 4, 3))
+    arrays = {"points": where, "names": np.array(["nose", "left_hip", "right_hip", "neck"]), "fps": np.array(30.0)}
+    ours = {"landmarks": where, "landmark_names": arrays["names"], "time": time}
+    return {
+        "cameras": [{"cameras.json": _json({"cameras": some})} for some in (entries, [alone])],
+        "bvh": [{"motion.bvh": text.encode()} for text in (BVH_PLAIN, BVH_CMU)],
+        "settings": [{"settings.toml": text.encode()} for text in (bare, some, describe_settings("annealed"))],
+        "reference": [{"reference.npz": npz(arrays)}, {"reference.npz": npz(ours)}],
+    }
+
+
+def npz(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """The bytes of an .npz."""
+    file = io.BytesIO()
+    keywords: dict[str, Any] = dict(arrays)
+    np.savez_compressed(file, **keywords)
+    return file.getvalue()
+
+
+def _subjects() -> dict[str, list[Files]]:
+    built_in = [(URDF_FOLDER / f"{name}.urdf").read_bytes() for name in ("arm8", "upper13", "human34")]
+    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype=np.float32)
+    faces = corners[[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]].reshape(4, 9)
+    records = [np.concatenate([np.zeros(3, np.float32), face]).tobytes() + b"\0\0" for face in faces]
+    stl = bytes(80) + np.uint32(4).tobytes() + b"".join(records)
+    shapes = (("arm.stl", stl), ("arm.obj", OBJ.encode()), ("arm.dae", DAE.encode()))
+    return {
+        "urdf": [{"arm.urdf": ARM.encode()}, *({"body.urdf": text} for text in built_in)],
+        "landmark file": [{"arm.landmarks.toml": ARM_LANDMARKS.encode(), "arm.urdf": ARM_MESHES[""].encode()}],
+        "mesh": [{name: data, "arm.urdf": ARM_MESHES[name].encode()} for name, data in shapes],
+    }
+
+
+def _pictures(folder: Path) -> dict[str, list[Files]]:
+    """Clips as a film and as a folder of pictures, and pictures of the empty scene."""
+    rng = np.random.default_rng(2)
+    scene = cv2.resize(rng.integers(0, 255, (6, 8, 3), dtype=np.uint8), SIZE, interpolation=cv2.INTER_LINEAR)
+    frames = [np.roll(scene, t, axis=1) for t in range(FRAMES)]
+    film = cv2.VideoWriter(str(folder / "clip.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, SIZE)
+    for frame in frames:
+        film.write(frame)
+    film.release()
+
+    def encoded(suffix: str) -> list[bytes]:
+        return [cv2.imencode(suffix, frame)[1].tobytes() for frame in frames]
+
+    folders = [{f"{t}{suffix}": data for t, data in enumerate(encoded(suffix))} for suffix in (".png", ".jpg", ".bmp")]
+    return {
+        "film": [{"clip.mp4": (folder / "clip.mp4").read_bytes()}],
+        "pictures": list(folders),
+        "background": [{"plate.png": encoded(".png")[0]}, {"plate.jpg": encoded(".jpg")[0]}],
+    }
+
+
+def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
+    """Tracked runs, and a reference that was exported from one."""
+    runs: list[Files] = []
+    unfinished: list[Files] = []
+    seen: list[Files] = []
+    for name in subjects:
+        keypoints = _seen(folder, name)
+        seen.append({keypoints.name: keypoints.read_bytes()})
+        how: dict[str, Any] = {"keypoints": keypoints, "cameras": {"k": facing("k")}, "settings": QUICK, "fit": "off"}
+        run = track(name, None, **how, out=folder / f"{name}.run")
+        with suppress(KeyboardInterrupt):
+            track(name, None, **how, out=folder / "stopped.run", overwrite=True, progress=_stopping)
+        unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
+        runs.append({f"{name}.run": run.file.read_bytes()})
+        export(run, folder / "a.trc")
+    trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
+    return {"run": runs, "unfinished run": unfinished, "seen": seen, "trc": trc}
+
+
+def _seen(folder: Path, name: str) -> Path:
+    """Keypoints of a subject at rest."""
+    body = Body(load_subject(name))
+    pixels = np.repeat(facing("k").project(body.landmarks(body.at(body.clamp(body.neutral))))[None], FRAMES, axis=0)
+    track_ = KeypointTrack("landmarks", body.landmark_names, pixels, np.ones(pixels.shape[:2]), SIZE, 30.0)
+    write_keypoints(folder / f"{name}.json", track_)
+    return folder / f"{name}.json"

@@ -1,0 +1,137 @@
+"""What damaged files are given to: every reader, as far as its result is used, with how its files are damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from random import Random
+
+import numpy as np
+
+from benchmarks.fuzz_arrays import mutated_npz, mutated_run
+from benchmarks.fuzz_corpus import FRAMES, SIZE, Files
+from benchmarks.fuzz_mutations import mutated
+from estimator.evaluation import Reference
+from estimator.formats.cameras import load_cameras
+from estimator.formats.checked_json import read_json
+from estimator.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.formats.run_checks import checked_state
+from estimator.formats.run_file import Run, RunWriter
+from estimator.imaging.camera import guessed_camera
+from estimator.imaging.clip import Clip
+from estimator.imaging.cues import CueReader, CueSettings
+from estimator.synthesis.mocap import load_mocap
+from estimator.trackers.tracker import TrackState
+from humanoid.body import Body
+from humanoid.solids import solids_of
+from humanoid.subject import load_subject
+from kinemode.clicks import clicks_from_page, load_clicks, no_clicks
+from kinemode.settings import read_settings
+
+
+@dataclass(frozen=True)
+class Reader:
+    """kind: how its files are damaged. read: what is done with the file, or with the folder it is in (folder).
+    share: of all inputs, smaller where reading takes long.
+    """
+
+    kind: str
+    read: Callable[[Path], object]
+    share: float
+    folder: bool = False
+
+
+def damaged(name: str, seeds: list[Files], random: Random) -> tuple[Files, str]:
+    """A folder of files of which one is damaged, seldom another than the first, and the first one's name."""
+    files = dict(random.choice(seeds))
+    main, *rest = files
+    victim = random.choice((main, main, main, *rest)) if not READERS[name].folder else random.choice((main, *rest))
+    pool = [data for one in seeds for data in one.values()]
+    files[victim] = _damage(READERS[name].kind, victim)(files[victim], random, pool)
+    return files, main
+
+
+def _damage(kind: str, name: str) -> Callable[[bytes, Random, list[bytes]], bytes]:
+    if kind == "npz":
+        return mutated_npz
+    if kind == "run":
+        return mutated_run
+    if name.endswith((".stl", ".png", ".jpg", ".bmp", ".mp4")):
+        kind = "binary"
+    return lambda data, random, others: mutated(data, kind, random, others)
+
+
+def _bvh(path: Path) -> object:
+    mocap = load_mocap(path)
+    return mocap.at(np.linspace(0.0, mocap.seconds, 4))
+
+
+def _body(path: Path) -> object:
+    body = Body(load_subject(path))
+    posed = body.at(body.neutral)
+    return body.landmarks(posed), solids_of(body, "visual"), solids_of(body)
+
+
+def _landmark_file(path: Path) -> object:
+    return _body(path.with_name("arm.urdf"))
+
+
+def _run(path: Path) -> object:
+    """Everything that can be asked of a run."""
+    run = Run.open(path)
+    names = [n for n in dir(Run) if isinstance(getattr(Run, n), (cached_property, property)) and not n.startswith("_")]
+    values = [getattr(run, name) for name in names]
+    return values, list(run), [run.observation(i) for i in range(run.planned_count)]
+
+
+def _state(path: Path) -> object:
+    """What a resumed run begins with."""
+    writer, arrays, _ = RunWriter.resume(path, Run.open(path).header)
+    with writer:
+        return TrackState.from_arrays(checked_state(arrays, Run.open(path).body, path)) if arrays else None
+
+
+def _clip(path: Path) -> object:
+    with closing(Clip.open(path)) as clip:
+        return clip.report, clip.frame(0)
+
+
+def _folder(path: Path) -> object:
+    return _clip(path.parent)
+
+
+def _plate(path: Path) -> object:
+    """A picture of the empty scene, of a clip that is the picture itself."""
+    with closing(CueReader([path.parent], [guessed_camera("a", SIZE)], CueSettings(), plates=[path])) as reader:
+        return reader.notes
+
+
+@cache
+def _clicked() -> KeypointTrack:
+    return no_clicks([mark.name for mark in load_subject("human34").landmarks], FRAMES, SIZE, 30.0)
+
+
+READERS = {
+    "keypoints": Reader("json", load_keypoints, 0.36),
+    "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
+    "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
+    "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
+    "cameras": Reader("json", load_cameras, 0.17),
+    "bvh": Reader("text", _bvh, 0.06),
+    "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
+    "reference": Reader("npz", Reference.load, 0.04),
+    "trc": Reader("text", Reference.load, 0.05),
+    "urdf": Reader("text", _body, 0.008),
+    "landmark file": Reader("text", _landmark_file, 0.004),
+    "mesh": Reader("text", lambda path: _body(path.with_name("arm.urdf")), 0.003),
+    "run": Reader("run", _run, 0.008),
+    "state": Reader("run", _state, 0.004),
+    "film": Reader("binary", _clip, 0.004),
+    "pictures": Reader("binary", _folder, 0.005, folder=True),
+    "background": Reader("binary", _plate, 0.004),
+}
+"""By name; "state" reads runs that were not finished."""
+CORPUS_OF = {"state": "unfinished run"}

@@ -1,0 +1,63 @@
+"""What the functions of the front door say to arguments of a kind that they do not take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from humanoid.errors import InputError
+from humanoid.subject import load_subject
+
+ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
+    "a model": ({"subject": "MODEL"}, "subject: cannot be of type pinocchio.Model .give a subject from load_subject"),
+    "no subject": ({"subject": None}, "subject: cannot be None"),
+    "frames": ({"clips": np.zeros((2, 4, 4, 3))}, "clips: cannot be of type numpy.ndarray .give a path"),
+    "keypoints": ({"keypoints": np.zeros((2, 17, 3))}, "keypoints: cannot be of type numpy.ndarray"),
+    "a number among files": ({"keypoints": ["a.json", 3]}, "keypoints: cannot be of type list"),
+    "numbers by name": ({"masks": {"a": 1.5}}, "masks: cannot be of type dict"),
+    "intrinsics": ({"cameras": np.eye(3)}, "cameras: cannot be of type numpy.ndarray .give the path of a camera file"),
+    "settings": ({"settings": 7}, "settings: cannot be of type int .7. .give a nested mapping"),
+    "a text of modes": ({"modes": "7"}, "modes: cannot be of type str .'7'. .give a whole number"),
+    "modes": ({"modes": 10**9}, "modes: 1000000000 hypotheses cannot be kept"),
+    "seed": ({"seed": 0.5}, "seed: cannot be of type float .0.5. .give a whole number"),
+    "negative seed": ({"seed": -1}, "seed: -1 is negative .0 or more"),
+    "workers": ({"workers": None}, "workers: cannot be None"),
+    "cues": ({"cues": 3}, "cues: cannot be of type int"),
+    "fit": ({"fit": np.zeros(2)}, "fit: cannot be of type numpy.ndarray"),
+    "person": ({"person": 1.5}, "person: cannot be of type float"),
+    "out": ({"out": 3}, "out: cannot be of type int"),
+    "resume": ({"resume": "no"}, "resume: cannot be of type str"),
+    "progress": ({"progress": 3}, "progress: cannot be of type int"),
+}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
+    given, told = ARGUMENTS[name]
+    how: dict[str, Any] = {
+        "subject": "arm8",
+        "clips": None,
+        "keypoints": "none.json",
+        "out": tmp_path / "a.run",
+    } | given
+    if how["subject"] == "MODEL":
+        how["subject"] = load_subject("arm8").model
+    with pytest.raises(InputError, match=told):
+        km.track(**how)
+    if next(iter(given)) not in ("settings", "modes", "workers", "fit", "resume", "progress"):
+        with pytest.raises(InputError, match=told):
+            km.fit(**how)
+    with pytest.raises(InputError, match=told):
+        km.compare(trackers="css", **(how | {"out": given.get("out", tmp_path / "all")}))
+
+
+@pytest.mark.parametrize("function", [km.open_run, km.load_subject])
+@pytest.mark.parametrize("value", [None, 3, np.zeros(3), b"arm8", ["arm8"]])
+def test_what_is_opened_is_a_path(function: Callable[[Any], Any], value: Any) -> None:
+    with pytest.raises(InputError, match=r"cannot be .*give .*path of"):
+        function(value)

@@ -1,0 +1,216 @@
+"""Files that say what cannot be are refused by the reader, with the range it takes."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
+from benchmarks.fuzz_judge import judge
+from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
+from estimator.formats.keypoints import load_keypoints
+from estimator.imaging.cues import ImageCues
+from estimator.imaging.foreground import silhouette_of
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.registry import make_tracker
+from humanoid.body import Body
+from humanoid.solids import solids_of
+from humanoid.subject import load_subject
+from kinemode.energy_parts import Case, energy_parts
+from tests.builders import body_of, observe
+from tests.changed_json import changed
+
+
+def refused(reader: str, name: str, content: bytes, folder: Path, **others: bytes) -> str:
+    """What a reader says of a file it has to refuse."""
+    path = folder / name
+    path.write_bytes(content)
+    for other, data in others.items():
+        (folder / other.replace("__", ".")).write_bytes(data)
+    verdict = judge(reader, path)
+    assert verdict.outcome == "refused", verdict
+    return verdict.said
+
+
+KEYPOINTS = {
+    "no names": ("names", [], "names: a list of names is needed, one for each keypoint"),
+    "an empty name": ("names.0", "", "names: a list of names is needed"),
+    "huge integer": ("frames.0.keypoints.0.0", 10**400, "frame 0.*beyond all measure.*below 1e\\+07"),
+    "far pixel": ("frames.0.keypoints.0.0", 1e11, "keypoint 0.*beyond all measure.*below 1e\\+07"),
+    "image size": ("image_size", [20_000, 480], "image_size.*1 to 16384"),
+    "frame rate": ("fps", 1e5, "fps: 100000 cannot be .*0.5 to 2000"),
+    "slow": ("fps", 1e-300, "fps: 1e-300 cannot be .*0.5 to 2000"),
+}
+CAMERAS = {
+    "focal length": ("cameras.0.K.0.0", 9e6, "K: a focal length of 9e\\+06 pixels cannot be .*1 to 1e\\+06"),
+    "short focal length": ("cameras.0.K.1.1", 1e-5, "a focal length of 1e-05 pixels cannot be"),
+    "huge focal length": ("cameras.0.K.0.0", 1e11, "beyond all measure"),
+    "huge integer": ("cameras.0.K.0.0", 10**400, "K: has a number.*beyond all measure .numbers are finite"),
+    "image size": ("cameras.1.image_size", [10**6, 10**6], "image_size.*1 to 16384"),
+    "distortion": ("cameras.1.distortion.0", 1e6, "distortion: has a coefficient beyond all measure .up to 10000"),
+    "far away": ("cameras.1.t.0", 1e8, "t: .*beyond all measure"),
+}
+
+
+@pytest.mark.parametrize("name", KEYPOINTS)
+def test_keypoints_that_cannot_be(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    place, new, told = KEYPOINTS[name]
+    named = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b'"detector"' in f["keypoints.json"]))
+    assert re.search(told, refused("keypoints", "k.json", changed(named, place, new), tmp_path))
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_cameras_that_cannot_be(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    place, new, told = CAMERAS[name]
+    value = json.loads(valid["cameras"][0]["cameras.json"])
+    assert re.search(told, refused("cameras", "c.json", changed(value, place, new), tmp_path))
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, 400_000])
+def test_frame_numbers_that_cannot_be(number: int | str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    """They would fill the memory with frames that nobody has."""
+    value = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b"image_id" in f["keypoints.json"]))
+    said = refused("keypoints", "k.json", changed(value, "3.image_id", f"{number}.jpg"), tmp_path)
+    assert re.search("no likely frame number|number the frames from the clip's first", said)
+
+
+_DEEP = "".join(f"JOINT a{i}\n{{\nOFFSET 0 0 0\nCHANNELS 0\n" for i in range(300))
+
+
+@pytest.mark.parametrize("id", [20261121, 10**12])
+def test_ids_may_be_large(id: int, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    value = json.loads(next(f["keypoints.json"] for f in valid["keypoints"] if b"image_id" in f["keypoints.json"]))
+    (tmp_path / "k.json").write_bytes(changed(value, "0.idx", id))
+    assert load_keypoints(tmp_path / "k.json", person=id).notes == (f"person {id}",)
+
+
+BVH = {
+    "no Spine1": (BVH_CMU, "Spine1", "Spine9", ""),
+    "far away": (BVH_PLAIN, "1 17 2", "1 17e9 2", "line .*beyond all measure .*below 1e\\+07"),
+    "leaves": (BVH_PLAIN, "1 17 2", "999999 17 2", "over 10000 m from where the motion began"),
+    "fast": (
+        BVH_PLAIN,
+        "Frame Time: 0.02",
+        "Frame Time: 1e-300",
+        "1e-300 s from frame to frame cannot be .0.0005 to 2",
+    ),
+    "no shank": (BVH_PLAIN, "0 -7 0", "0 0 0", "left_knee and left_ankle are at the same place"),
+    "deep": (BVH_PLAIN, "End Site", _DEEP, "nested over 200 deep"),
+}
+
+
+@pytest.mark.parametrize("name", BVH)
+def test_motion_capture_that_cannot_be(name: str, tmp_path: Path) -> None:
+    text, old, new, told = BVH[name]
+    assert old in text
+    path = tmp_path / "a.bvh"
+    path.write_text(text.replace(old, new, 1))
+    verdict = judge("bvh", path)
+    assert verdict.outcome == ("refused" if told else "read"), verdict
+    assert re.search(told, verdict.said)
+
+
+SETTINGS = {
+    "huge": ("[cost]\nnu = 1e308", "\\[cost\\] nu: 1e\\+308 cannot work .*at most 1e\\+09"),
+    "tiny": ("[cost]\nnu = 1e-308", "1e-308 cannot work"),
+    "tiny that may be zero": ("[css]\nflip_penalty = 1e-308", "1e-308 cannot work .*0 or more"),
+    "infinite": ("[cost]\nnu = inf", "inf cannot work"),
+    "many": ("[css]\nsamples = 1000000000", "1000000000 cannot work .*at most 100000"),
+    "thousands of digits": ("[css]\nsamples = " + 5000 * "9", "is not TOML"),
+    "in hexadecimal": ("[css]\nsamples = 0x" + 5000 * "f", "a number of thousands of digits cannot work"),
+    "long value": (f"[css]\nshape = 3\n[cost]\npotential = '{100_000 * 'x'}'", "xxx \\.\\.\\. xxx|3 is no text"),
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_settings_that_cannot_be(name: str, tmp_path: Path) -> None:
+    text, told = SETTINGS[name]
+    assert re.search(told, refused("settings", "s.toml", text.encode(), tmp_path))
+
+
+_POINTS = np.zeros((3, 2, 3))
+REFERENCES: dict[str, tuple[dict[str, Any], str]] = {
+    "infinite": ({"points": np.full((3, 2, 3), np.inf)}, "infinite, or beyond all measure .metres below"),
+    "far": ({"points": np.full((3, 2, 3), 1e8)}, "beyond all measure"),
+    "texts": ({"points": np.full((3, 2, 3), "1")}, "points: numbers are needed"),
+    "complex": ({"points": _POINTS + 1j}, "points: numbers are needed"),
+    "nothing": ({"points": np.zeros((0, 2, 3))}, "has no points"),
+    "numbers for names": ({"names": np.zeros(2)}, "names: a list of names is needed"),
+    "rates": ({"fps": np.array([30.0, 60.0])}, "fps: one number is needed"),
+    "frame rate": ({"fps": np.array(1e9)}, "fps: .*cannot be.*0.5 to 2000"),
+    "no character": (
+        {"names": np.array([0x7FFFFFFF, 0], np.uint32).view("<U1")},
+        "names: has characters that are none",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_references_that_cannot_be(name: str, tmp_path: Path) -> None:
+    arrays = {"points": _POINTS, "names": np.array(["a", "b"]), "fps": np.array(30.0)}
+    new, told = REFERENCES[name]
+    assert re.search(told, refused("reference", "r.npz", npz(arrays | new), tmp_path))
+
+
+def test_damaged_references(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    good = bytearray(valid["reference"][0]["reference.npz"])
+    place = good.index(b"PK\x01\x02") + 6  # the version of zip that is needed
+    good[place : place + 2] = b"\xff\xff"
+    assert "cannot be read" in refused("reference", "r.npz", bytes(good), tmp_path)
+    trc = valid["trc"][0]["reference.trc"].decode()
+    head, row = trc.split("\n6\t")[0].splitlines()[:5], trc.splitlines()[6]
+    for lines, told in (
+        ([*head[:3], "Frame#\tTime", "", row], "line 4: has no markers"),
+        ([*head, row, row, row], "time: the times do not rise"),
+        ([*head, row.replace(row.split("\t")[3], "1e300")], "line 6: has a number beyond all measure"),
+        ([*head], "has no points|is no TRC file"),
+    ):
+        assert re.search(told, refused("trc", "r.trc", "\n".join(lines).encode(), tmp_path))
+
+
+def test_landmark_files_of_endless_joints_load(tmp_path: Path) -> None:
+    """A limit made for a joint that had none needs what URDF parsers ask of limits."""
+    (tmp_path / "arm.urdf").write_text(ARM_MESHES[""])
+    (tmp_path / "arm.landmarks.toml").write_text(ARM_LANDMARKS)
+    body = Body(load_subject(tmp_path / "arm.urdf"))
+    assert solids_of(body, "visual")
+    assert body.bounded_q.size == 2
+    numbers = "[limits]\nelbow = [0x" + 5000 * "f" + ", 1]"
+    said = refused("landmark file", "arm.landmarks.toml", numbers.encode(), tmp_path)
+    assert "not [lower, upper]" in said
+
+
+def test_every_shape_that_is_offered_loads(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    box = '<box size="1 1 1"/>'
+    said = refused("urdf", path.name, ARM.replace(box, "<capsule radius='1' length='1'/>").encode(), tmp_path)
+    offered = said.partition("shapes: ")[2].partition(")")[0].split(", ")
+    assert {"box", "cylinder", "mesh"} < set(offered)
+    assert "capsule" not in offered
+    for shape in sorted(set(offered) - {"mesh"}):
+        path.write_text(ARM.replace(box, f'<{shape} size="1 1 1" radius="1" length="1"/>'))
+        assert judge("urdf", path).outcome == "read", shape
+
+
+def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
+    """Nothing of it has a place in the image, so that its extent there is not known."""
+    body, camera = body_of("arm8"), facing("k")
+    search: ModeSearch = make_tracker("css", body).search
+    seen = observe(body, body.clamp(body.neutral), [camera])
+    mask = np.zeros(SIZE[::-1], bool)
+    mask[10:30, 20:40] = True
+    silhouette, q = silhouette_of(mask), body.clamp(body.neutral)
+    for depth in (0.0, -3.0):
+        moved = replace(camera, t_camera_world=np.array([0.0, 0.0, depth]))
+        cues = (ImageCues(moved, None, None, silhouette),)
+        observation = replace(seen, cameras=(moved,), cues=cues)
+        evidence = search.evidence(observation, q)
+        parts = energy_parts(Case(search, observation, "as_detected", body.at(q), None, 0.0, None, evidence))
+        assert np.isfinite([part.energy for part in parts]).all()

@@ -1,0 +1,151 @@
+"""Run files that are whole, with right checksums, and say what cannot be."""
+
+from __future__ import annotations
+
+import json
+import re
+import sqlite3
+import struct
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from benchmarks.fuzz_corpus import Files
+from benchmarks.fuzz_judge import judge
+from benchmarks.fuzz_readers import CORPUS_OF
+from estimator.formats.packing import pack, unpack
+from estimator.formats.run_file import RunWriter
+from humanoid.errors import InputError
+from tests.changed_json import changed
+
+
+def altered(run: bytes, folder: Path, *statements: str, **rows: Callable[[dict[str, np.ndarray]], Any]) -> Path:
+    """A run file after SQL statements, and with the arrays of the second row of some tables changed."""
+    path = folder / "a.run"
+    path.write_bytes(run)
+    connection = sqlite3.connect(path, isolation_level=None)
+    for statement in statements:
+        connection.execute(statement)
+    for table, change in rows.items():
+        row = connection.execute(f"SELECT rowid, data FROM {table} ORDER BY rowid DESC LIMIT 1").fetchone()
+        arrays = {name: array.copy() for name, array in unpack(row[1]).items()}
+        change(arrays)
+        connection.execute(f"UPDATE {table} SET data = ? WHERE rowid = ?", (pack(arrays), row[0]))
+    connection.close()
+    return path
+
+
+def _set(name: str, value: Any) -> Callable[[dict[str, np.ndarray]], None]:
+    def change(arrays: dict[str, np.ndarray]) -> None:
+        arrays[name] = value(arrays[name]) if callable(value) else np.asarray(value)
+
+    return change
+
+
+ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
+    "no q": ("frame", lambda a: a.pop("q"), "frame 2: is damaged: q is missing"),
+    "q too short": ("frame", _set("q", lambda q: q[:, :-1]), "q has the shape"),
+    "q of texts": ("frame", _set("q", lambda q: q.astype(str)), "q has the shape .* and type <U"),
+    "q is not finite": ("frame", _set("q", lambda q: q * np.nan), "q has numbers that are not finite"),
+    "no weight": ("frame", _set("weight", lambda w: 0.0 * w), "weight has negative numbers, or none above zero"),
+    "a parent nobody is": ("frame", _set("parent", lambda p: p + 90), "parent 9. is no hypothesis"),
+    "a frame beyond": ("frame", _set("index", 10**9), "index 1000000000 of 3 frames"),
+    "covariance": ("frame", _set("covariance", lambda c: c + np.inf), "covariance has numbers that are not finite"),
+    "a text that is none": (
+        "frame",
+        _set("status", np.full(1, 0x7FFFFFFF, "<u4").view("<U1")[0:1].reshape(())),
+        "status",
+    ),
+    "pixels of another camera": (
+        "observation",
+        _set("pixels", lambda p: p[:, :-1]),
+        "keypoints of frame 2.*pixels has",
+    ),
+    "confidence": ("observation", _set("confidence", lambda c: c + 5.0), "confidence is not between 0 and 1"),
+    "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*no configuration"),
+    "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
+    "state without weights": ("state", lambda a: a.pop("weights"), "state: is damaged: weights is missing"),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_rows_of_a_run_that_cannot_be(name: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    table, change, told = ROWS[name]
+    reader = "state" if table == "state" else "run"
+    run = valid[CORPUS_OF.get(reader, reader)][0]["arm8.run"]
+    verdict = judge(reader, altered(run, tmp_path, **{table: change}))
+    assert verdict.outcome == "refused", verdict
+    assert re.search(told, verdict.said), verdict.said
+
+
+@pytest.mark.parametrize(
+    ("statement", "told"),
+    [
+        ("DELETE FROM header", "it has no header"),
+        ("UPDATE header SET json = 3", "header"),
+        ("UPDATE header SET json = '[1]'", "header: an object"),
+        ("DELETE FROM frame WHERE position = 1", "."),
+        ("UPDATE frame SET position = 7 WHERE position = 1", "1 of its frames are missing"),
+        ("INSERT INTO frame VALUES (3, x'00')", "it has 4 frames of 3"),
+        ("UPDATE frame SET data = 'text' WHERE position = 1", "frame 1: is damaged: too short"),
+        ("DROP TABLE observation", "no such table"),
+    ],
+)
+def test_tables_of_a_run_that_cannot_be(
+    statement: str, told: str, valid: Mapping[str, list[Files]], tmp_path: Path
+) -> None:
+    verdict = judge("run", altered(valid["run"][0]["arm8.run"], tmp_path, statement))
+    assert verdict.outcome == "refused", verdict
+    assert re.search(told, verdict.said), verdict.said
+
+
+HEADERS = {
+    "cameras": ([], "cameras of different names are needed"),
+    "cameras.0.K": ([[1, 2], [3]], "cameras\\[0\\].K"),
+    "image sizes": (3, "image sizes: an object"),
+    "frame times": ([0.0, 0.0, 1.0], "frame times: is damaged: rising times"),
+    "seed": (1.5, "seed: is damaged"),
+    "base": ("flying", "base: is damaged.*free, fixed"),
+    "notes": ([3], "notes: is damaged"),
+    "clips": ({"k": 3}, "clips: is damaged"),
+    "subject": (None, "subject: is damaged"),
+    "settings": ([], "settings: an object"),
+}
+
+
+@pytest.mark.parametrize("place", HEADERS)
+def test_headers_that_cannot_be(place: str, valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    new, told = HEADERS[place]
+    path = altered(valid["run"][0]["arm8.run"], tmp_path)
+    connection = sqlite3.connect(path, isolation_level=None)
+    header = json.loads(connection.execute("SELECT json FROM header").fetchone()[0])
+    connection.execute("UPDATE header SET json = ?", (changed(header, place, new).decode(),))
+    connection.close()
+    with pytest.raises(InputError, match=told) as caught:
+        km.open_run(path)
+    assert str(caught.value).count("a.run: ") == 1
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        "3", "[3]", '[["a", "f8", 3]]', '[["a", "O", [1]]]', '[["a", "f8", [-1]]]', '[["a", "f8,f8", [1]]]',
+        '[["a", "<f8", [4294967296, 4294967296]]]', '[["a", "U0", [1000000, 1000000]]]',
+        '[["a", "f8", [0, 9000000000000000000]]]', "[" * 100_000,
+    ],
+)  # fmt: skip
+def test_packed_arrays_with_an_index_that_cannot_be(index: str) -> None:
+    body = index.encode() + bytes(64)
+    with pytest.raises(ValueError, match=r"array 'a'|its index|Expecting"):
+        unpack(struct.pack("<II", len(index), zlib.crc32(body)) + body)
+
+
+def test_a_state_of_another_frame_is_not_resumed(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    path = altered(valid["unfinished run"][0]["arm8.run"], tmp_path, "UPDATE state SET next = 1")
+    with pytest.raises(InputError, match="state: is damaged: it is not of the last of 2 frames"):
+        RunWriter.resume(path, km.open_run(path).header)

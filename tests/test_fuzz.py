@@ -1,0 +1,115 @@
+"""The measure of damaged files: what it calls a fault, and a part of it."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import fuzz, fuzz_commands
+from benchmarks.fuzz_cases import Case as Damaged
+from benchmarks.fuzz_corpus import Files
+from benchmarks.fuzz_judge import judge, judged_message, prepare, write
+from benchmarks.fuzz_readers import CORPUS_OF, READERS
+from benchmarks.fuzz_workers import verdicts
+from humanoid.errors import LONGEST, InputError, shown
+from tests.fuzz_faults import judge as faulty
+
+_SLICE = 300  # damaged files in the test, of the 100,000 of the measure
+
+
+# --- what is said ---
+
+
+def test_a_message_is_one_short_line_with_both_ends_of_what_it_quotes() -> None:
+    name = "first" + 100_000 * "x" + "last"
+    error = InputError("a.json", f"the name {name!r} is used twice", place=name, remedy=f"one of {name}, b")
+    assert len(str(error)) <= LONGEST
+    assert str(error).startswith("a.json: first")
+    assert "last' is used twice (one of first" in str(error)
+    assert error.place == name  # nothing is lost to a program
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+    assert "\x1b" not in str(InputError("a", "b\n\x1b[31mc\u202e"))
+    assert str(InputError("a", "b\n\x1b[31mc")) == "a: b\\n\\x1b[31mc"
+    whole = InputError("a.json", "p" * 300, remedy="r" * 150)
+    assert "p" * 300 in str(whole)
+    assert "r" * 150 in str(whole)
+
+
+@pytest.mark.parametrize("lengths", [(1, 1, 1, 9999), (9999, 0, 9999, 0), (600, 600, 600, 600), (0, 499, 0, 0)])
+def test_every_part_of_a_long_message_has_its_share(lengths: tuple[int, ...]) -> None:
+    source, place, problem, remedy = (letter * n for letter, n in zip("abcd", lengths, strict=True))
+    told = str(InputError(source, problem, place=place, remedy=remedy))
+    assert len(told) <= LONGEST
+    assert all(letter in told for letter, n in zip("abcd", lengths, strict=True) if n)
+    assert max(lengths) < 500 or len(told) > LONGEST - 10  # no more is left out than has to be
+
+
+def test_what_cannot_be_shown_is_described() -> None:
+    assert shown(10**5000) == "a number of thousands of digits"
+    assert len(shown("x" * 1000)) == 60
+    nested: list[Any] = []
+    for _ in range(100_000):
+        nested = [nested]
+    assert shown(nested) == "a list"
+
+
+# --- what the measure would call a fault, and that it does ---
+
+
+def test_bad_messages_are_recognised(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    assert judged_message(f"{path}: is empty", path)[0] == "refused"
+    assert judged_message(f"{path}: is damaged: {path}: is empty", path)[0] == "wrapped twice"
+    assert judged_message("x" * 501, path)[0] == "long message"
+    assert judged_message("two\nlines", path)[0] == "message of several lines"
+    judged = fuzz_commands.judged_output
+    assert judged(0, "note: all is well\n")[0] == "read"
+    assert judged(2, "tracking: 1/3\nerror: a: is empty\n")[0] == "refused"
+    assert judged(2, "error: a\nerror: b\n")[0] == "not one line"
+    assert judged(2, "error: " + "x" * 501)[0] == "long message"
+    assert judged(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
+    assert judged(0, "note: " + "x" * 600)[0] == "long message"
+    assert judged(0, "note: overflow encountered in multiply")[0] == "warned"
+
+
+def test_workers_outlive_what_damaged_files_do_to_them() -> None:
+    cases = [Damaged(name, 0, i) for i, name in enumerate(("good", "crash", "good", "print", "hang", "good"))]
+    found = {case.number: verdict for case, verdict in verdicts(faulty, "corpus", cases, 1, batch=6, patience=0.5)}
+    outcomes = [found[i].outcome for i in range(len(cases))]
+    assert outcomes == ["read", "crash", "read", "printed", "hang", "read"]
+    assert found[0].said == "corpus"
+    assert "3" in found[1].said
+    assert "libfoo" in found[3].said
+
+
+def test_equal_seeds_make_equal_damage(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    for name in READERS:
+        contents = []
+        for folder in ("a", "b"):
+            prepare(Damaged(name, 5, 3), valid, tmp_path / folder)
+            contents.append({p.name: p.read_bytes() for p in (tmp_path / folder).iterdir()})
+        assert contents[0] == contents[1]
+
+
+def test_valid_files_are_read(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    """Or the damage would be found in what was damaged before."""
+    for name in READERS:
+        for seed in valid[CORPUS_OF.get(name, name)]:
+            write(seed, tmp_path / "valid")
+            verdict = judge(name, tmp_path / "valid" / next(iter(seed)))
+            assert verdict.outcome == "read", (name, verdict)
+
+
+def test_damaged_files_give_a_result_or_one_line(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+    noisy = ("mesh", "film", "pictures", "background")  # their libraries print, or end a process: left to the workers
+    names = [name for name in READERS if name not in noisy]
+    faults = []
+    for case in fuzz.cases(_SLICE, 7, names):
+        verdict = judge(case.reader, prepare(case, valid, tmp_path / "case"))
+        if not verdict.good and verdict.outcome != "memory":  # of the whole test process
+            faults.append((str(case), verdict))
+    assert not faults
