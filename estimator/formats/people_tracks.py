@@ -12,7 +12,8 @@ from estimator.formats.keypoints_people import Person
 _PATIENCE = 60  # frames after which somebody who left is somebody new
 _FAR = 0.6  # two detections further apart than this many body sizes are two people
 _DRIFT = 0.05  # share by which that grows with each frame in which a person was not seen
-_CLOSE = 0.25  # a rival less than this many body sizes farther away might have been meant
+_CLOSE = 0.1  # a rival less than this many body sizes farther away might have been meant
+_LEAP = 0.25  # body sizes: whoever moved farther may be somebody else
 _MOST_PAIRS = 50_000  # compared at once
 
 
@@ -20,8 +21,8 @@ _MOST_PAIRS = 50_000  # compared at once
 class PersonTrack:
     """One person followed through one camera.
 
-    people: the detection of each frame. doubtful: frames in which another detection, or another person's track, was
-    nearly as close, so that two people may have changed places there.
+    people: the detection of each frame. doubtful: frames in which two people may have changed places, since another
+    detection or another track was nearly as close, or the person moved far.
     """
 
     people: dict[int, Person]
@@ -52,7 +53,7 @@ def link(frames: Mapping[int, Sequence[Person]]) -> list[PersonTrack]:
             k, i = int(pairs.first[pair]), int(pairs.second[pair])
             found.track[i] = alive.track[k]
             tracks[alive.track[k]].people[index] = people[i]
-        for pair in linked[_rivalled(pairs, linked)].tolist():
+        for pair in linked[_rivalled(pairs, linked) | (pairs.distance[linked] > _LEAP)].tolist():
             tracks[alive.track[pairs.first[pair]]].doubtful.add(index)
         for i in np.flatnonzero(found.track < 0).tolist():
             found.track[i] = len(tracks)

@@ -1,0 +1,86 @@
+"""Which of the people whom several cameras see together is the subject."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.imaging.camera import Camera
+from estimator.imaging.epipolar import meeting_points
+from estimator.imaging.people_pieces import Table
+
+_LOOKS = 5  # instants whose size is taken for a person's
+_ALIKE = 1.4  # ratio of two sizes beyond which it is somebody else: arms are raised, people crouch
+_SPEED = 0.25  # body sizes a frame that somebody unseen may have moved: 7 a second, a sprinter's, at 30 frames a second
+_NEAR = 0.5  # body sizes two places of one person may differ because limbs moved
+
+
+def subject_rows(table: Table, cameras: Sequence[Camera], group: np.ndarray) -> np.ndarray:
+    """Which detections (D,) are the subject's, of groups (D,) of detections that are one person's each; none where no
+    two cameras see anybody together.
+
+    The seed's group; without a seed the one with the largest sum of size x confidence in the frames where two cameras
+    or more see it. With it go groups that can be the same person at another time: never seen beside it, of its size, and
+    near enough to be reached.
+    """
+    shared = _shared(table, group)
+    count = int(group.max(initial=-1)) + 1
+    score = np.bincount(group[shared], table.weight[shared], count)
+    if table.seed >= 0:
+        first = int(group[table.piece == table.seed][0])
+    elif score.max(initial=0.0) > 0.0:
+        first = int(score.argmax())
+    else:
+        return np.zeros(len(group), dtype=bool)
+    subject = group == first
+    for other in np.argsort(-score, kind="stable").tolist():
+        if score[other] > 0.0 and other != first and _continues(table, cameras, shared, subject, group == other):
+            subject = subject | (group == other)
+    return np.asarray(subject)
+
+
+def _shared(table: Table, group: np.ndarray) -> np.ndarray:
+    """Which detections (D,) have another camera's of the same group and frame beside them."""
+    seen = np.unique(np.stack([group, table.frame, table.camera], axis=1), axis=0)
+    instants, count = np.unique(seen[:, :2], axis=0, return_counts=True)
+    several = {tuple(row) for row in instants[count > 1].tolist()}
+    return np.array([key in several for key in zip(group.tolist(), table.frame.tolist(), strict=True)], dtype=bool)
+
+
+def _continues(
+    table: Table, cameras: Sequence[Camera], shared: np.ndarray, subject: np.ndarray, other: np.ndarray
+) -> bool:
+    """Whether the rows `other` can be the subject's too."""
+    places = [
+        set(zip(table.camera[rows].tolist(), table.frame[rows].tolist(), strict=True)) for rows in (subject, other)
+    ]
+    if not places[0].isdisjoint(places[1]) or not (subject & shared).any():
+        return False
+    ours, theirs = np.unique(table.frame[subject & shared]), np.unique(table.frame[other & shared])
+    gaps = np.abs(ours[:, None] - theirs[None, :])
+    i, j = np.unravel_index(int(gaps.argmin()), gaps.shape)
+    sizes = [_size(table, cameras, subject, ours), _size(table, cameras, other, theirs)]
+    a, b = _points(table, cameras, subject, int(ours[i])), _points(table, cameras, other, int(theirs[j]))
+    reach = (_NEAR + _SPEED * float(gaps[i, j])) * max(sizes)
+    near = float(np.linalg.norm(np.nanmean(a, axis=0) - np.nanmean(b, axis=0))) < reach
+    return near and max(sizes) < _ALIKE * min(sizes)
+
+
+def _size(table: Table, cameras: Sequence[Camera], rows: np.ndarray, frames: np.ndarray) -> float:
+    """Median diagonal [m] of a person's landmarks in some of the frames."""
+    some = frames[np.unique(np.linspace(0, len(frames) - 1, _LOOKS).round().astype(int))]
+    points = [_points(table, cameras, rows, int(frame)) for frame in some]
+    spans = [float(np.linalg.norm(np.nanmax(p, axis=0) - np.nanmin(p, axis=0))) for p in points]
+    return float(np.median(spans))
+
+
+def _points(table: Table, cameras: Sequence[Camera], rows: np.ndarray, frame: int) -> np.ndarray:
+    """Landmarks (N, 3) [m] that two cameras or more see of a person in a frame."""
+    used = np.flatnonzero(rows & (table.frame == frame))
+    by_camera = [cameras[c] for c in table.camera[used]]
+    directions = [
+        table.rays[c].directions[row - table.first[c]] for c, row in zip(table.camera[used], used, strict=True)
+    ]
+    points = meeting_points(by_camera, np.stack(directions))
+    return points[np.isfinite(points).all(axis=1)]
