@@ -17,7 +17,6 @@ from estimator.formats.people_choice import AUTO, crowded, ids_of, jump_note, se
 from estimator.imaging.camera import Camera
 from estimator.imaging.people_agreement import FIT, Evidence, affinity_of, evidence_of, median_distance
 from estimator.imaging.people_changes import cut_where_people_change
-from estimator.imaging.people_groups import grouped
 from estimator.imaging.people_pieces import Sighting, Table, table_of
 from estimator.imaging.people_subject import subject_rows
 from humanoid.errors import InputError
@@ -52,8 +51,7 @@ def subject_tracks(
     table = table_of(sightings)
     evidence = evidence_of(table, [s.camera for s in sightings])
     table = cut_where_people_change(table, evidence)
-    group = grouped(affinity_of(table, evidence))[table.piece]
-    subject = subject_rows(table, [s.camera for s in sightings], group)
+    subject = subject_rows(table, [s.camera for s in sightings], affinity_of(table, evidence))
     if not subject.any():
         raise _nobody(files)
     tracks, notes = {}, [_summary(table, evidence, subject, list(files))]

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.imaging.camera import Camera
 from estimator.imaging.epipolar import meeting_points
+from estimator.imaging.people_groups import grouped, settled
 from estimator.imaging.people_pieces import Table
 
 _LOOKS = 5  # instants whose size is taken for a person's
@@ -16,28 +17,40 @@ _SPEED = 0.25  # body sizes a frame that somebody unseen may have moved: 7 a sec
 _NEAR = 0.5  # body sizes two places of one person may differ because limbs moved
 
 
-def subject_rows(table: Table, cameras: Sequence[Camera], group: np.ndarray) -> np.ndarray:
-    """Which detections (D,) are the subject's, of groups (D,) of detections that are one person's each; none where no
-    two cameras see anybody together.
+def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) -> np.ndarray:
+    """Which detections (D,) are the subject's, by what speaks (P, P) for two pieces being one person; none where no two
+    cameras see anybody together.
 
-    The seed's group; without a seed the one with the largest sum of size x confidence in the frames where two cameras
-    or more see it. With it go groups that can be the same person at another time: never seen beside it, of its size, and
-    near enough to be reached.
+    The person of the seed; without a seed the one with the largest sum of size x confidence in the frames where two
+    cameras or more see it. With it goes whoever can be the same person at another time: never seen beside it, of its
+    size, and near enough to be reached.
     """
-    shared = _shared(table, group)
-    count = int(group.max(initial=-1)) + 1
-    score = np.bincount(group[shared], table.weight[shared], count)
+    pieces = grouped(affinity)
+    first, _ = _largest(table, pieces[table.piece])
+    if first < 0:
+        return np.zeros(len(table.piece), dtype=bool)
+    count = len(affinity)
+    camera, begin = np.full(count, -1), np.full(count, np.iinfo(np.int64).max)
+    camera[table.piece] = table.camera
+    np.minimum.at(begin, table.piece, table.frame)
     if table.seed >= 0:
-        first = int(group[table.piece == table.seed][0])
-    elif score.max(initial=0.0) > 0.0:
-        first = int(score.argmax())
-    else:
-        return np.zeros(len(group), dtype=bool)
-    subject = group == first
+        camera[table.seed] = -1
+    group = settled(affinity, pieces, first, camera, begin)[table.piece]
+    _, score = _largest(table, group)
+    shared, subject = _shared(table, group), group == first
     for other in np.argsort(-score, kind="stable").tolist():
         if score[other] > 0.0 and other != first and _continues(table, cameras, shared, subject, group == other):
             subject = subject | (group == other)
     return np.asarray(subject)
+
+
+def _largest(table: Table, group: np.ndarray) -> tuple[int, np.ndarray]:
+    """The seed's group, or the largest, -1 without any; and the sizes of all."""
+    shared = _shared(table, group)
+    score = np.bincount(group[shared], table.weight[shared], int(group.max(initial=0)) + 1)
+    if table.seed >= 0:
+        return int(group[table.piece == table.seed][0]), score
+    return (int(score.argmax()) if score.max(initial=0.0) > 0.0 else -1), score
 
 
 def _shared(table: Table, group: np.ndarray) -> np.ndarray:

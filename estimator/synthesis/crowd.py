@@ -45,7 +45,7 @@ def crowd(
             if number in (hidden or {}).get(track.source, ()):
                 continue
             points = np.concatenate([track.pixels, track.confidence[..., None]], axis=-1)
-            for t in np.flatnonzero((track.confidence > 0.0).sum(axis=1) > 1):
+            for t in np.flatnonzero((track.confidence > 0.0).sum(axis=1) > 1).tolist():
                 found[track.source][t].append((number, Person(points[t])))
     for frames in found.values():
         for t, frame in enumerate(frames):
