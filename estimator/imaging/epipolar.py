@@ -87,7 +87,7 @@ def _smaller(E: np.ndarray, a: Rays, b: Rays, i: np.ndarray, j: np.ndarray, mirr
 
 
 def _sampson(error: np.ndarray, forth: np.ndarray, back: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """|error| over its slope: forth, back (..., 3) are the epipolar lines in b and a, sizes a and b scale the errors."""
+    """|error| over its slope: forth, back (..., 3) are the epipolar lines in b and a, sizes a and b scale errors."""
     slope = np.square(b) * np.square(forth[..., :2]).sum(axis=-1) + np.square(a) * np.square(back[..., :2]).sum(axis=-1)
     return np.asarray(np.abs(error) / np.sqrt(np.maximum(slope, 1e-30)))
 

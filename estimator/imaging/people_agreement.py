@@ -73,7 +73,7 @@ def _scale(table: Table, first: np.ndarray, second: np.ndarray, distance: np.nda
 
 
 def _looked(table: Table, cameras: int) -> np.ndarray:
-    frames, place = np.unique(table.frame, return_inverse=True)
+    frames, place = np.unique(table.instant, return_inverse=True)
     counts = np.zeros((cameras, len(frames)))
     np.add.at(counts, (table.camera, place), 1.0)
     pairs = (np.square(counts.sum(axis=0)) - np.square(counts).sum(axis=0)).sum() / 2.0
@@ -82,7 +82,7 @@ def _looked(table: Table, cameras: int) -> np.ndarray:
 
 def _pairs(table: Table, a: int, b: int, looked: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Places of detections of cameras a and b that are of one frame, some frames at a time."""
-    members = [_by_frame(table.frame[table.first[c] : table.first[c + 1]], looked) for c in (a, b)]
+    members = [_by_frame(table.instant[table.first[c] : table.first[c + 1]], looked) for c in (a, b)]
     i: list[np.ndarray] = []
     j: list[np.ndarray] = []
     for ours, theirs in zip(*members, strict=True):
@@ -107,7 +107,7 @@ def affinity_of(table: Table, evidence: Evidence) -> np.ndarray:
     made = np.zeros((count, count))
     np.add.at(made, (table.piece[evidence.first], table.piece[evidence.second]), evidence.gain - WORST)
     made += made.T
-    looked = np.isin(table.frame, evidence.looked)
+    looked = np.isin(table.instant, evidence.looked)
     for c in range(len(table.rays)):
         here = table.camera == c
         made -= _BESIDE * _together(table, here, count) + WORST * _together(table, here & looked, count)
@@ -121,7 +121,7 @@ def affinity_of(table: Table, evidence: Evidence) -> np.ndarray:
 
 def _together(table: Table, rows: np.ndarray, count: int) -> np.ndarray:
     """How many pairs of detections of two pieces (P, P) are of one frame, among some rows of the table."""
-    frames, place = np.unique(table.frame[rows], return_inverse=True)
+    frames, place = np.unique(table.instant[rows], return_inverse=True)
     shape = (count, len(frames))
     seen = csr_array((np.ones(len(place)), (table.piece[rows], place)), shape=shape)
     return np.asarray((seen @ seen.T).toarray())
@@ -131,9 +131,9 @@ def median_distance(table: Table, evidence: Evidence, a: int, b: int) -> float:
     """Median over the frames that cameras a and b both have of the distance of their detections in body sizes; those
     not worth a closer look count as far. NaN without such frames."""
     a, b = min(a, b), max(a, b)
-    ours, theirs = (table.frame[table.camera == c] for c in (a, b))
+    ours, theirs = (table.instant[table.camera == c] for c in (a, b))
     common = np.intersect1d(np.intersect1d(ours, theirs), evidence.looked)
     pair = (table.camera[evidence.first] == a) & (table.camera[evidence.second] == b)
     distance = np.full(len(common), _FAR)
-    distance[np.searchsorted(common, table.frame[evidence.first[pair]])] = evidence.distance[pair]
+    distance[np.searchsorted(common, table.instant[evidence.first[pair]])] = evidence.distance[pair]
     return float(np.nanmedian(distance)) if a != b and np.isfinite(distance).any() else np.nan

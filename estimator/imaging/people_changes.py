@@ -46,18 +46,18 @@ def _partners(table: Table, evidence: Evidence) -> Iterator[tuple[int, int, np.n
             continue
         common = np.intersect1d(frames[p, a], frames[q, b])
         course = np.full(len(common), WORST)
-        np.maximum.at(course, np.searchsorted(common, table.frame[evidence.first[rows]]), gain[rows])
+        np.maximum.at(course, np.searchsorted(common, table.instant[evidence.first[rows]]), gain[rows])
         yield p, q, common, course
 
 
 def _frames(table: Table, looked: np.ndarray) -> Mapping[tuple[int, int], np.ndarray]:
     """Frames of each piece in each camera, of those that were looked at."""
-    rows = np.flatnonzero(np.isin(table.frame, looked))
-    rows = rows[np.lexsort((table.frame[rows], table.camera[rows], table.piece[rows]))]
+    rows = np.flatnonzero(np.isin(table.instant, looked))
+    rows = rows[np.lexsort((table.instant[rows], table.camera[rows], table.piece[rows]))]
     keys = np.stack([table.piece[rows], table.camera[rows]], axis=1)
     begins = np.flatnonzero(np.any(np.diff(keys, axis=0, prepend=-1), axis=1))
     return {
-        (int(keys[at, 0]), int(keys[at, 1])): table.frame[part]
+        (int(keys[at, 0]), int(keys[at, 1])): table.instant[part]
         for at, part in zip(begins.tolist(), np.split(rows, begins[1:]), strict=True)
     }
 
@@ -85,7 +85,7 @@ def _cut(table: Table, cuts: Mapping[int, np.ndarray]) -> Table:
     piece = first[table.piece]
     for p, frames in cuts.items():
         rows = table.piece == p
-        piece[rows] += np.searchsorted(frames, table.frame[rows], side="right")
+        piece[rows] += np.searchsorted(frames, table.instant[rows], side="right")
     links = [
         replace(link, first=int(first[link.first + 1]) - 1, second=int(first[link.second])) for link in table.links
     ]

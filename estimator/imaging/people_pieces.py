@@ -24,13 +24,21 @@ class Sighting:
     """What one camera's file says.
 
     frames: its people by frame. names (J): landmark of each keypoint. chosen: the subject's detections where the user
-    said who it is.
+    said who it is. instants (T,): number of the instant that each frame shows, the same numbers for all cameras; the
+    frames' own without it.
     """
 
     camera: Camera
     names: Sequence[str | None]
     frames: Mapping[int, Sequence[Person]]
     chosen: Mapping[int, Person] | None = None
+    instants: np.ndarray | None = None
+
+    def instant(self, frame: int) -> int:
+        """Number of the instant that a frame shows, -1 where nobody knows."""
+        if self.instants is None:
+            return frame
+        return int(self.instants[frame]) if frame < len(self.instants) else -1
 
 
 @dataclass(frozen=True)
@@ -46,8 +54,8 @@ class Link:
 class Table:
     """All detections (D) of all cameras (C).
 
-    people (D): themselves. camera, frame, track, piece (D,): where each belongs; tracks and pieces are numbered through
-    all cameras, tracks within a camera with the largest first. rays (C), first (C + 1): a camera's detections are
+    people (D): themselves. camera, frame, instant, track, piece (D,): where each belongs; tracks are numbered camera by
+    camera, the largest first, pieces through all cameras. rays (C), first (C + 1): a camera's detections are
     rows first[c] to first[c + 1] of the table. weight (D,): size in the image, as a share of it, times confidence.
     links: between pieces. seed: piece of the detections that the user chose, over all cameras; -1 without any.
     landmarks (L): names of the rays' columns.
@@ -56,6 +64,7 @@ class Table:
     people: Sequence[Person]
     camera: np.ndarray
     frame: np.ndarray
+    instant: np.ndarray
     track: np.ndarray
     piece: np.ndarray
     rays: Sequence[Rays]
@@ -89,7 +98,7 @@ class _Builder:
     def __init__(self, landmarks: tuple[str, ...], seed: int, *, cut: bool) -> None:
         self._landmarks, self._seed, self._cut = landmarks, seed, cut
         self._people: list[Person] = []
-        self._rows: list[tuple[int, int, int, int, float]] = []  # camera, frame, track, piece, weight
+        self._rows: list[tuple[int, int, int, int, int, float]] = []  # camera, frame, instant, track, piece, weight
         self._rays: list[Rays] = []
         self._first = [0]
         self._links: list[Link] = []
@@ -100,16 +109,16 @@ class _Builder:
         for c, (sighting, ours) in enumerate(zip(sightings, tracks, strict=True)):
             diagonal = float(np.hypot(*sighting.camera.image_size))
             for number, track in enumerate(ours):
-                self._add(c, number, track, diagonal, None if sighting.chosen is None else self._seed)
+                self._add(c, number, track, sighting, diagonal)
             pixels = _by_landmark(self._people[self._first[-1] :], sighting.names, self._landmarks)
             self._rays.append(Rays.of(sighting.camera, pixels))
             self._first.append(len(self._people))
         return self
 
-    def _add(self, c: int, number: int, track: PersonTrack, diagonal: float, piece: int | None) -> None:
-        people = track.people
+    def _add(self, c: int, number: int, track: PersonTrack, sighting: Sighting, diagonal: float) -> None:
+        people, piece = track.people, None if sighting.chosen is None else self._seed
         before: int | None = None
-        for frame in sorted(f for f, person in people.items() if person.size > 0.0):
+        for frame in sorted(f for f, person in people.items() if person.size > 0.0 and sighting.instant(f) >= 0):
             person = people[frame]
             uncertain = before is not None and self._cut and _uncertain(track, before, frame)
             if piece is None and uncertain and before is not None:
@@ -119,14 +128,14 @@ class _Builder:
             before = frame
             self._people.append(person)
             owner = self.pieces - 1 if piece is None else piece
-            self._rows.append((c, frame, number, owner, person.weight / diagonal))
+            self._rows.append((c, frame, sighting.instant(frame), number, owner, person.weight / diagonal))
 
     def table(self) -> Table:
         """What was collected."""
-        rows = np.array(self._rows).reshape(-1, 5)
-        camera, frame, track, piece = rows[:, :4].astype(np.int64).T
+        rows = np.array(self._rows).reshape(-1, 6)
+        camera, frame, instant, track, piece = rows[:, :5].astype(np.int64).T
         return Table(
-            self._people, camera, frame, track, piece, self._rays, np.array(self._first), rows[:, 4],
+            self._people, camera, frame, instant, track, piece, self._rays, np.array(self._first), rows[:, 5],
             tuple(self._links), self._seed, self._landmarks,
         )  # fmt: skip
 

@@ -32,7 +32,7 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
     count = len(affinity)
     camera, begin = np.full(count, -1), np.full(count, np.iinfo(np.int64).max)
     camera[table.piece] = table.camera
-    np.minimum.at(begin, table.piece, table.frame)
+    np.minimum.at(begin, table.piece, table.instant)
     if table.seed >= 0:
         camera[table.seed] = -1
     group = settled(affinity, pieces, first, camera, begin)[table.piece]
@@ -55,10 +55,10 @@ def _largest(table: Table, group: np.ndarray) -> tuple[int, np.ndarray]:
 
 def _shared(table: Table, group: np.ndarray) -> np.ndarray:
     """Which detections (D,) have another camera's of the same group and frame beside them."""
-    seen = np.unique(np.stack([group, table.frame, table.camera], axis=1), axis=0)
+    seen = np.unique(np.stack([group, table.instant, table.camera], axis=1), axis=0)
     instants, count = np.unique(seen[:, :2], axis=0, return_counts=True)
     several = {tuple(row) for row in instants[count > 1].tolist()}
-    return np.array([key in several for key in zip(group.tolist(), table.frame.tolist(), strict=True)], dtype=bool)
+    return np.array([key in several for key in zip(group.tolist(), table.instant.tolist(), strict=True)], dtype=bool)
 
 
 def _continues(
@@ -66,11 +66,11 @@ def _continues(
 ) -> bool:
     """Whether the rows `other` can be the subject's too."""
     places = [
-        set(zip(table.camera[rows].tolist(), table.frame[rows].tolist(), strict=True)) for rows in (subject, other)
+        set(zip(table.camera[rows].tolist(), table.instant[rows].tolist(), strict=True)) for rows in (subject, other)
     ]
     if not places[0].isdisjoint(places[1]) or not (subject & shared).any():
         return False
-    ours, theirs = np.unique(table.frame[subject & shared]), np.unique(table.frame[other & shared])
+    ours, theirs = np.unique(table.instant[subject & shared]), np.unique(table.instant[other & shared])
     gaps = np.abs(ours[:, None] - theirs[None, :])
     i, j = np.unravel_index(int(gaps.argmin()), gaps.shape)
     sizes = [_size(table, cameras, subject, ours), _size(table, cameras, other, theirs)]
@@ -90,7 +90,7 @@ def _size(table: Table, cameras: Sequence[Camera], rows: np.ndarray, frames: np.
 
 def _points(table: Table, cameras: Sequence[Camera], rows: np.ndarray, frame: int) -> np.ndarray:
     """Landmarks (N, 3) [m] that two cameras or more see of a person in a frame."""
-    used = np.flatnonzero(rows & (table.frame == frame))
+    used = np.flatnonzero(rows & (table.instant == frame))
     by_camera = [cameras[c] for c in table.camera[used]]
     directions = [
         table.rays[c].directions[row - table.first[c]] for c, row in zip(table.camera[used], used, strict=True)

@@ -14,8 +14,8 @@ from humanoid.body import Body
 
 
 def placed(q: np.ndarray, place: np.ndarray, turn: float) -> np.ndarray:
-    """A free body's motion q (T, nq) turned by `turn` [rad] about the vertical z axis and moved to `place`, x and y [m],
-    one (2,) for all frames or one (T, 2) for each."""
+    """A free body's motion q (T, nq) turned by `turn` [rad] about the vertical z axis and moved to `place`, x and y
+    [m], one (2,) for all frames or one (T, 2) for each."""
     moved = q.copy()
     path = np.broadcast_to(place, (len(q), 2))
     R = pin.rpy.rpyToMatrix(0.0, 0.0, turn)
