@@ -20,6 +20,7 @@ from estimator.initialisation.stages import fit_subject
 from estimator.runner import Cues, run_into
 from estimator.search.workers import checked_count, helped
 from estimator.smoothing import smooth_track
+from estimator.trackers.leaps import leap_note, leaps
 from estimator.trackers.registry import Settings, make_tracker
 from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, startable
 from humanoid.body import Body
@@ -306,8 +307,11 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         with job.progress("tracking") as report, helped(tracker.search, job.workers):
             run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
-        if job.settings.smooth.enabled:  # from the stored results, so that a resumed run has the same
-            results = list(open_run(target.path))
+        results = list(open_run(target.path))  # as stored, so that a resumed run is told the same
+        leapt = leap_note(leaps(tracker.body, results))
+        if leapt:
+            warnings.warn(leapt, InputWarning, stacklevel=5)
+        if job.settings.smooth.enabled:
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report

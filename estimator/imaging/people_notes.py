@@ -11,7 +11,7 @@ from estimator.imaging.people_agreement import FIT, Evidence, median_distance
 from estimator.imaging.people_pieces import Table
 from humanoid.errors import InputError
 
-_MISFIT = 2.0 * FIT  # body sizes: a camera whose person is farther than this from all others' is pointed out
+_DOUBTFUL = 0.02  # body sizes: two people who stand near each other may fit as well as this
 
 
 def nobody(names: Sequence[str]) -> InputError:
@@ -30,10 +30,11 @@ def summary(table: Table, evidence: Evidence, subject: np.ndarray, names: Sequen
     if not used.any():
         return f"several people: nobody in the other cameras fits the person given for {', '.join(seen)}"
     share = float(np.nanmedian(evidence.distance[used]))
-    return (
-        f"several people: {', '.join(seen)} see the same person, their rays meet within {share:.1%} of the body's size;"
-        " --person CAMERA=WHO chooses another"
-    )
+    together = f"several people: {', '.join(seen)} see the same person"
+    if share > _DOUBTFUL:
+        doubt = "are they the same, and calibration, sizes and clocks right? --person CAMERA=WHO chooses"
+        return f"{together}, but their rays miss each other by {share:.1%} of the body's size: {doubt}"
+    return f"{together}, their rays meet within {share:.1%} of the body's size; --person CAMERA=WHO chooses another"
 
 
 def told(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> str:
@@ -57,11 +58,12 @@ def misfits(names: Sequence[str], table: Table, evidence: Evidence) -> tuple[str
     found: dict[str, str] = {}
     for c, name in enumerate(names):
         known = np.isfinite(apart[c])
-        if known.any() and (apart[c, known] > _MISFIT).all():
+        if known.any() and (apart[c, known] > FIT).all():
             share = min(1.0, float(apart[c, known].min()))
+            others = ", ".join(names[k] for k in np.flatnonzero(known).tolist())
             found[name] = (
-                f"not where {', '.join(names[k] for k in np.flatnonzero(known).tolist())} see theirs (rays pass each other by"
-                f" {share:.0%} of the body's size or more): somebody else, another time, or a wrong calibration?"
+                f"not where {others} sees one (rays pass each other by {share:.0%} of the body's size or more):"
+                " somebody else, another time, or a wrong calibration?"
             )
     some = dict(list(found.items())[: 1 if len(names) == 2 else None])  # of two, each is as far from the other
     return tuple(f"{name}: its person is {what}" for name, what in some.items())

@@ -36,7 +36,9 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
     if table.seed >= 0:
         camera[table.seed] = -1
     group = settled(affinity, pieces, first, camera, begin)[table.piece]
-    _, score = _largest(table, group)
+    first, score = _largest(table, group)
+    if first < 0:
+        return np.zeros(len(table.piece), dtype=bool)
     shared, subject = _shared(table, group), group == first
     for other in np.argsort(-score, kind="stable").tolist():
         if score[other] > 0.0 and other != first and _continues(table, cameras, shared, subject, group == other):
