@@ -10,19 +10,19 @@ import numpy as np
 from estimator.imaging.camera import Camera
 
 FEWEST_SHARED = 4  # landmarks that two detections need in common to be compared
-_MOST_PAIRS = 20_000  # compared at once
+_FEW = 6  # landmarks of a first look
+_MOST_PAIRS = 50_000  # compared at once
 
 
 @dataclass(frozen=True)
 class Rays:
     """Detections in one camera as rays.
 
-    directions (N, L, 3): of each landmark in the camera, z = 1, NaN where missing. middle (N, 3): mean of the rays
-    there are. size (N,): diagonal of their bounding box in the plane z = 1.
+    directions (N, L, 3): of each landmark in the camera, z = 1, NaN where missing. size (N,): diagonal of their
+    bounding box in the plane z = 1.
     """
 
     directions: np.ndarray
-    middle: np.ndarray
     size: np.ndarray
 
     @staticmethod
@@ -33,8 +33,7 @@ class Rays:
         count = seen.sum(axis=1)
         low = np.where(seen, directions, np.inf).min(axis=1, initial=np.inf)[:, :2]
         high = np.where(seen, directions, -np.inf).max(axis=1, initial=-np.inf)[:, :2]
-        middle = np.where(seen, directions, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan)
-        return Rays(directions, middle, np.hypot(*np.where(count > 0, high - low, 0.0).T))
+        return Rays(directions, np.hypot(*np.where(count > 0, high - low, 0.0).T))
 
 
 def essential_matrix(a: Camera, b: Camera) -> np.ndarray:
@@ -58,43 +57,52 @@ def meeting_points(cameras: Sequence[Camera], directions: np.ndarray) -> np.ndar
     return points
 
 
-def middle_distance(E: np.ndarray, a: Rays, b: Rays, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Sampson distances (P,) of the middles of detections i of a and j of b, in body sizes: a first, coarse look."""
-    forth, back = a.middle @ E.T, b.middle @ E
-    return _sampson(np.einsum("pk,pk->p", forth[i], b.middle[j]), forth[i], back[j], a.size[i], b.size[j])
-
-
-def landmark_distance(E: np.ndarray, a: Rays, b: Rays, i: np.ndarray, j: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """How far detections i (P,) of a and j (P,) of b are from being one person (P,), in body sizes.
+class RayPairs:
+    """How far detections of two cameras are from being one person, in body sizes.
 
     The median over the landmarks both have of Sampson's distance (Hartley and Zisserman, Multiple View Geometry, 11.4):
     to first order the distance in the two images to the nearest pair of points whose rays meet, each image's error in
     units of the body's size there. The smaller of two readings: as detected, and with left and right exchanged in one
     of them, since detectors mistake them. NaN where fewer than 4 landmarks are shared.
     """
-    parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(i), _MOST_PAIRS)]
-    return np.concatenate([np.zeros(0), *(_smaller(E, a, b, i[part], j[part], mirror) for part in parts)])
+
+    def __init__(self, cameras: tuple[Camera, Camera], rays: tuple[Rays, Rays], mirror: np.ndarray) -> None:
+        a, b = rays
+        E = essential_matrix(*cameras)
+        lines_b, lines_a = a.directions @ E.T, b.directions @ E
+        self._line = lines_b[..., 0], lines_b[..., 1], lines_b[..., 2], np.square(lines_b[..., :2]).sum(axis=-1)
+        there = b.directions[..., 0], b.directions[..., 1], np.square(lines_a[..., :2]).sum(axis=-1)
+        self._readings = there, tuple(values[:, mirror] for values in there)
+        self._size = np.square(a.size), np.square(b.size)
+
+    def distances(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
+        """Of detections i (P,) of the first camera and j (P,) of the second; infinite where a look at few landmarks
+        says more than `enough`."""
+        parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(i), _MOST_PAIRS)]
+        return np.concatenate([np.zeros(0), *(self._looked_into(i[part], j[part], enough) for part in parts)])
+
+    def _looked_into(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
+        count = self._line[0].shape[1]
+        few = np.unique(np.linspace(0, count - 1, _FEW).round().astype(int)) if count > _FEW else slice(None)
+        near = ~(self._smaller(i, j, few, 1) > enough)
+        found = np.full(len(i), np.inf)
+        found[near] = self._smaller(i[near], j[near], slice(None), FEWEST_SHARED)
+        return found
+
+    def _smaller(self, i: np.ndarray, j: np.ndarray, columns: np.ndarray | slice, fewest: int) -> np.ndarray:
+        x, y, z, slope_b = (values[:, columns][i] for values in self._line)
+        slope_b *= self._size[1][j, None]
+        distances = []
+        for reading in self._readings:
+            u, v, slope_a = (values[:, columns][j] for values in reading)
+            slope = slope_b + slope_a * self._size[0][i, None]
+            distances.append(_median(np.abs(x * u + y * v + z) / np.sqrt(np.maximum(slope, 1e-30)), fewest))
+        return np.fmin(*distances)
 
 
-def _smaller(E: np.ndarray, a: Rays, b: Rays, i: np.ndarray, j: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    x, sizes = a.directions[i], (a.size[i, None], b.size[j, None])
-    forth = x @ E.T
-    readings = []
-    for y in (b.directions[j], b.directions[j][:, mirror]):
-        error = np.einsum("plk,plk->pl", forth, y)
-        readings.append(_median(_sampson(error, forth, y @ E, *sizes)))
-    return np.fmin(*readings)
-
-
-def _sampson(error: np.ndarray, forth: np.ndarray, back: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """|error| over its slope: forth, back (..., 3) are the epipolar lines in b and a, sizes a and b scale errors."""
-    slope = np.square(b) * np.square(forth[..., :2]).sum(axis=-1) + np.square(a) * np.square(back[..., :2]).sum(axis=-1)
-    return np.asarray(np.abs(error) / np.sqrt(np.maximum(slope, 1e-30)))
-
-
-def _median(values: np.ndarray) -> np.ndarray:
-    """Lower median of each row (P, L) without NaN; NaN where fewer than 4 are left."""
+def _median(values: np.ndarray, fewest: int) -> np.ndarray:
+    """Lower median of each row (P, L) without NaN; NaN where fewer are left."""
     count = np.isfinite(values).sum(axis=1)
     ordered = np.sort(values, axis=1)  # NaN goes to the end
     middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[:, None] // 2, axis=1)[:, 0]
-    return np.where(count >= FEWEST_SHARED, middle, np.nan)
+    return np.where(count >= fewest, middle, np.nan)

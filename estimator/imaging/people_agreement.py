@@ -10,24 +10,24 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimator.imaging.camera import Camera
-from estimator.imaging.epipolar import essential_matrix, landmark_distance, middle_distance
+from estimator.imaging.epipolar import RayPairs
 from estimator.imaging.people_pieces import Table
 from humanoid.landmarks import mirror_index
 
 FIT = 0.05  # body sizes: the same person's detections are nearer than this, real ones at 0.01 to 0.02
 _SHARPEST = 0.01  # body sizes: no detector and calibration are better than a third of this
 _SPREAD = 3.0  # times the usual distance within which two detections speak for one person
-_FAR = 0.5  # body sizes between the middles of two detections that are not compared further
+_FAR = 0.2  # body sizes at a first look: two detections that are not compared further
 WORST = -2.0  # what a frame counts at most against it
 _BESIDE = 5.0  # what it counts against two pieces to be seen beside each other in one camera
-_MOST_COMPARED = 20_000_000  # pairs of detections
+_MOST_COMPARED = 4_000_000  # pairs of detections
 
 
 @dataclass(frozen=True)
 class Evidence:
     """Pairs of detections (R) of two cameras in one frame, those worth a closer look.
 
-    first, second (R,): rows of the table. distance (R,): see `landmark_distance`. looked (F,): the frames in which all
+    first, second (R,): rows of the table. distance (R,): see `RayPairs`. looked (F,): the frames in which all
     detections were compared, so that whoever was compared there and is not listed does not fit at all. scale: distance
     at which nothing speaks for or against one person.
     """
@@ -51,12 +51,11 @@ def evidence_of(table: Table, cameras: Sequence[Camera]) -> Evidence:
     mirror = mirror_index(table.landmarks)
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for a, b in combinations(range(len(cameras)), 2):
-        E = essential_matrix(cameras[a], cameras[b])
+        pairs = RayPairs((cameras[a], cameras[b]), (table.rays[a], table.rays[b]), mirror)
         for i, j in _pairs(table, a, b, looked):
-            near = middle_distance(E, table.rays[a], table.rays[b], i, j) < _FAR
-            i, j = i[near], j[near]
-            distance = landmark_distance(E, table.rays[a], table.rays[b], i, j, mirror)
-            found.append((i + table.first[a], j + table.first[b], distance))
+            distance = pairs.distances(i, j, _FAR)
+            near = ~np.isinf(distance)
+            found.append((i[near] + table.first[a], j[near] + table.first[b], distance[near]))
     first, second, distance = (np.concatenate([f[k] for f in found]) if found else np.zeros(0) for k in range(3))
     first, second = first.astype(np.int64), second.astype(np.int64)
     return Evidence(first, second, distance, looked, _scale(table, first, second, distance))

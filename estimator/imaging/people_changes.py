@@ -32,16 +32,19 @@ def cut_where_people_change(table: Table, evidence: Evidence) -> Table:
 def _partners(table: Table, evidence: Evidence) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
     """Pieces of two cameras that agree for a while, long enough beside the best partner of each: with the frames (F,)
     in which both were looked at, and what each counts (F,)."""
-    ends = [(table.piece[rows], table.camera[rows]) for rows in (evidence.first, evidence.second)]
-    pairs, place = np.unique(np.stack([column for end in ends for column in end], axis=1), axis=0, return_inverse=True)
-    place, gain = place.ravel(), evidence.gain
+    count = len(table.rays)
+    ends = [table.piece[rows] * count + table.camera[rows] for rows in (evidence.first, evidence.second)]
+    many = int(table.piece.max(initial=0) + 1) * count
+    keys, place = np.unique(ends[0] * many + ends[1], return_inverse=True)
+    pairs = [(*divmod(key // many, count), *divmod(key % many, count)) for key in keys.tolist()]
+    gain = evidence.gain
     won = np.bincount(place, np.maximum(gain, 0.0), len(pairs)).tolist()
     best: defaultdict[tuple[int, int], float] = defaultdict(float)
-    for (p, a, q, b), value in zip(pairs.tolist(), won, strict=True):
+    for (p, a, q, b), value in zip(pairs, won, strict=True):
         best[p, b], best[q, a] = max(best[p, b], value), max(best[q, a], value)
     rows_of = np.split(np.argsort(place, kind="stable"), np.cumsum(np.bincount(place, minlength=len(pairs)))[:-1])
     frames = _frames(table, evidence.looked)
-    for (p, a, q, b), value, rows in zip(pairs.tolist(), won, rows_of, strict=True):
+    for (p, a, q, b), value, rows in zip(pairs, won, rows_of, strict=True):
         if value < max(_TURN, _PARTNER * best[p, b], _PARTNER * best[q, a]):
             continue
         common = np.intersect1d(frames[p, a], frames[q, b])

@@ -57,10 +57,10 @@ def _largest(table: Table, group: np.ndarray) -> tuple[int, np.ndarray]:
 
 def _shared(table: Table, group: np.ndarray) -> np.ndarray:
     """Which detections (D,) have another camera's of the same group and frame beside them."""
-    seen = np.unique(np.stack([group, table.instant, table.camera], axis=1), axis=0)
-    instants, count = np.unique(seen[:, :2], axis=0, return_counts=True)
-    several = {tuple(row) for row in instants[count > 1].tolist()}
-    return np.array([key in several for key in zip(group.tolist(), table.instant.tolist(), strict=True)], dtype=bool)
+    when = group * (int(table.instant.max(initial=0)) + 1) + table.instant
+    seen = np.unique(when * len(table.rays) + table.camera) // len(table.rays)  # each camera once
+    instants, count = np.unique(seen, return_counts=True)
+    return np.isin(when, instants[count > 1])
 
 
 def _continues(
