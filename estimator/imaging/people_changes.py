@@ -32,6 +32,8 @@ def cut_where_people_change(table: Table, evidence: Evidence) -> Table:
 def _partners(table: Table, evidence: Evidence) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
     """Pieces of two cameras that agree for a while, long enough beside the best partner of each: with the frames (F,)
     in which both were looked at, and what each counts (F,)."""
+    if not len(evidence.first):
+        return
     count = len(table.rays)
     ends = [table.piece[rows] * count + table.camera[rows] for rows in (evidence.first, evidence.second)]
     many = int(table.piece.max(initial=0) + 1) * count
