@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from builders import BROWN, body_of, camera_at
 
+from benchmarks.crowd_files import write_mmpose, write_openpose
 from estimator.formats.keypoints import KeypointTrack, PeopleFile
 from estimator.formats.keypoints_layouts import Reading
 from estimator.formats.keypoints_people import Person
@@ -24,6 +25,8 @@ from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
 from humanoid.errors import InputError
 from humanoid.landmarks import COCO17
+from kinemode.inputs import load_inputs
+from kinemode.persons import persons_of, plain
 
 FRAMES, FPS = 40, 20.0
 Frames = list[list[tuple[int, Person]]]
@@ -134,6 +137,9 @@ def test_one_camera_is_told_and_the_others_follow(person: int) -> None:
     empty = not (tracks["cam3"].confidence > 0.0).any()
     assert empty == (person == 1)  # nobody rather than somebody else
     assert ("cam3: nobody in it fits" in notes[-1]) == empty
+    others = dict.fromkeys(("cam0", "cam2", "cam3"), 0)  # all given: taken as they are, and told where they differ
+    _, notes = subject_tracks(made, cameras(), {**others, "cam1": "abc"[person]})
+    assert any("its person is not where" in note for note in notes)
     with pytest.raises(InputError, match="ids in it: a, b, c"):
         subject_tracks(made, cameras(), {"cam1": "d"})
 
@@ -234,3 +240,42 @@ def test_rays_are_what_projects_and_meet_where_they_came_from() -> None:
     np.testing.assert_allclose(np.delete(found, 4, axis=0), np.delete(points, 4, axis=0), atol=1e-3)
     assert np.isnan(found[4]).all()
     assert np.isnan(used[0].directions(np.array([np.nan, 3.0]))).all()
+
+
+def test_whom_the_user_names() -> None:
+    names = ("cam01", "cam02")
+    assert persons_of("auto", names) == persons_of(("auto",), names) == {"cam01": "auto", "cam02": "auto"}
+    assert persons_of(2, names) == persons_of("2", names) == {"cam01": "2", "cam02": "2"}
+    assert persons_of(["cam02=7"], names) == persons_of({"cam02": 7}, names) == {"cam01": "auto", "cam02": "7"}
+    assert (plain(("auto",)), plain(3), plain({"cam01": 3})) == ("auto", 3, {"cam01": "3"})
+    for given, problem in (
+        ("cam03=1", "there is no camera 'cam03'.*cameras: cam01, cam02"),
+        ({"left": 1}, "there is no camera 'left'"),
+        (["cam01=1", "cam01=2"], "'cam01' is given 1 and 2"),
+        (["1", "cam01=2"], "'cam01' is given 1 and 2"),
+        ("cam01=", "names nobody"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            persons_of(given, names)
+
+
+def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
+    """Files in, observations out: those of the person alone, to the bit, and the notes a user gets."""
+    found = {name: scene(0)[name] for name in ("cam0", "cam1", "cam2")}
+    who = chosen_person(subject_tracks(files(found), cameras(), {})[0], found)
+    body, everyone, lone = body_of("human34"), {}, {}
+    for name, frames in found.items():
+        shown = [[p for _, p in frame] for frame in frames]
+        everyone[name] = write_openpose(tmp_path / name, shown)
+        shown = [[p for n, p in frame if n == who] for frame in frames]
+        lone[name] = write_mmpose(tmp_path / f"{name}.json", shown)
+    chosen = load_inputs(body, None, everyone, cameras(), person="auto")
+    alone_there = load_inputs(body, None, lone, cameras(), person="auto")
+    for ours, theirs in zip(chosen.observations, alone_there.observations, strict=True):
+        np.testing.assert_array_equal(ours.pixels, theirs.pixels)
+        np.testing.assert_array_equal(ours.confidence, theirs.confidence)
+        assert ours.jitter == theirs.jitter
+    assert any("cam0, cam1, cam2 see the same person" in note for note in chosen.notes)
+    assert not any("person" in note for note in alone_there.notes)
+    with pytest.raises(InputError, match="there is no camera 'cam9'"):
+        load_inputs(body, None, everyone, cameras(), person="cam9=1")

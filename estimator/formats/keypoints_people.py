@@ -58,6 +58,12 @@ def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) ->
     """
     points = points.copy()
     xy, confidence = points[:, :2], points[:, 2]
+    if (
+        np.abs(points).max(initial=0.0) < LARGEST
+        and confidence.min(initial=1.0) > 0.0
+        and confidence.max(initial=0.0) <= 1.0
+    ):
+        return points  # nothing to put right, as with most people of a crowd
     missing = np.isnan(xy).all(axis=1)
     points[missing, 2] = 0.0
     wrong = ~missing & ~(np.abs(points) < LARGEST).all(axis=1)

@@ -14,6 +14,7 @@ _FAR = 0.6  # two detections further apart than this many body sizes are two peo
 _DRIFT = 0.05  # share by which that grows with each frame in which a person was not seen
 _CLOSE = 0.1  # a rival less than this many body sizes farther away might have been meant
 _LEAP = 0.25  # body sizes: whoever moved farther may be somebody else
+_MOST_POINTS = 40  # compared of each person: layouts with hands and faces begin with the body
 _MOST_PAIRS = 50_000  # compared at once
 
 
@@ -77,7 +78,8 @@ def apart(a: Person, b: Person, frames: int) -> bool:
 class _Alive:
     """Detections as arrays, and the tracks they end.
 
-    xy (N, J, 2) [px], NaN where missing. size (N,), low, high, middle (N, 2): of the points there are [px].
+    xy (N, J, 2) [px]: of the points that are compared, NaN where missing. size (N,), low, high, middle (N, 2): of all
+    points there are [px].
     track (N,): number of the track, -1 for none yet. last (N,): frame.
     """
 
@@ -102,9 +104,8 @@ class _Alive:
         high = np.where(seen, xy, -np.inf).max(axis=1)
         middle = np.where(seen, xy, 0.0).sum(axis=1) / seen.sum(axis=1)
         size = np.array([p.size for p in people])
-        return _Alive(
-            np.where(seen, xy, np.nan), size, low, high, middle, np.full(len(size), -1), np.full(len(size), frame)
-        )
+        first = np.where(seen, xy, np.nan)[:, :_MOST_POINTS]
+        return _Alive(first, size, low, high, middle, np.full(len(size), -1), np.full(len(size), frame))
 
     def at(self, kept: np.ndarray) -> _Alive:
         """Some of them."""

@@ -95,4 +95,5 @@ def _each_for_itself(
         for n, f in files.items()
     ]
     table = table_of(sightings)
-    return tracks, misfits(list(files), table, evidence_of(table, [s.camera for s in sightings]))
+    several = any(crowded(file.frames) for file in files.values())
+    return tracks, misfits(list(files), table, evidence_of(table, [s.camera for s in sightings]), several=several)

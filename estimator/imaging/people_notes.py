@@ -32,7 +32,7 @@ def summary(table: Table, evidence: Evidence, subject: np.ndarray, names: Sequen
     share = float(np.nanmedian(evidence.distance[used]))
     together = f"several people: {', '.join(seen)} see the same person"
     if share > _DOUBTFUL:
-        doubt = "are they the same, and calibration, sizes and clocks right? --person CAMERA=WHO chooses"
+        doubt = "are they the same, and calibration, sizes and clocks right? --person CAMERA=WHO chooses another"
         return f"{together}, but their rays miss each other by {share:.1%} of the body's size: {doubt}"
     return f"{together}, their rays meet within {share:.1%} of the body's size; --person CAMERA=WHO chooses another"
 
@@ -52,15 +52,16 @@ def told(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> 
     return f"{whom} of {ids_there or total} people, in {frames} frames"
 
 
-def misfits(names: Sequence[str], table: Table, evidence: Evidence) -> tuple[str, ...]:
-    """Cameras whose person, chosen without the others, fits none of theirs."""
+def misfits(names: Sequence[str], table: Table, evidence: Evidence, *, several: bool) -> tuple[str, ...]:
+    """Cameras whose person, chosen without the others, fits few of theirs. several: whether there was a choice."""
+    limit = _DOUBTFUL if several else FIT
     apart = np.array([[median_distance(table, evidence, a, b) for b in range(len(names))] for a in range(len(names))])
     found: dict[str, str] = {}
     for c, name in enumerate(names):
         known = np.isfinite(apart[c])
-        if known.any() and (apart[c, known] > FIT).all():
-            share = min(1.0, float(apart[c, known].min()))
-            others = ", ".join(names[k] for k in np.flatnonzero(known).tolist())
+        if known.any() and np.mean(apart[c, known] > limit) > 0.5:
+            far = np.flatnonzero(known & (apart[c] > limit)).tolist()
+            share, others = min(apart[c, far]), ", ".join(names[k] for k in far)
             found[name] = (
                 f"not where {others} sees one (rays pass each other by {share:.0%} of the body's size or more):"
                 " somebody else, another time, or a wrong calibration?"
