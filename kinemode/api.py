@@ -309,15 +309,13 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
             run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
         results = list(open_run(target.path))  # as stored, so that a resumed run is told the same
         leapt = leap_note(leaps(tracker.body, results))
-        if leapt:
-            warnings.warn(leapt, InputWarning, stacklevel=5)
         if job.settings.smooth.enabled:
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
                 )
             writer.put_smoothed(smoothed)
-        found = findings(open_run(target.path))
+        found = (*([leapt] if leapt else []), *findings(open_run(target.path)))
         writer.put_notes(found)
         writer.finish()
     return found
