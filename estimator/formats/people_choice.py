@@ -69,7 +69,8 @@ def jump_note(chosen: Mapping[int, Person]) -> str:
     if not found:
         return ""
     listed = ", ".join(map(str, found[:5])) + (", ..." if len(found) > 5 else "")
-    return f"the keypoints jump to somebody else, or elsewhere, in {len(found)} frames ({listed})"
+    frames = f"frame{'s' * (len(found) != 1)}"
+    return f"the keypoints jump to somebody else, or elsewhere, in {len(found)} {frames} ({listed})"
 
 
 def _rejoined(tracks: Sequence[PersonTrack]) -> dict[int, Person]:
