@@ -32,6 +32,7 @@ from kinemode.findings import findings
 from kinemode.inputs import Cameras, Inputs, load_inputs
 from kinemode.interruption import kept_if_interrupted
 from kinemode.named import Named, PathLike
+from kinemode.persons import Persons, plain
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
 from kinemode.settings import Chosen, check_workers, choose
@@ -70,7 +71,7 @@ def track(
     out: PathLike | None = None,
     resume: bool = False,
     overwrite: bool = False,
-    person: str | int = "auto",
+    person: Persons = "auto",
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
@@ -103,7 +104,8 @@ def track(
         measured. "proportions" leaves the flesh as it is, "off" every subject.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
-    person: whom of several people in the keypoint files: "auto" or an id.
+    person: whom of several people in the keypoint files: "auto" or an id, for all cameras, or by camera as a mapping or
+        as CAMERA=ID texts. Cameras left to "auto" take whoever fits the others.
     keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
         not the clip's: (540, 960), or by name.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
@@ -128,7 +130,7 @@ def track(
         chosen.settings,
         _seed(seed),
         _fit_choice(fit),
-        person,
+        plain(person),
         _Target(path, resume, overwrite),
         progress or unreported,
         workers,
@@ -195,7 +197,7 @@ def fit(
     masks: Named = None,
     background: Named = None,
     seed: int = 0,
-    person: str | int = "auto",
+    person: Persons = "auto",
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
@@ -278,7 +280,7 @@ class _Job:
     settings: Settings
     seed: int
     fit: FitChoice
-    person: str | int
+    person: str | int | dict[str, str]
     target: _Target
     progress: Reporter
     workers: int
