@@ -11,8 +11,9 @@ from estimator.filtering.origin import Origins
 TRACKED = "tracked"
 STATUS_MEANINGS = {
     TRACKED: "the best pose explains at least half of what was seen",
-    "hard": "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, or its search"
-    " ended early: look at these frames with `kinemode explain`, and at their keypoints",
+    "hard": "the best pose leaves half of the keypoints or of the outline unexplained, overlaps itself, moved"
+    " faster than any body, or its search ended early: look at these frames with `kinemode explain`, and at their"
+    " keypoints",
     "unobserved": "too few keypoints and no pictures: poses are carried on from the frame before; give keypoints there,"
     " or pictures to look at (--cues)",
 }

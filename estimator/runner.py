@@ -11,6 +11,7 @@ import numpy as np
 from estimator.frame_result import FrameResult
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.observation import Observation
+from estimator.trackers.leaps import LeapCheck
 from estimator.trackers.tracker import Tracker, TrackState, startable
 
 Progress = Callable[[int, int], None]
@@ -46,19 +47,30 @@ def run(
     `cues` gives what the pictures of a frame show; without it keypoints alone are looked at.
 
     Every frame has its own random generator made from the seed and the frame's index, so that a resumed run is the
-    same as an uninterrupted one. Frames before the first usable one are "unobserved" and have no hypotheses.
+    same as an uninterrupted one. Frames before the first usable one are "unobserved" and have no hypotheses. A frame in
+    which the root leapt is "hard", see `estimator.trackers.leaps`.
     """
+    check = LeapCheck(tracker.body)
     for observation in observations[first:]:
         if cues is not None:
             observation = replace(observation, cues=cues.at(observation.index))
         rng = np.random.default_rng((seed, observation.index))
         if state is not None:
-            state, result = tracker.step(rng, state, observation)
+            before = state
+            state, result = tracker.step(rng, before, observation)
+            if result.status == "tracked" and _leapt(check, before, result):
+                result = replace(result, status="hard")
         elif startable(observation):
             state, result = tracker.init(rng, observation)
         else:
             result = _empty(observation, tracker.body.nq, tracker.body.nv)
         yield result, state
+
+
+def _leapt(check: LeapCheck, before: TrackState, result: FrameResult) -> bool:
+    modes = before.mixture.modes
+    q, covariance = np.array([m.q for m in modes]), np.array([m.covariance for m in modes])
+    return check.leapt(q, covariance, result.q[0], result.covariance[0], result.time - before.time + before.unobserved)
 
 
 def run_into(

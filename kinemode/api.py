@@ -21,6 +21,7 @@ from estimator.initialisation.stages import fit_subject
 from estimator.runner import Cues, run_into
 from estimator.search.workers import checked_count, helped
 from estimator.smoothing import smooth_track
+from estimator.trackers.leaps import leap_note, leaps
 from estimator.trackers.registry import Settings, make_tracker
 from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, startable
 from humanoid.body import Body
@@ -33,6 +34,7 @@ from kinemode.findings import findings
 from kinemode.inputs import Cameras, Inputs, load_inputs
 from kinemode.interruption import kept_if_interrupted
 from kinemode.named import Named, PathLike
+from kinemode.persons import Persons, plain
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
 from kinemode.progress import Reporter, unreported
 from kinemode.settings import Chosen, check_workers, choose
@@ -72,7 +74,7 @@ def track(
     out: PathLike | None = None,
     resume: bool = False,
     overwrite: bool = False,
-    person: str | int = "auto",
+    person: Persons = "auto",
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
@@ -105,7 +107,8 @@ def track(
         measured. "proportions" leaves the flesh as it is, "off" every subject.
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
-    person: whom of several people in the keypoint files: "auto" or an id.
+    person: whom of several people in the keypoint files: "auto" or an id, for all cameras, or by camera as a mapping or
+        as CAMERA=ID texts. Cameras left to "auto" take whoever fits the others.
     keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
         not the clip's: (540, 960), or by name.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
@@ -135,7 +138,7 @@ def track(
         chosen.settings,
         _seed(seed),
         _fit_choice(fit),
-        person,
+        plain(person),
         _Target(path, resume, overwrite),
         progress or unreported,
         workers,
@@ -202,7 +205,7 @@ def fit(
     masks: Named = None,
     background: Named = None,
     seed: int = 0,
-    person: str | int = "auto",
+    person: Persons = "auto",
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
@@ -289,7 +292,7 @@ class _Job:
     settings: Settings
     seed: int
     fit: FitChoice
-    person: str | int
+    person: str | int | dict[str, str]
     target: _Target
     progress: Reporter
     workers: int
@@ -318,14 +321,15 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
         with job.progress("tracking") as report, helped(tracker.search, job.workers):
             run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
-        if job.settings.smooth.enabled:  # from the stored results, so that a resumed run has the same
-            results = list(open_run(target.path))
+        results = list(open_run(target.path))  # as stored, so that a resumed run is told the same
+        leapt = leap_note(leaps(tracker.body, results))
+        if job.settings.smooth.enabled:
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
                 )
             writer.put_smoothed(smoothed)
-        found = findings(open_run(target.path))
+        found = (*([leapt] if leapt else []), *findings(open_run(target.path)))
         writer.put_notes(found)
         writer.finish()
     return found

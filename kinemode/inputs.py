@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.formats.keypoints import KeypointTrack, load_people
 from estimator.imaging.camera import Camera, guessed_camera
 from estimator.imaging.clip import Clip
 from estimator.imaging.observation import Observation
+from estimator.imaging.people_across_cameras import subject_tracks
 from estimator.imaging.resampling import at_places
-from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track
+from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from estimator.imaging.sequence import assemble
 from estimator.imaging.timing import CameraClock, Timeline, timeline
 from humanoid.body import Body
@@ -24,6 +25,7 @@ from kinemode.declared import Declared
 from kinemode.input_clocks import clocks_of, notes_on_time
 from kinemode.input_doubts import checked_agreement
 from kinemode.named import Named, PathLike, chosen_names, kept, matched, named_paths
+from kinemode.persons import Persons, persons_of
 
 KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
 Cameras = PathLike | Mapping[str, Camera] | None
@@ -54,7 +56,7 @@ def load_inputs(
     keypoints: Named,
     cameras: Cameras,
     *,
-    person: str | int,
+    person: Persons,
     masks: Named = None,
     backgrounds: Named = None,
     declared: Declared | None = None,
@@ -74,12 +76,17 @@ def load_inputs(
         matched(clip_files, named_paths(given, what), what, "clip", chosen=chosen_names(given, what), every=False)
         for given, what in ((masks, "mask"), (backgrounds, "background"))
     )
-    chosen = int(person) if isinstance(person, str) and person.isdigit() else person
-    tracks = {name: load_keypoints(path, person=chosen) for name, path in keypoint_files.items()}
+    persons = persons_of(person, keypoint_files)
+    people = {name: load_people(path) for name, path in keypoint_files.items()}
     named = chosen_names(clips, "clip") | chosen_names(keypoints, "keypoint file")
     sizes = {name: _picture_size(path) for name, path in clip_files.items()}
+    outlines = {name: file.track_of({}) for name, file in people.items()}  # sizes, rates and lengths, but nobody yet
+    _, used, _ = _one_size(outlines, sizes, cameras, named, told)
+    clocks, clock_notes = clocks_of(outlines, clip_files, told)
+    times = {name: clock.offset + clock.keypoints for name, clock in clocks.items()}
+    tracks, who = subject_tracks(people, _as_detected(outlines, used, told), persons, times)
     tracks, used, fit_notes = _one_size(tracks, sizes, cameras, named, told)
-    clocks, clock_notes = clocks_of(tracks, clip_files, told)
+    notes += who
     line = timeline(clocks).cut(*told.part())
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
     notes += [*fit_notes, *clock_notes, *notes_on_time(clocks, line)]
@@ -145,6 +152,15 @@ def _one_size(
         scaled[name], of_track = fitted_track(name, track, sizes[name], picture)
         notes += [*of_camera, *of_track]
     return scaled, found, notes
+
+
+def _as_detected(
+    tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera], told: Declared
+) -> dict[str, Camera]:
+    """The cameras of pictures of the size that the detectors saw."""
+    given = told.sizes(tracks)
+    sizes = {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
+    return {name: resized_camera(cameras[name], size or cameras[name].image_size) for name, size in sizes.items()}
 
 
 def _cameras(

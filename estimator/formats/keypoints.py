@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from estimator.formats.keypoints_layouts import Reading, read_layout
-from estimator.formats.keypoints_people import Person, select
+from estimator.formats.keypoints_people import Person
+from estimator.formats.people_choice import AUTO, jump_note, select
 from humanoid.atomic import replacing
 from humanoid.errors import InputError
 
@@ -44,34 +46,69 @@ class KeypointTrack:
         return len(self.pixels)
 
 
+@dataclass(frozen=True)
+class PeopleFile:
+    """Everybody whom a keypoint file knows; `one` and `track_of` are the way to a single person's keypoints."""
+
+    reading: Reading
+
+    @property
+    def source(self) -> str:
+        """The file."""
+        return str(self.reading.source)
+
+    @property
+    def image_size(self) -> tuple[int, int] | None:
+        """Width, height [px], None where the file does not say."""
+        return self.reading.image_size
+
+    @property
+    def frames(self) -> Mapping[int, Sequence[Person]]:
+        """The people of each frame."""
+        return self.reading.frames
+
+    def one(self, person: str | int = AUTO, *, first: int = 0) -> KeypointTrack:
+        """The keypoints of one person, chosen by this file alone; see `load_keypoints`."""
+        chosen, note = select(self.frames, person, self.source)
+        if not chosen:
+            raise InputError(self.source, "has no person in any frame")
+        return self.track_of(chosen, (note, jump_note(chosen)), first=first)
+
+    def track_of(self, chosen: Mapping[int, Person], notes: Sequence[str] = (), *, first: int = 0) -> KeypointTrack:
+        """The keypoints of these detections, one in each frame they are of; with nobody chosen all are missing."""
+        reading = self.reading
+        pixels, confidence = _as_arrays(reading, chosen, first)
+        told = tuple(n for n in (*notes, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
+        return KeypointTrack(
+            reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, told, self.source
+        )
+
+
+def load_people(path: str | Path, *, layout: str = "auto") -> PeopleFile:
+    """Read all people of a keypoint file or folder; raises InputError as `load_keypoints` does."""
+    reading = read_layout(Path(path), layout)
+    if not any(p.size > 0.0 for people in reading.frames.values() for p in people):
+        raise InputError(path, "has no person in any frame")
+    _refuse_normalised(reading.frames, Path(path))
+    return PeopleFile(reading)
+
+
 def load_keypoints(
-    path: str | Path, *, layout: str = "auto", person: str | int = "auto", first: int = 0
+    path: str | Path, *, layout: str = "auto", person: str | int = AUTO, first: int = 0
 ) -> KeypointTrack:
     """Read keypoints: kinemode's JSON, OpenPose folders, Pose2Sim, Sports2D, AlphaPose, MMPose.
 
     Parameters
     ----------
     layout: "auto" tells the format from the count of numbers; else a key of `humanoid.landmarks.FORMATS`.
-    person: whom of several people, see `keypoints_people.select`.
+    person: whom of several people, see `people_choice.select`.
     first: number that the clip's first frame has in the file.
 
     Raises
     ------
     InputError: with file, frame and person.
     """
-    path = Path(path)
-    reading = read_layout(path, layout)
-    if not reading.names:
-        raise InputError(path, "has no person in any frame")
-    chosen, note = select(reading.frames, person, path)
-    if not chosen:
-        raise InputError(path, "has no person in any frame")
-    _refuse_normalised(chosen, path)
-    pixels, confidence = _as_arrays(reading, chosen, first)
-    notes = tuple(n for n in (note, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
-    return KeypointTrack(
-        reading.layout, reading.names, pixels, confidence, reading.image_size, reading.fps, notes, str(path)
-    )
+    return load_people(path, layout=layout).one(person, first=first)
 
 
 def write_keypoints(path: str | Path, track: KeypointTrack, *, names: tuple[str, ...] | None = None) -> None:
@@ -86,7 +123,7 @@ def write_keypoints(path: str | Path, track: KeypointTrack, *, names: tuple[str,
         temporary.write_text(json.dumps(content), encoding="utf-8")
 
 
-def _as_arrays(reading: Reading, chosen: dict[int, Person], first: int) -> tuple[np.ndarray, np.ndarray]:
+def _as_arrays(reading: Reading, chosen: Mapping[int, Person], first: int) -> tuple[np.ndarray, np.ndarray]:
     count = reading.count if reading.count is not None else max(reading.frames) + 1
     if first >= count or first < 0:
         raise InputError(reading.source, f"has no frame {first}", remedy=f"its frames end at {count - 1}")
@@ -107,8 +144,12 @@ def _numbering_notes(reading: Reading, first: int) -> tuple[str, ...]:
     return (f"the frame numbers begin at {lowest}: frames before it are missing (is {lowest} the clip's first?)",)
 
 
-def _refuse_normalised(chosen: dict[int, Person], path: Path) -> None:
-    largest = max(float(np.nanmax(np.abs(p.points[:, :2]))) for p in chosen.values() if p.size > 0.0)
-    if largest <= 2.0:
+def _refuse_normalised(frames: Mapping[int, Sequence[Person]], path: Path) -> None:
+    """Fractions of the image are no pixels: nobody is as small as that."""
+    if all(_small(p) for people in frames.values() for p in people if p.size > 0.0):
         remedy = "pixels are needed; OpenPose: leave --keypoint_scale at 0"
         raise InputError(path, "the coordinates are fractions of the image", remedy=remedy)
+
+
+def _small(person: Person) -> bool:
+    return float(np.nanmax(np.abs(person.points[:, :2]))) <= 2.0

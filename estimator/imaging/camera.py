@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 
@@ -43,6 +44,19 @@ class Camera:
         return np.stack(
             [self.K[0, 0] * ud + self.K[0, 1] * vd + self.K[0, 2], self.K[1, 1] * vd + self.K[1, 2]], axis=-1
         )
+
+    def directions(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) -> directions of their rays in the camera (..., 3), undistorted, with z = 1; NaN stays NaN.
+
+        The inverse of `project` up to depth.
+        """
+        flat = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1) @ np.linalg.inv(self.K).T
+        seen = np.isfinite(flat).all(axis=-1)
+        if seen.any() and np.any(self.distortion):
+            distorted = np.ascontiguousarray(flat[seen][:, None, :2])
+            flat[seen, :2] = cv2.undistortPoints(distorted, np.eye(3), self.distortion)[:, 0]
+        flat[~seen] = np.nan
+        return np.asarray(flat)
 
 
 def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:

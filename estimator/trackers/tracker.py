@@ -23,17 +23,22 @@ NUMBERS = ("energy", "kkt_residual", "penetration")
 
 @dataclass(frozen=True)
 class TrackState:
-    """State carried between frames: the mixture and the time [s] it belongs to; of a particle filter its particles."""
+    """State carried between frames: the mixture and the time [s] it belongs to; of a particle filter its particles.
+
+    unobserved: seconds since the last frame that was searched, in which the hypotheses were only carried.
+    """
 
     mixture: Mixture
     time: float
     particles: Particles | None = None
+    unobserved: float = 0.0
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All that the next frame needs as plain arrays, exact to the last bit; `from_arrays` is the inverse."""
         modes = self.mixture.modes
         return {
             "time": np.array(self.time),
+            "unobserved": np.array(self.unobserved),
             "log_scores": self.mixture.log_scores,
             "weights": self.mixture.weights,
             "q": np.array([m.q for m in modes]),
@@ -64,7 +69,8 @@ class TrackState:
             for k in range(len(arrays["weights"]))
         )
         mixture = Mixture(modes, arrays["weights"], arrays["log_scores"])
-        return TrackState(mixture, float(arrays["time"]), Particles.from_arrays(arrays))
+        unobserved = float(arrays.get("unobserved", 0.0))  # states stored before leaps were looked for have none
+        return TrackState(mixture, float(arrays["time"]), Particles.from_arrays(arrays), unobserved)
 
 
 class Tracker(Protocol):
@@ -101,7 +107,9 @@ def carried(search: ModeSearch, state: TrackState, observation: Observation) -> 
         replace(m, covariance=m.covariance + growth, parent=k, origin=None) for k, m in enumerate(state.mixture.modes)
     )
     mixture = replace(state.mixture, modes=modes)
-    return TrackState(mixture, observation.time), result_of(observation, mixture, "unobserved")
+    unobserved = state.unobserved + observation.time - state.time
+    after = TrackState(mixture, observation.time, unobserved=unobserved)
+    return after, result_of(observation, mixture, "unobserved")
 
 
 def judged(search: ModeSearch, observation: Observation, mixture: Mixture) -> tuple[TrackState, FrameResult]:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
+Whom = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
 Flag = Annotated[bool, Parameter(negative="")]
 
 
@@ -28,7 +29,8 @@ class InputOptions:
     background
         Pictures of the empty scene; learned from the clip unless given.
     person
-        Which of several people: auto (largest, then continuity) or an id of the keypoint file.
+        Which of several people: auto (one camera: the largest, then continuity; several: whom they see together), an
+        id of the keypoint files, or CAMERA=ID for some cameras; the others then take whoever fits them.
     keypoint_size
         [NAME=]WxH of the pictures that the detector saw, as 960x540, where the keypoint files do not say it.
     fps
@@ -46,7 +48,7 @@ class InputOptions:
     keypoints: Files = None
     mask: Files = None
     background: Files = None
-    person: str = "auto"
+    person: Whom = ("auto",)
     keypoint_size: Files = None
     fps: Files = None
     offset: Files = None

@@ -1,0 +1,94 @@
+"""A track that jumps to somebody else is not followed in silence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from builders import body_of, camera_at, observe
+
+from estimator.formats.packing import pack, unpack
+from estimator.imaging.observation import Observation
+from estimator.runner import run
+from estimator.synthesis.crowd import placed
+from estimator.synthesis.motion import authored_motion
+from estimator.trackers.leaps import FASTEST, LeapCheck, leap_note, leaps
+from estimator.trackers.registry import GROUPS, make_tracker, settings_for
+from estimator.trackers.tracker import TrackState
+
+CAMERA = camera_at(30.0, distance=4.5, focal=600.0, height=1.2, aim=(0.0, 0.0, 0.95))
+FRAMES, FPS, LEAP = 6, 25.0, 3
+FEW: dict[str, dict[str, object]] = {
+    "css": {"samples": 4, "budget": {"searches": 16}},
+    "single_mode": {},
+    "condensation": {"particles": 200},
+}
+
+
+@cache
+def clip(step: float, gap: int = 0) -> tuple[Observation, ...]:
+    """A person of whom a twin takes over `step` [m] to the side; before that some frames without keypoints."""
+    body, rng = body_of("human34"), np.random.default_rng(7)
+    q = authored_motion(body, 0.4 + np.arange(FRAMES) / FPS)
+    q[LEAP:] = placed(q[LEAP:], step * np.array([-np.sin(0.52), np.cos(0.52)]), 0.0)
+    seen = [observe(body, one, [CAMERA], noise=1.0, rng=rng, index=i, time=i / FPS) for i, one in enumerate(q)]
+    for i in range(LEAP - gap, LEAP):
+        seen[i] = replace(seen[i], pixels=seen[i].pixels * np.nan, confidence=seen[i].confidence * 0.0)
+    return tuple(seen)
+
+
+@pytest.mark.parametrize("name", ["css", "robust-single-mode", "condensation"])
+def test_a_leap_is_hard_and_told(name: str) -> None:
+    body = body_of("human34")
+    tracker = make_tracker(name, body, settings_for(name, changes={GROUPS[name]: FEW[GROUPS[name]]}))
+    results = [r for r, _ in run(tracker, clip(1.4), 3)]
+    moved = np.linalg.norm(np.diff([r.q[0, :3] for r in results], axis=0), axis=1)
+    assert results[LEAP].status == "hard"
+    assert (moved[LEAP - 1] > 1.0) == (name != "condensation")  # they go on with the twin; particles stay behind
+    assert leaps(body, results) == ([] if name == "condensation" else [LEAP])
+    assert f"({LEAP};" in leap_note([LEAP])
+
+
+def test_a_step_is_no_leap() -> None:
+    body = body_of("human34")
+    tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
+    results = [r for r, _ in run(tracker, clip(0.1), 3)]
+    assert leaps(body, results) == []
+    assert leap_note([]) == ""
+
+
+def test_time_unseen_is_time_to_move_and_survives_storing() -> None:
+    """Over frames without keypoints a body gets farther; a resumed run knows as much."""
+    body = body_of("human34")
+    tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
+    straight = list(run(tracker, clip(0.6, gap=2), 3))
+    state = straight[LEAP - 1][1]
+    assert state is not None
+    assert state.unobserved == pytest.approx(2 / FPS)
+    again = TrackState.from_arrays(unpack(pack(state.arrays())))
+    assert again.unobserved == state.unobserved
+    resumed = [r for r, _ in run(tracker, clip(0.6, gap=2), 3, state=again, first=LEAP)]
+    assert [r.status for r in resumed] == [r.status for r, _ in straight[LEAP:]]
+    assert leaps(body, [r for r, _ in straight]) == []
+
+
+def test_the_limit_is_a_sprinters_and_knows_uncertainty() -> None:
+    body = body_of("human34")
+    check, dt = LeapCheck(body), 0.04
+    sure, unsure = np.zeros((body.nv, body.nv)), np.zeros((body.nv, body.nv))
+    unsure[0, 0] = 0.2**2  # along the root's own x axis
+    before, after = body.neutral[None], body.neutral.copy()
+    far = FASTEST * 1.75 * dt + 0.3
+    after[0] += far
+    assert check.leapt(before, sure[None], after, sure, dt)
+    assert not check.leapt(before, sure[None], after, sure, 10 * dt)
+    assert not check.leapt(before, unsure[None], after, sure, dt)
+    aside = body.neutral.copy()
+    aside[1] += far
+    assert check.leapt(before, unsure[None], aside, sure, dt)
+    nearer = np.stack([body.neutral, after])  # another hypothesis was there already
+    assert not check.leapt(nearer, np.stack([sure, sure]), after, sure, dt)
+    arm = body_of("arm8")
+    assert not LeapCheck(arm).leapt(arm.neutral[None] + 5.0, np.zeros((1, arm.nv, arm.nv)), arm.neutral, sure, dt)
