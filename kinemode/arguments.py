@@ -72,6 +72,16 @@ def _flag(value: Any) -> bool:
     return isinstance(value, (bool, np.bool_))
 
 
+def _person(value: Any) -> bool:
+    return _text(value) or (isinstance(value, int) and not isinstance(value, bool))
+
+
+def _persons(value: Any) -> bool:
+    """What `kinemode.persons.persons_of` takes."""
+    named = isinstance(value, Mapping) and all(map(_person, value.values()))
+    return _person(value) or named or _several(value, _text)
+
+
 def _cameras(value: Any) -> bool:
     named = isinstance(value, Mapping) and bool(value) and all(isinstance(c, Camera) for c in value.values())
     return value is None or _path(value) or named
@@ -100,7 +110,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "trackers": (_texts, 'a text such as "css,single-mode", or a list of texts'),
     "tracker": (_text, "a text"),
     "fit": (_text, "a text"),
-    "person": (lambda value: _text(value) or _whole(value), '"auto", a number, or the id of a person'),
+    "person": (_persons, '"auto", a number, the id of a person, or a mapping of camera names to them'),
     "modes": (_or_none(_whole), "a whole number"),
     "seed": (_whole, "a whole number"),
     "workers": (_whole, "a whole number"),
