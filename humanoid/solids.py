@@ -8,8 +8,10 @@ clearance="off" have no solid.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import coal
@@ -17,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.body import Body
+from humanoid.collada_check import check_collada
 from humanoid.errors import InputError
 from humanoid.quiet import quiet
 from humanoid.subject import Flesh
@@ -84,6 +87,9 @@ def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
 
 def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
     subject, model = body.subject, body.model
+    tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
+    for mesh in collada_meshes(subject.urdf, tag):
+        check_collada(mesh)
     try:
         with quiet():  # Eigen complains of vertices that are not finite, which are refused below
             found = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
@@ -93,6 +99,12 @@ def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
         _solid(model.frames[o.parentFrame].name, o.parentJoint, _convex(o, subject.source), o.placement)
         for o in found.geometryObjects
     )
+
+
+def collada_meshes(urdf: str, tag: str) -> list[Path]:
+    """The COLLADA files of a checked URDF's visual or collision shapes."""
+    names = {mesh.get("filename", "") for mesh in ET.fromstring(urdf).iterfind(f"link/{tag}/geometry/mesh")}
+    return [Path(name) for name in sorted(names) if name.lower().endswith(".dae")]
 
 
 def _unreadable(source: str, report: str) -> InputError:
