@@ -70,9 +70,12 @@ def _users_problem(error: Exception) -> str | None:
     return f"standard output: cannot be written: {error}" if _no_room(error) else None
 
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
 def _no_room(error: Exception) -> bool:
     """The disk that standard output goes to takes no more; our own files are written by functions that name them."""
-    return isinstance(error, OSError) and error.filename is None and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return isinstance(error, OSError) and error.filename is None and error.errno in _FULL
 
 
 def _drop_output() -> None:

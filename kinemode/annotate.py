@@ -104,6 +104,8 @@ def _next(clip: Path, camera: str | None, subject: Subject, out: Path) -> str:
     """The command that tracks from the clicks."""
     name = clip.name if clip.is_dir() else clip.stem
     view = f"{camera}=" if camera else ""
+    if not view and name.startswith("-"):  # it would be read as an option
+        view = f"{name.lstrip('-') or 'clip'}="
     of_view = view or ("" if out.stem == name else f"{name}=")
     chosen = [] if subject.source == "human34" else ["--subject", subject.source]
     keypoints = Path(f"{of_view}{out}")

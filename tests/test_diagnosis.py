@@ -48,9 +48,14 @@ class Made:
             body.subject.urdf, body.subject.source, body.subject.base, CAMERAS, {c.name: None for c in CAMERAS},
             {c.name: c.image_size for c in CAMERAS}, times, tracker, {}, 0, km.__version__,
         )  # fmt: skip
-        seen = np.ones(self.pixels.shape[1:3])
+        seen = np.isfinite(self.pixels).all(axis=-1).astype(float)
         with RunWriter.create(path, header, overwrite=True) as writer:
-            writer.put_observations([Observation(t, times[t], CAMERAS, p, seen) for t, p in enumerate(self.pixels)])
+            writer.put_observations(
+                [
+                    Observation(t, times[t], CAMERAS, p, c)
+                    for t, (p, c) in enumerate(zip(self.pixels, seen, strict=True))
+                ]
+            )
             one = np.ones(1)
             for t, q in enumerate(self.q):
                 covariance, parent = np.eye(body.nv)[None], np.array([0 if t else -1])
@@ -199,7 +204,7 @@ def track(folder: Path, subject: Subject, name: str) -> Run:
 def test_limits_that_contradict_the_person_are_told(crouching: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.warns(FindingWarning, match="in most frames: .*_knee") as caught:
         run = track(crouching, knees_turned_round(load_subject("human34")), "turned.run")
-    sentence = str(caught[0].message)
+    sentence = next(str(w.message) for w in caught if isinstance(w.message, FindingWarning))
     assert len(sentence) <= 500
     assert sentence in run.header.notes
     assert sentence in findings(run)

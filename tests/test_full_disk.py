@@ -76,7 +76,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_on_a_full_disk(made: Path, tmp_path: Path, command: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_command_on_a_full_disk(made: Path, tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
     text, name = COMMANDS[command]
     if command == "explain":
         name = f"{Run.open(made / 'a.run').header.cameras[0].name}_keypoints.png"
@@ -88,7 +88,7 @@ def test_a_command_on_a_full_disk(made: Path, tmp_path: Path, command: str, capf
     arguments = [word.format(made=made, out=out) for word in text.split()]
     with files_of_at_most(1000):
         assert front.main(arguments) == front.BAD_INPUT
-    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith(("error", "internal", "Trace"))]
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith(("error", "internal", "Trace"))]
     assert len(said) == 1
     assert said[0].startswith(f"error: {out / name}: cannot be written: ")
     assert FULL in said[0] or "the disk takes no more" in said[0]

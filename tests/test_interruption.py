@@ -204,7 +204,10 @@ def test_how_to_go_on_can_be_pasted(given: list[str], again: list[str]) -> None:
     assert parsed(said.partition("go on with: ")[2]) == again
 
 
-def test_what_is_suggested_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_suggested_can_be_pasted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "findings", lambda _: ())
     cli.app.parse_args(["track", "a", "--out", "b"], exit_on_error=False, print_error=False)
     with pytest.raises(cyclopts.CycloptsError):  # the check can fail
         parsed("kinemode track --ou b")
@@ -223,7 +226,7 @@ def test_what_is_suggested_can_be_pasted(tmp_path: Path, capsys: pytest.CaptureF
         line = annotate._next(Path("my clip.mp4"), "left=", load_subject("arm8"), Path("-clicks.json"))
         assert parsed(line)[:2] == ["track", "left==my clip.mp4"]
     line = annotate._next(Path("-walk.mp4"), None, load_subject("human34"), Path("-clicks.json"))
-    assert parsed(line) == ["track", "./-walk.mp4", "--keypoints", "./-clicks.json", "--out", "./-walk.run"]
+    assert parsed(line) == ["track", "walk=-walk.mp4", "--keypoints", "walk=-clicks.json", "--out", "./-walk.run"]
     folder = tmp_path / "a folder" / "b"
     with pytest.raises(InputError) as raised:
         api._check_folder(folder / "a.run")

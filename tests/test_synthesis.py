@@ -228,7 +228,9 @@ def test_a_moving_background_moves_and_nothing_else_does(body: Body, q: np.ndarr
     renderer, posed = Renderer(body, cameras, np.random.default_rng(0), settings), body.at(q[20])
     first, later = (renderer.frame(posed, 0, np.random.default_rng(0), t) for t in (0.0, 0.2))
     inner = cv2.erode(renderer.maps(posed, 0).mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
-    np.testing.assert_array_equal(first[inner], later[inner])
+    # the mask knows the middles of pixels only: between the feet there are gaps narrower than that
+    assert (first != later).any(axis=-1)[inner].mean() < 1e-3
+    assert (first != later).any(axis=-1)[~inner].mean() > 0.9
     plates = [cv2.cvtColor(renderer.plate(0, t), cv2.COLOR_BGR2GRAY).astype(float) for t in (0.0, 0.2)]
     (dx, _), _ = cv2.phaseCorrelate(plates[0], plates[1], cv2.createHanningWindow((640, 480), cv2.CV_64F))
     assert dx == pytest.approx(settings.pan * np.sin(2.0 * np.pi * 0.2 / 2.5), abs=2.0 * settings.shake)
