@@ -73,7 +73,8 @@ def compare(
     """
     check_arguments(
         subject=subject, clips=clips, trackers=trackers, out=out, reference=reference, cameras=cameras, modes=modes,
-        settings=settings, resume=resume, overwrite=overwrite, progress=progress,
+        settings=settings, resume=resume, overwrite=overwrite, progress=progress, fit=how.get("fit", "auto"),
+        workers=how.get("workers", 1),
     )  # fmt: skip
     names = tracker_names(trackers)
     tracked = subject if isinstance(subject, api.Subject) else load_subject(subject)

@@ -168,7 +168,7 @@ def test_damaged_references(valid: Mapping[str, list[Files]], tmp_path: Path) ->
     head, row = trc.split("\n6\t")[0].splitlines()[:5], trc.splitlines()[6]
     for lines, told in (
         ([*head[:3], "Frame#\tTime", "", row], "line 4: has no markers"),
-        ([*head, row, row, row], "time: the times do not rise"),
+        ([*head, row, row, row], "time: is no 3 rising numbers"),
         ([*head, row.replace(row.split("\t")[3], "1e300")], "line 6: has a number beyond all measure"),
         ([*head], "has no points|is no TRC file"),
     ):
@@ -212,5 +212,7 @@ def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
         cues = (ImageCues(moved, None, None, silhouette),)
         observation = replace(seen, cameras=(moved,), cues=cues)
         evidence = search.evidence(observation, q)
-        parts = energy_parts(Case(search, observation, "as_detected", body.at(q), None, 0.0, None, evidence))
+        posed = body.at(q)
+        case = Case(search, observation, "as_detected", posed, None, False, 0.0, None, posed, evidence)
+        parts = energy_parts(case)
         assert np.isfinite([part.energy for part in parts]).all()

@@ -58,7 +58,7 @@ def test_a_mesh_that_cannot_be_used_is_refused(case, use, tmp_path, capfd) -> No
     name, content, said = BAD[case]
     (tmp_path / name).write_bytes(content)
     kind, made = use
-    with pytest.raises(InputError, match=r"r\.urdf") as caught:
+    with pytest.raises(InputError) as caught:
         made(body_with(tmp_path / name, kind))
     assert said in str(caught.value)
     assert str(tmp_path / name) in str(caught.value)
