@@ -188,6 +188,8 @@ def read_document(content: str | bytes, source: str) -> Document:
             place=f"line {error.lineno}, column {error.offset + 1}",
             remedy="give a URDF, an XML text with a <robot>",
         ) from error
+    except InputError:  # the reader's own
+        raise
     except (ValueError, LookupError) as error:  # unknown encodings, lone surrogates
         raise InputError(source, f"cannot be read as text: {error}", remedy="save it as UTF-8") from error
     return Document(source, reader.builder.close(), tuple(reader.prolog), reader.places)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from estimator.filtering.origin import PREFIX
 from estimator.formats.packing import valid_text
 from humanoid.body import Body
 from humanoid.errors import InputError, shown
@@ -52,6 +53,14 @@ _STATE = {
     "kkt_residual": _Field("f", ("K",), finite=False),
     "penetration": _Field("f", ("K",), finite=False),
 }
+_VELOCITY = {"velocity": _Field("f", ("K", "nv"))}  # runs made before it was kept have none
+_UNOBSERVED = {"unobserved": _Field("f")}  # states, too
+_ORIGINS = {
+    f"{PREFIX}family": _Field("U", ("K",)),
+    f"{PREFIX}paid": _Field("b", ("K",)),
+    f"{PREFIX}price": _Field("f", ("K",)),
+}
+_ORIGIN_POSES = tuple(f"{PREFIX}{name}" for name in ("q_previous", "q_predicted", "q_assigned"))
 _PARTICLES = {
     "particle_states": _Field("f", ("N", "any")),
     "particle_weights": _Field("f", ("N",)),
@@ -81,11 +90,14 @@ def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, befo
     _check_weights(arrays["weight"], "weight")
     _check_parents(arrays["parent"], before)
     _check_configurations(body, arrays["q"], "q")
+    _check(arrays, {name: field for name, field in _VELOCITY.items() if name in arrays}, {"nv": body.nv, "K": count})
+    _check_origins(arrays, body, count)
 
 
 def check_state(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     """A tracker's state, with its particles where it has them; raises DamageError as `check_frame` does."""
-    _check(arrays, _STATE, {**_sizes(body), "K": _length(arrays, "weights")})
+    later = {name: field for name, field in _UNOBSERVED.items() if name in arrays}
+    _check(arrays, _STATE | later, {**_sizes(body), "K": _length(arrays, "weights")})
     _check_weights(arrays["weights"], "weights")
     _check_parents(arrays["parent"], None)
     _check_configurations(body, arrays["q"], "q")
@@ -157,6 +169,20 @@ def _check(arrays: Mapping[str, np.ndarray], fields: Mapping[str, _Field], sizes
             raise DamageError(f"{name} has characters that are none")
         if array.dtype.kind == "f" and field.finite and not (np.abs(array) < _LARGEST).all():
             raise DamageError(f"{name} has numbers that are not finite, or beyond all measure")
+
+
+def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> None:
+    """Where modes came from; poses and extents that there are not are NaN, or are left out."""
+    if not any(name.startswith(PREFIX) for name in arrays):
+        return
+    sizes = {"nq": body.nq, "K": count}
+    _check(arrays, _ORIGINS, sizes)
+    for name in _ORIGIN_POSES:
+        if name in arrays:
+            _check(arrays, {name: _Field("f", ("K", "nq"), finite=False)}, sizes)
+            _check_configurations(body, arrays[name][~np.isnan(arrays[name]).all(axis=1)], name)
+    if f"{PREFIX}extent" in arrays:
+        _check(arrays, {f"{PREFIX}extent": _Field("f", ("K", "any"), finite=False)}, sizes)
 
 
 def _check_weights(weight: np.ndarray, name: str) -> None:
