@@ -56,7 +56,11 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "no price": ("frame", lambda a: a.pop("origin_price"), "origin_price is missing"),
     "families of numbers": ("frame", _set("origin_family", lambda f: np.zeros(len(f))), "origin_family has the shape"),
     "payments of two": ("frame", _set("origin_paid", lambda p: np.stack([p, p], 1)), "origin_paid has the shape"),
-    "a past that cannot be": ("frame", _set("origin_q_previous", lambda q: q + 7.0), "origin_q_previous is no config"),
+    "a past that cannot be": (
+        "frame",
+        _set("origin_q_previous", lambda q: q + np.inf),
+        "origin_q_previous is no config",
+    ),
     "no weight": ("frame", _set("weight", lambda w: 0.0 * w), "weight has negative numbers, or none above zero"),
     "a parent nobody is": ("frame", _set("parent", lambda p: p + 90), "parent 9. is no hypothesis"),
     "a frame beyond": ("frame", _set("index", 10**9), "index 1000000000 of 3 frames"),
