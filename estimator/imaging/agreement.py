@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import cv2
 import numpy as np
 
 from estimator.imaging.camera import Camera
+from estimator.imaging.epipolar import essential_matrix
 
 SIMPLE_FACTORS = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 8 / 3, 3.0, 4.0)
 _MOST_FRAMES = 300
@@ -42,7 +42,7 @@ def agreement(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[
     """
     picked = np.unique(np.linspace(0, len(pixels) - 1, min(len(pixels), _MOST_FRAMES)).astype(int))
     some, pairs = pixels[picked], pairs_of(cameras)
-    distance = _overall(pairs, [rays(camera, some[:, c]) for c, camera in enumerate(cameras)])
+    distance = _overall(pairs, [camera.directions(some[:, c]) for c, camera in enumerate(cameras)])
     if not np.isfinite(distance):
         return None
     share = distance / max(max(camera.image_size) for camera in cameras)
@@ -55,20 +55,16 @@ class Pair:
 
     def __init__(self, a: int, b: int, first: Camera, second: Camera) -> None:
         self.a, self.b = a, b
-        R_second_first = second.R_camera_world @ first.R_camera_world.T
-        t = second.t_camera_world - R_second_first @ first.t_camera_world
-        length = float(np.linalg.norm(t))
-        self.usable = length > 1e-6
-        x, y, z = t / length if self.usable else t
-        self.E = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R_second_first
+        self.usable = float(np.linalg.norm(second.centre_world - first.centre_world)) > 1e-6
+        self.E = essential_matrix(first, second)
         self.focal = float(np.sqrt(first.K[0, 0] * second.K[0, 0]))
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> float:
-        """Median distance [px] of rays (..., 2); NaN of too few."""
+        """Median distance [px] of directions (..., 3); NaN of too few."""
         both = np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1)
         if not self.usable or np.count_nonzero(both) < _FEWEST:
             return float("nan")
-        x, y = (np.concatenate([r[both], np.ones((np.count_nonzero(both), 1))], axis=1) for r in (first, second))
+        x, y = first[both], second[both]
         line, back = x @ self.E.T, y @ self.E
         slope = np.sqrt((line[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1))
         return self.focal * float(np.median(np.abs((y * line).sum(axis=1)) / np.maximum(slope, 1e-12)))
@@ -77,13 +73,6 @@ class Pair:
 def pairs_of(cameras: Sequence[Camera]) -> list[Pair]:
     """Every pair of cameras, the earlier one first."""
     return [Pair(a, b, cameras[a], cameras[b]) for a, b in combinations(range(len(cameras)), 2)]
-
-
-def rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Undistorted image points (..., 2) at depth 1."""
-    flat = np.where(np.isfinite(pixels), pixels, 0.0).reshape(-1, 1, 2)
-    found = cv2.undistortPoints(flat, camera.K, camera.distortion).reshape(pixels.shape)
-    return np.where(np.isfinite(pixels), found, np.nan)
 
 
 def _overall(pairs: Sequence[Pair], seen: Sequence[np.ndarray]) -> float:
@@ -98,7 +87,7 @@ def _factor(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bo
 
     def scaled(factor: float) -> float:
         seen = [
-            rays(camera, (pixels[:, c] + 0.5) * (factor if doubtful[c] else 1.0) - 0.5)
+            camera.directions((pixels[:, c] + 0.5) * (factor if doubtful[c] else 1.0) - 0.5)
             for c, camera in enumerate(cameras)
         ]
         return _overall(pairs, seen) / max(factor, 1.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.imaging.agreement import Pair, pairs_of, rays
+from estimator.imaging.agreement import Pair, pairs_of
 from estimator.imaging.camera import Camera
 
 _LONGEST = 1.0  # offsets looked for [s]
@@ -31,7 +31,7 @@ def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndar
     thinned = max(1, int(_STEP / step + 1e-6))
     step, part = step * thinned, pixels[middle][::thinned]
     most = min(int(_LONGEST / step), len(part) // 4)
-    seen = [rays(camera, part[:, c]) for c, camera in enumerate(cameras)]
+    seen = [camera.directions(part[:, c]) for c, camera in enumerate(cameras)]
     distances = _distances(pairs_of(cameras), seen, most)
     if distances is None:
         return ()
@@ -55,7 +55,7 @@ def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> 
 
 
 def _moving(seen: np.ndarray) -> np.ndarray:
-    """Rays (T, L, 2) without the slower ones: what stands still tells nothing of a clock."""
+    """Directions (T, L, 3) without the slower ones: what stands still tells nothing of a clock."""
     speed = np.full(seen.shape[:2], np.nan)
     speed[2:-2] = np.linalg.norm(seen[4:] - seen[:-4], axis=-1)
     if not np.isfinite(speed).any():
