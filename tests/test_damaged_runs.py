@@ -78,6 +78,8 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "confidence": ("observation", _set("confidence", lambda c: c + 5.0), "confidence is not between 0 and 1"),
     "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*no configuration"),
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
+    "state of no covariance": ("state", _set("covariance", lambda c: -c), "covariance is not symmetric and positive"),
+    "state of little covariance": ("state", _set("covariance", lambda c: 1e-300 * c), "covariance is not symmetric"),
     "state without weights": ("state", lambda a: a.pop("weights"), "state: is damaged: weights is missing"),
 }
 

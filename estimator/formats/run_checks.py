@@ -15,6 +15,7 @@ from humanoid.body import Body
 from humanoid.errors import InputError, shown
 
 _LARGEST = 1e9  # of configurations, covariances and times
+_LEAST = 1e-20  # of variances
 _NORM = 1e-3  # by how much a quaternion of a configuration may be off one
 
 
@@ -102,6 +103,7 @@ def check_state(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     _check_parents(arrays["parent"], None)
     _check_configurations(body, arrays["q"], "q")
     if "particle_weights" not in arrays:
+        _check_covariances(arrays["covariance"])
         return
     _check(arrays, _PARTICLES, {"N": _length(arrays, "particle_weights")})
     _check_weights(arrays["particle_weights"], "particle_weights")
@@ -193,6 +195,23 @@ def _check_weights(weight: np.ndarray, name: str) -> None:
 def _check_parents(parent: np.ndarray, before: int | None) -> None:
     if parent.size and (parent.min() < -1 or (before is not None and parent.max() >= max(before, 1))):
         raise DamageError(f"parent {shown(int(parent.max()))} is no hypothesis of the frame before")
+
+
+def _check_covariances(covariance: np.ndarray) -> None:
+    """Matrices (K, nv, nv): positive definite, but for directions held by limits, whose rows are zero."""
+    matrices = covariance.copy()
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    np.einsum("kii->ki", matrices)[variance == 0.0] = 1.0
+    sound = (
+        np.array_equal(covariance, covariance.transpose(0, 2, 1))
+        and not (np.abs(variance[variance != 0.0]) < _LEAST).any()
+    )
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        sound = False
+    if not sound:
+        raise DamageError("covariance is not symmetric and positive definite")
 
 
 def _check_configurations(body: Body, q: np.ndarray, name: str) -> None:
