@@ -303,6 +303,20 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
         loaded(f"b={folder_clip}", f"b={keypoints}", tmp_path / "c.json")
 
 
+@pytest.mark.parametrize("seed", [2, 5, 8, 9])
+def test_somebody_else_in_every_camera_is_no_other_size(seed: int, tmp_path: Path) -> None:
+    """Anything fits better the smaller it is made: distances count at the size they were found in."""
+    rng, tracks = np.random.default_rng(seed), {}
+    for name, camera in CAMERAS.items():
+        q = swinging(TIME)
+        q[:, :3] += rng.uniform(-1.2, 1.2, 3)
+        pixels = np.array([camera.project(BODY.landmarks(BODY.at(one))) for one in q])
+        tracks[name] = replace(SEEN[name], pixels=pixels, image_size=SIZE)
+    found = load(tmp_path, tracks)
+    assert told(found, "the keypoints of the cameras do not fit each other")
+    assert told(found, "and the person right?")
+
+
 def test_the_real_clip_fits_itself(shared_data: Path) -> None:
     folder = shared_data / "beam4cam"
     keypoints = {name: folder / "keypoints" / f"{name}.json" for name in ("cam01", "cam02", "cam03", "cam04")}

@@ -18,7 +18,7 @@ from estimator.imaging.epipolar import essential_matrix
 SIMPLE_FACTORS = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 8 / 3, 3.0, 4.0)
 _MOST_FRAMES = 300
 _FEWEST = 50  # pairs of points that a median is believed of
-_SUSPICIOUS, _TOO_FAR = 0.01, 0.02  # of the picture's longer side: median distances; good keypoints stay below both
+SUSPICIOUS, _TOO_FAR = 0.01, 0.02  # of the picture's longer side: median distances; good keypoints stay below both
 _BETTER = 0.4  # what is left of the distance where another size is believed
 
 
@@ -46,7 +46,7 @@ def agreement(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[
     if not np.isfinite(distance):
         return None
     share = distance / max(max(camera.image_size) for camera in cameras)
-    factor = _factor(cameras, some, doubtful, distance) if share > _SUSPICIOUS else None
+    factor = _factor(cameras, some, doubtful, distance) if share > SUSPICIOUS else None
     return Agreement(distance, share > _TOO_FAR, factor)
 
 
@@ -90,7 +90,7 @@ def _factor(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bo
             camera.directions((pixels[:, c] + 0.5) * (factor if doubtful[c] else 1.0) - 0.5)
             for c, camera in enumerate(cameras)
         ]
-        return _overall(pairs, seen) / max(factor, 1.0)
+        return _overall(pairs, seen) / factor
 
     factors = np.unique(np.concatenate([np.geomspace(0.2, 5.0, 81), SIMPLE_FACTORS]))
     found = np.array([scaled(factor) for factor in factors])

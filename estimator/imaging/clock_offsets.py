@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.imaging.agreement import Pair, pairs_of
+from estimator.imaging.agreement import SUSPICIOUS, Pair, pairs_of
 from estimator.imaging.camera import Camera
 
 _LONGEST = 1.0  # offsets looked for [s]
@@ -38,7 +38,9 @@ def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndar
     found = distances.best(len(cameras))
     found -= max(found.tolist(), key=found.tolist().count)  # of several that are as many, the first camera's
     small = np.abs(found).max() < max(_FEWEST_LAGS, _SHORTEST / step)
-    if small or distances.of(found) > _BETTER * distances.of(np.zeros_like(found)):
+    left = distances.of(found)
+    fitting = left <= SUSPICIOUS * max(max(camera.image_size) for camera in cameras)  # not so with somebody else
+    if small or not fitting or left > _BETTER * distances.of(np.zeros_like(found)):
         return ()
     return tuple(-step * lag if lag else 0.0 for lag in found.tolist())
 
