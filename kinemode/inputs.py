@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,7 @@ from kinemode.input_clocks import clocks_of, notes_on_time
 from kinemode.input_doubts import checked_agreement
 from kinemode.named import Named, PathLike, chosen_names, kept, matched, named_paths
 from kinemode.persons import Persons, persons_of
+from kinemode.program import command
 
 KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
 Cameras = PathLike | Mapping[str, Camera] | None
@@ -100,8 +100,8 @@ def load_inputs(
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
-    clip = str(next(iter(clips.values()), "CLIP"))
-    remedy = f"click them: {shlex.join(['kinemode', 'annotate', clip])}; or give a detector's: {KEYPOINT_FORMATS}"
+    clicks = command("annotate", next(iter(clips.values()), Path("CLIP")))
+    remedy = f"click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
     return InputError("keypoints", "are needed, of one frame at least, to find the first pose", remedy=remedy)
 
 
@@ -141,8 +141,7 @@ def _one_size(
     told: Declared,
 ) -> tuple[dict[str, KeypointTrack], dict[str, Camera], list[str]]:
     """Tracks and cameras at the size of the clips, or of the cameras where there are none; and notes."""
-    given = told.sizes(tracks)
-    sizes = {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
+    sizes = _detector_sizes(tracks, told)
     found, notes = _cameras(tracks, {n: pictures.get(n) or sizes[n] for n in tracks}, cameras, named)
     source = "cameras" if cameras is None or isinstance(cameras, Mapping) else str(cameras)
     scaled = {}
@@ -158,9 +157,14 @@ def _as_detected(
     tracks: Mapping[str, KeypointTrack], cameras: Mapping[str, Camera], told: Declared
 ) -> dict[str, Camera]:
     """The cameras of pictures of the size that the detectors saw."""
-    given = told.sizes(tracks)
-    sizes = {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
+    sizes = _detector_sizes(tracks, told)
     return {name: resized_camera(cameras[name], size or cameras[name].image_size) for name, size in sizes.items()}
+
+
+def _detector_sizes(tracks: Mapping[str, KeypointTrack], told: Declared) -> dict[str, Size | None]:
+    """Size of the pictures that each detector saw, None where neither the file nor the user says."""
+    given = told.sizes(tracks)
+    return {name: declared_size(track, given.get(name)) for name, track in tracks.items()}
 
 
 def _cameras(

@@ -61,7 +61,10 @@ _ORIGINS = {
     f"{PREFIX}paid": _Field("b", ("K",)),
     f"{PREFIX}price": _Field("f", ("K",)),
 }
-_ORIGIN_POSES = tuple(f"{PREFIX}{name}" for name in ("q_previous", "q_predicted", "q_assigned"))
+_ORIGIN_POSES = {
+    f"{PREFIX}{name}": _Field("f", ("K", "nq"), finite=False) for name in ("q_previous", "q_predicted", "q_assigned")
+}
+_ORIGIN_EXTENT = {f"{PREFIX}extent": _Field("f", ("K", "any"), finite=False)}
 _PARTICLES = {
     "particle_states": _Field("f", ("N", "any")),
     "particle_weights": _Field("f", ("N",)),
@@ -91,14 +94,13 @@ def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, befo
     _check_weights(arrays["weight"], "weight")
     _check_parents(arrays["parent"], before)
     _check_configurations(body, arrays["q"], "q")
-    _check(arrays, {name: field for name, field in _VELOCITY.items() if name in arrays}, {"nv": body.nv, "K": count})
+    _check(arrays, _there(_VELOCITY, arrays), {"nv": body.nv, "K": count})
     _check_origins(arrays, body, count)
 
 
 def check_state(arrays: Mapping[str, np.ndarray], body: Body) -> None:
     """A tracker's state, with its particles where it has them; raises DamageError as `check_frame` does."""
-    later = {name: field for name, field in _UNOBSERVED.items() if name in arrays}
-    _check(arrays, _STATE | later, {**_sizes(body), "K": _length(arrays, "weights")})
+    _check(arrays, _STATE | _there(_UNOBSERVED, arrays), {**_sizes(body), "K": _length(arrays, "weights")})
     _check_weights(arrays["weights"], "weights")
     _check_parents(arrays["parent"], None)
     _check_configurations(body, arrays["q"], "q")
@@ -149,6 +151,11 @@ def _sizes(body: Body) -> dict[str, int]:
     return {"nq": body.nq, "nv": body.nv, "triangle": body.nv * (body.nv + 1) // 2}
 
 
+def _there(fields: Mapping[str, _Field], arrays: Mapping[str, np.ndarray]) -> dict[str, _Field]:
+    """Those of the fields that may be left out which are there."""
+    return {name: field for name, field in fields.items() if name in arrays}
+
+
 def _length(arrays: Mapping[str, np.ndarray], name: str) -> int:
     if name not in arrays or arrays[name].ndim != 1:
         raise DamageError(f"{name} is missing" if name not in arrays else f"{name} is no list")
@@ -179,12 +186,10 @@ def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> 
         return
     sizes = {"nq": body.nq, "K": count}
     _check(arrays, _ORIGINS, sizes)
-    for name in _ORIGIN_POSES:
-        if name in arrays:
-            _check(arrays, {name: _Field("f", ("K", "nq"), finite=False)}, sizes)
-            _check_configurations(body, arrays[name][~np.isnan(arrays[name]).all(axis=1)], name)
-    if f"{PREFIX}extent" in arrays:
-        _check(arrays, {f"{PREFIX}extent": _Field("f", ("K", "any"), finite=False)}, sizes)
+    poses = _there(_ORIGIN_POSES, arrays)
+    _check(arrays, poses | _there(_ORIGIN_EXTENT, arrays), sizes)
+    for name in poses:
+        _check_configurations(body, arrays[name][~np.isnan(arrays[name]).all(axis=1)], name)
 
 
 def _check_weights(weight: np.ndarray, name: str) -> None:
