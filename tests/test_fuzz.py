@@ -12,11 +12,12 @@ import pytest
 from benchmarks import fuzz, fuzz_commands
 from benchmarks.fuzz_cases import Case as Damaged
 from benchmarks.fuzz_corpus import Files
-from benchmarks.fuzz_judge import judge, judged_message, prepare, write
+from benchmarks.fuzz_judge import judged_message, prepare
 from benchmarks.fuzz_readers import CORPUS_OF, READERS
 from benchmarks.fuzz_workers import verdicts
 from humanoid.errors import LONGEST, InputError, shown
 from tests.fuzz_faults import judge as faulty
+from tests.fuzz_faults import judge_undamaged
 
 _SLICE = 300  # damaged files in the test, of the 100,000 of the measure
 
@@ -95,21 +96,18 @@ def test_equal_seeds_make_equal_damage(valid: Mapping[str, list[Files]], tmp_pat
         assert contents[0] == contents[1]
 
 
-def test_valid_files_are_read(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
+def test_valid_files_are_read(valid: Mapping[str, list[Files]]) -> None:
     """Or the damage would be found in what was damaged before."""
-    for name in READERS:
-        for seed in valid[CORPUS_OF.get(name, name)]:
-            write(seed, tmp_path / "valid")
-            verdict = judge(name, tmp_path / "valid" / next(iter(seed)))
-            assert verdict.outcome == "read", (name, verdict)
+    corpora = {name: valid[CORPUS_OF.get(name, name)] for name in READERS}
+    cases = [Damaged(name, 0, i) for name, seeds in corpora.items() for i in range(len(seeds))]
+    found = list(verdicts(judge_undamaged, dict(valid), cases, jobs=1))
+    assert len(found) == len(cases)
+    assert not [(str(case), verdict) for case, verdict in found if verdict.outcome != "read"]
 
 
-def test_damaged_files_give_a_result_or_one_line(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
-    noisy = ("mesh", "film", "pictures", "background")  # their libraries print, or end a process: left to the workers
-    names = [name for name in READERS if name not in noisy]
-    faults = []
-    for case in fuzz.cases(_SLICE, 7, names):
-        verdict = judge(case.reader, prepare(case, valid, tmp_path / "case"))
-        if not verdict.good and verdict.outcome != "memory":  # of the whole test process
-            faults.append((str(case), verdict))
-    assert not faults
+def test_damaged_files_give_a_result_or_one_line(valid: Mapping[str, list[Files]]) -> None:
+    cases = fuzz.cases(_SLICE, 7)
+    found = list(verdicts(fuzz.judge_case, dict(valid), cases, jobs=1))
+    assert len(found) == len(cases)
+    assert {case.reader for case in cases} == set(READERS)
+    assert not [(str(case), verdict) for case, verdict in found if not verdict.good]
