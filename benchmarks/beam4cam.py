@@ -13,8 +13,8 @@ from cyclopts import Parameter
 from benchmarks.common import Changes, Several, beam_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
-from estimator.evaluation import Reference
-from humanoid.errors import InputError
+from estimator.results.evaluation import Reference
+from humanoid.support.errors import InputError
 from kinemode import report
 
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")

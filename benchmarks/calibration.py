@@ -24,7 +24,7 @@ from benchmarks.calibration_levels import (
 )
 from benchmarks.calibration_plot import write_reliability
 from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell
-from estimator.filtering.calibration import Calibration
+from estimator.results.calibration import Calibration
 from kinemode import report
 
 PLAIN = Calibration(

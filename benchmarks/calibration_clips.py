@@ -11,22 +11,22 @@ import numpy as np
 
 from benchmarks.common import data_folder
 from estimator import synthesis
+from estimator.cameras.camera import Camera
 from estimator.cost.model import image_extent
-from estimator.fitting import fit_proportions
-from estimator.frame_result import FrameResult
-from estimator.imaging.camera import Camera
+from estimator.fitting.lengths import fit_proportions
 from estimator.imaging.observation import Observation
-from estimator.imaging.sequence import assemble
-from estimator.runner import run
+from estimator.sequences.sequence import assemble
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.retarget import retarget
-from estimator.trackers.registry import make_tracker, settings_for
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.landmarks import COCO17, landmark_spread
-from humanoid.subject import Subject, load_subject, subject_from_text
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import COCO17, landmark_spread
+from humanoid.subject.subject import Subject, load_subject, subject_from_text
+from humanoid.support.errors import InputError
 
 AUTHORED = ("reach", "turn_reach")
 TRAINING = ("walk_turn_26_01", "dance_05_10", "bend_scoop_lift_02_06", "wave_hello_fair1", "turn_reach")

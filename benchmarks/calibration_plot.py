@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.calibration_levels import GRID, KINDS, Levels, calibration_error, coverage
-from humanoid.atomic import replacing
+from humanoid.support.atomic import replacing
 
 TITLES = {"dof": "degrees of freedom", "landmark": "landmark places", "pose": "whole poses"}
 _COLOURS = ("#c44e52", "#1f4e79")

@@ -11,10 +11,11 @@ from timeit import repeat
 import numpy as np
 import pinocchio as pin
 
-from estimator.cost.interpenetration import Interpenetration
-from humanoid import broad_phase, load_subject
-from humanoid.body import Body, PosedBody
-from humanoid.clearance import Clearance
+from estimator.terms.interpenetration import Interpenetration
+from humanoid import load_subject
+from humanoid.collision import broad_phase
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, PosedBody
 
 CALLS, ROUNDS = 400, 7
 

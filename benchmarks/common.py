@@ -18,8 +18,8 @@ import cyclopts
 import numpy as np
 from cyclopts import Parameter
 
-from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 from kinemode.api import InputWarning
 from kinemode.render_files import made_folder
 

@@ -15,12 +15,12 @@ from benchmarks.common import Several, in_processes, save, spread, start, tell, 
 from benchmarks.crowd_clips import FPS, NEAREST, WAYS, Task, made, outcome, room_cameras, written
 from benchmarks.crowd_files import WRITERS, random_crowd
 from estimator.formats.keypoints import load_keypoints, load_people
-from estimator.imaging.people_across_cameras import subject_tracks
+from estimator.people.across_cameras import subject_tracks
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion
-from humanoid.body import Body
-from humanoid.landmarks import FORMATS
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import FORMATS
+from humanoid.subject.subject import load_subject
 from kinemode import report
 
 LIMIT = 5.0

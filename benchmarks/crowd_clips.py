@@ -10,20 +10,20 @@ import numpy as np
 
 from benchmarks.crowd_files import write_alphapose
 from benchmarks.tracking import timed_track
-from estimator.evaluation import Reference, evaluate
+from estimator.cameras.camera import Camera
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import load_keypoints, load_people, write_keypoints
 from estimator.formats.keypoints_people import Person
-from estimator.formats.run_file import Run
-from estimator.imaging.camera import Camera
-from estimator.imaging.clip import DEFAULT_FPS as FPS
-from estimator.imaging.people_across_cameras import subject_tracks
+from estimator.media.clip import DEFAULT_FPS as FPS
+from estimator.people.across_cameras import subject_tracks
+from estimator.results.evaluation import Reference, evaluate
+from estimator.results.run_file import Run
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 
 NEAREST = 0.7  # the people keep that far from each other [m]
 ROOM = 1.4  # half the side of the square they stand and walk in [m]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from estimator.formats.keypoints_people import Person
-from humanoid.landmarks import FORMATS
+from humanoid.subject.landmarks import FORMATS
 
 Frames = Sequence[Sequence[Person]]
 

@@ -11,9 +11,9 @@ import pinocchio as pin
 
 from benchmarks.css_tables_minima import Searches, distinct, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
-from estimator.search.seek import Seeker
-from humanoid.atomic import replacing
-from humanoid.body import PosedBody
+from estimator.optimise.seek import Seeker
+from humanoid.kinematics.body import PosedBody
+from humanoid.support.atomic import replacing
 from kinemode.render_files import made_folder
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class _Place:
         )  # fmt: skip
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.cost.term.Term`."""
+        """See `estimator.terms.term.Term`."""
         off = float(self._axis @ pin.difference(self._model, self._q, posed.q)) - self._place
         slope = pin.dDifference(self._model, self._q, posed.q, pin.ARG1).T @ self._axis
         gradient += HELD * off * slope

@@ -16,7 +16,7 @@ from benchmarks.common import in_processes, save, start
 from benchmarks.css_tables_jumps import SEARCHERS, WITHIN, Hunt, HuntTask, hunted
 from benchmarks.css_tables_minima import RULE, RowTask, Rule, Searches, distinct, known_problem, searched
 from benchmarks.css_tables_problem import Problem
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from kinemode import report
 
 SCALES = (1.0, 4.0, 8.0)

@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.css_tables_minima import RULE, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem
-from estimator.search.covariance import free_directions, mode_covariance
-from estimator.search.flips import Flips
+from estimator.optimise.covariance import free_directions, mode_covariance
+from estimator.optimise.seek import Found, Seeker
+from estimator.search.jumps import Flips
 from estimator.search.proposals import CovarianceScaledProposal
-from estimator.search.seek import Found, Seeker
 
 WITHIN = 10.0
 """Energy above the known mode up to which a minimum is low: a likelihood ratio of exp(10), 22000."""

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
-from estimator.search.covariance import free_directions
+from estimator.optimise.covariance import free_directions
+from estimator.optimise.seek import Found, Seeker
 from estimator.search.proposals import CovarianceScaledProposal, Proposal, SphericalProposal, WeakestDirections
-from estimator.search.seek import Found, Seeker
 
 
 def _weakest(problem: Problem, scale: float) -> Proposal:

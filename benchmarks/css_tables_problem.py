@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from estimator.cost.priors import Stabilisers
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost, Term
-from estimator.cost.upright import Upright
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
-from estimator.search.covariance import free_directions, mode_covariance
-from estimator.search.seek import Found, Seeker, SeekSettings
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from estimator.optimise.covariance import free_directions, mode_covariance
+from estimator.optimise.seek import Found, Seeker, SeekSettings
+from estimator.terms.priors import Stabilisers
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Cost, Term
+from estimator.terms.upright import Upright
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 
 NOISE = 1.0  # px
 NU = 8.0  # of robust potentials, as the tracker has it

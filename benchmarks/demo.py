@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from benchmarks.common import Several, save, start
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
-from estimator.evaluation import Reference
+from estimator.results.evaluation import Reference
 from kinemode import demo, report
 from kinemode.progress import unreported
 

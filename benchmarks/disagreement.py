@@ -13,13 +13,13 @@ from cyclopts import Parameter
 
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import beam_folder, save, start, tell, work_folder
-from estimator.evaluation import Reference, evaluate_points
-from estimator.formats.film import write_film
-from estimator.formats.run_file import Run
-from estimator.imaging.clip import Clip
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from estimator.media.clip import Clip
+from estimator.media.film import write_film
+from estimator.results.evaluation import Reference, evaluate_points
+from estimator.results.run_file import Run
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode import api, report
 from kinemode.declared import Declared
 from kinemode.inputs import load_inputs

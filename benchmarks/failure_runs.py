@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.common import tell
 from benchmarks.scores import Outcome, outcome
 from benchmarks.sequences import Task, rendered, track_clip
-from estimator.trackers.registry import GROUPS, settings_for
+from estimator.tracking.registry import GROUPS, settings_for
 from kinemode.render_files import RenderedClip
 from kinemode.settings import choose
 

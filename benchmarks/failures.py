@@ -14,8 +14,8 @@ from benchmarks.common import Changes, Several, in_processes, nested, save, star
 from benchmarks.failure_runs import CSS, Attempt, Race, css_run, race
 from benchmarks.scores import FAR_MM, FAR_PX
 from benchmarks.sequences import FPS, Motion, Task
-from estimator.trackers.registry import GROUPS, TRACKERS
-from humanoid.errors import InputError
+from estimator.tracking.registry import GROUPS, TRACKERS
+from humanoid.support.errors import InputError
 from kinemode import report
 from kinemode.pictures import CUES, cue_choice
 

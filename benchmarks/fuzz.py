@@ -18,7 +18,7 @@ from benchmarks.fuzz_corpus import Files, corpus
 from benchmarks.fuzz_judge import judge, prepare, write
 from benchmarks.fuzz_readers import READERS
 from benchmarks.fuzz_workers import limit_memory, verdicts
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from kinemode import report
 from kinemode.progress import reported
 

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, OBJ
-from estimator.formats.export import export
+from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.imaging.camera import Camera, guessed_camera
-from humanoid.body import Body
-from humanoid.landmarks import FORMATS
-from humanoid.subject import URDF_FOLDER, load_subject
+from estimator.results.export import export
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import FORMATS
+from humanoid.subject.subject import URDF_FOLDER, load_subject
 from kinemode.api import track
 from kinemode.progress import Progress
 from kinemode.settings import describe_settings

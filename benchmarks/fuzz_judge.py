@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.fuzz_cases import GOOD, MOST_MEMORY, MOST_SECONDS, Case, Verdict, peak_memory
 from benchmarks.fuzz_corpus import Files
 from benchmarks.fuzz_readers import CORPUS_OF, READERS, damaged
-from humanoid.errors import LONGEST, InputError
+from humanoid.support.errors import LONGEST, InputError
 
 
 def write(files: Files, folder: Path) -> None:

@@ -14,20 +14,20 @@ import numpy as np
 from benchmarks.fuzz_arrays import mutated_npz, mutated_run
 from benchmarks.fuzz_corpus import FRAMES, SIZE, Files
 from benchmarks.fuzz_mutations import mutated
-from estimator.evaluation import Reference
+from estimator.cameras.camera import guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.checked_json import read_json
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.formats.run_checks import checked_state
-from estimator.formats.run_file import Run, RunWriter
-from estimator.imaging.camera import guessed_camera
-from estimator.imaging.clip import Clip
 from estimator.imaging.cues import CueReader, CueSettings
+from estimator.media.clip import Clip
+from estimator.results.evaluation import Reference
+from estimator.results.run_checks import checked_state
+from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
-from estimator.trackers.tracker import TrackState
-from humanoid.body import Body
-from humanoid.solids import solids_of
-from humanoid.subject import load_subject
+from estimator.trackers.base import TrackState
+from humanoid.kinematics.body import Body
+from humanoid.shape.solids import solids_of
+from humanoid.subject.subject import load_subject
 from kinemode.clicks import clicks_from_page, load_clicks, no_clicks
 from kinemode.settings import read_settings
 

@@ -13,25 +13,25 @@ from cyclopts import Parameter
 
 from benchmarks.common import save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
-from estimator.cost.image.assigned import AssignedPoints
-from estimator.cost.image.evidence import CameraEvidence, ImageModel, Past
-from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.model import CostModel, CostSettings, image_extent
-from estimator.cost.potentials import POTENTIALS
-from estimator.cost.priors import Stabilisers, Transition
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost, Term
-from estimator.cost.upright import Upright, world_up
+from estimator.cues.assigned import AssignedPoints
+from estimator.cues.evidence import CameraEvidence, ImageModel, Past
 from estimator.imaging.observation import Observation
-from estimator.runner import run
-from estimator.search.qp import StepSolver
-from estimator.search.seek import Found, Seeker
+from estimator.optimise.qp import StepSolver
+from estimator.optimise.seek import Found, Seeker
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
-from estimator.trackers.registry import make_tracker
-from humanoid.body import Body, PosedBody
-from humanoid.clearance import Clearance
-from humanoid.proportions import ProportionedBody
-from humanoid.subject import load_subject
+from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.potentials import POTENTIALS
+from estimator.terms.priors import Stabilisers, Transition
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Cost, Term
+from estimator.terms.upright import Upright, world_up
+from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import run
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.subject.subject import load_subject
 from kinemode import report
 
 TARGET = 1e-5

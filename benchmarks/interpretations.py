@@ -28,13 +28,13 @@ from cyclopts import Parameter
 from scipy.optimize import least_squares
 
 from benchmarks.common import Several, in_processes, save, start, tell
+from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel
-from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
-from estimator.search.flips import Flips
+from estimator.search.jumps import Flips
 from estimator.search.mode_search import ModeSearch
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from kinemode import report
 
 SEARCHES, FRAME = 40, 1.0 / 15.0  # searches and seconds of a frame

@@ -15,10 +15,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-from humanoid.body import Body
-from humanoid.clearance import Clearance
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 
 JOINTS = (50, 100, 200, 400, 1000, 1999)
 TARGET = 400, 2.0  # joints, seconds

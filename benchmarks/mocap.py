@@ -16,8 +16,8 @@ from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome
 from benchmarks.tracking import timed_track
 from estimator.synthesis import DetectorSettings
 from estimator.synthesis.mocap import load_mocap
-from humanoid.errors import InputError
-from humanoid.subject import Subject
+from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError
 from kinemode import demo, report
 from kinemode.pictures import CUES
 from kinemode.render import render_clip

@@ -10,14 +10,14 @@ import numpy as np
 from benchmarks.mode_search_residuals import Change, Residuals
 from benchmarks.mode_search_scipy import Watched, scipy_search
 from estimator.cost.model import CostModel, CostSettings
-from estimator.cost.term import Cost
-from estimator.cost.upright import world_up
 from estimator.imaging.observation import Observation
-from estimator.search.seek import Seeker
+from estimator.optimise.seek import Seeker
 from estimator.synthesis import scene_cameras
-from humanoid.body import Body
-from humanoid.landmarks import COCO17
-from humanoid.subject import load_subject
+from estimator.terms.term import Cost
+from estimator.terms.upright import world_up
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import COCO17
+from humanoid.subject.subject import load_subject
 
 NOISE_PX = 4.0
 SPREAD = 0.8  # of the true pose about rest, in standard deviations of the stabilisers

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.cost.kernels import BEHIND, project_with_jacobian
-from estimator.cost.reprojection import pack_cameras
-from estimator.cost.upright import ROOT
 from estimator.imaging.observation import Observation
-from humanoid.body import Body, PosedBody
+from estimator.terms.kernels import BEHIND, project_with_jacobian
+from estimator.terms.reprojection import pack_cameras
+from estimator.terms.upright import ROOT
+from humanoid.kinematics.body import Body, PosedBody
 
 FREE = 6  # degrees of freedom of a free root
 
@@ -35,7 +35,7 @@ def robust(e: np.ndarray, D: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndar
 
 class Change(NamedTuple):
     """What a change since the frame before costs: from q_previous (nq,), by std (nv,) [m, rad] and nu, see
-    `estimator.cost.priors.Transition`."""
+    `estimator.terms.priors.Transition`."""
 
     q_previous: np.ndarray
     std: np.ndarray
@@ -52,7 +52,7 @@ class Residuals:
     Parameters
     ----------
     body: with a free root, every other joint of one degree of freedom. start (nq,): where x's root is zero.
-    observation, sigma (C, L), nu: see `estimator.cost.reprojection.Reprojection`. up (3,): see `Upright`.
+    observation, sigma (C, L), nu: see `estimator.terms.reprojection.Reprojection`. up (3,): see `Upright`.
     prior_nu: of stabilisers and tilt. change: None where none is paid for.
     """
 

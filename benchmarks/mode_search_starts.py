@@ -10,15 +10,15 @@ import numpy as np
 from benchmarks.mode_search_duel import NOISE_PX, Start
 from estimator import synthesis
 from estimator.imaging.observation import Observation
-from estimator.imaging.sequence import assemble
-from estimator.runner import run
 from estimator.search.frame_search import Candidate, FrameCase, Hypothesis
 from estimator.search.mode_search import ModeSearch
+from estimator.sequences.sequence import assemble
 from estimator.synthesis.motion_keys import motion_named
 from estimator.trackers.css import CovarianceScaledSampling
-from estimator.trackers.registry import make_tracker
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 
 KINDS = KEPT, EXCHANGED, JUMP, SAMPLE = "kept", "other reading", "jump", "sample"
 MOTIONS = ("reach", "turn_reach")

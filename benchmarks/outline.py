@@ -17,11 +17,11 @@ from cyclopts import Parameter
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import beam_folder, save, start, work_folder
 from benchmarks.tracking import timed_track
-from estimator.formats.run_file import Run
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.cues import CueReader, CueSettings, ImageCues
-from humanoid.body import points_in_world
-from humanoid.surface import Surface, surface_of
+from estimator.results.run_file import Run
+from humanoid.kinematics.body import points_in_world
+from humanoid.shape.surface import Surface, surface_of
 from kinemode import report
 
 # part: landmarks at its ends (means of those given), where between them, and the width [m] above which it is not alone

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-from estimator.cost.pose_mixture import PoseMixture
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
-from humanoid.body import Body
+from estimator.terms.pose_mixture import PoseMixture
+from humanoid.kinematics.body import Body
 
 FPS = 30.0
 POINT_STD = 0.02  # [m] of a captured landmark about the body's own

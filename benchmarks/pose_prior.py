@@ -19,12 +19,12 @@ from benchmarks.mocap import motion_files
 from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, learned
 from benchmarks.pose_prior_clips import Task, tracked
 from benchmarks.scores import TRAJECTORIES, TrackErrors
-from estimator.cost.pose_mixture import SHIPPED, PoseMixture
-from estimator.cost.pose_prior import PosePrior
-from estimator.cost.priors import Stabilisers
-from estimator.cost.term import Cost
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from estimator.terms.pose_mixture import SHIPPED, PoseMixture
+from estimator.terms.pose_prior import PosePrior
+from estimator.terms.priors import Stabilisers
+from estimator.terms.term import Cost
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from kinemode import report
 
 Errors = dict[str, dict[str, list[dict[str, TrackErrors]]]]

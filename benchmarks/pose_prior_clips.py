@@ -9,7 +9,7 @@ from benchmarks.common import tell
 from benchmarks.mocap import DETECTOR, FPS, person
 from benchmarks.scores import TrackErrors, trajectories
 from benchmarks.tracking import timed_track
-from estimator.evaluation import Reference
+from estimator.results.evaluation import Reference
 from estimator.synthesis.mocap import load_mocap
 from kinemode.render import render_clip
 

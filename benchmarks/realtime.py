@@ -15,20 +15,20 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.common import Changes, Several, nested, save, spread, start, tell, work_folder
 from benchmarks.stopwatch import Stopwatch
-from estimator.cost.image.evidence import CameraEvidence
+from estimator.cues.evidence import CameraEvidence
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
 from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
 from estimator.imaging.observation import Observation
-from estimator.imaging.sequence import assemble
-from estimator.runner import run
 from estimator.search.frame_search import FrameSearch
 from estimator.search.workers import helped
-from estimator.trackers.registry import Settings, make_tracker, settings_for
-from estimator.trackers.tracker import Tracker
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from estimator.sequences.sequence import assemble
+from estimator.trackers.base import Tracker
+from estimator.tracking.registry import Settings, make_tracker, settings_for
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from kinemode import report
 from kinemode.render import render_clip
 

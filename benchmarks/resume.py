@@ -27,7 +27,7 @@ from benchmarks.resume_kills import (
     kill_at,
     started,
 )
-from estimator.formats.run_file import Run
+from estimator.results.run_file import Run
 from kinemode import api, demo, report
 from kinemode.progress import unreported
 

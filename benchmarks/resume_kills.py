@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.common import ROOT
-from estimator.formats.run_file import Run
-from humanoid.errors import InputError
+from estimator.results.run_file import Run
+from humanoid.support.errors import InputError
 
 PATIENCE = 300.0  # s for a frame, or for an end; then something is wrong
 SOON = 2.0  # s after its leader until a helper, and what is shared with it, has to be gone

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.tracking import Times
-from estimator.evaluation import (
+from estimator.cameras.camera import Camera
+from estimator.optimise.seek import SeekSettings
+from estimator.results.evaluation import (
     HIPS,
     Reference,
     evaluate,
@@ -20,11 +22,9 @@ from estimator.evaluation import (
     pa_mpjpe,
     shared_landmarks,
 )
-from estimator.formats.run_file import Run
-from estimator.imaging.camera import Camera
-from estimator.search.seek import SeekSettings
+from estimator.results.run_file import Run
 from estimator.smoothing import FixedLag
-from estimator.trackers.registry import make_tracker
+from estimator.tracking.registry import make_tracker
 from kinemode.comparison_scores import FAR, FAR_PX, lost_frames
 from kinemode.explain import run_settings
 
@@ -63,7 +63,7 @@ class Scores:
 
 
 def score(run: Run, reference: Reference) -> Scores:
-    """Measure a run with the functions of `estimator.evaluation`."""
+    """Measure a run with the functions of `estimator.results.evaluation`."""
     best = evaluate(run, reference)
     modes = run.mode_landmarks
     names, time, lagged = run.body.landmark_names, run.time, fixed_lag(run)

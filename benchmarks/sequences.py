@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from benchmarks.common import Changes, Several, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
-from estimator.formats.run_file import Run
+from estimator.results.run_file import Run
 from estimator.synthesis.motion_keys import motion_named
 from kinemode import report
 from kinemode.pictures import CUES, cue_choice

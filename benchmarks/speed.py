@@ -18,15 +18,15 @@ from cyclopts import Parameter
 from benchmarks.common import Changes, data_folder, nested, save, spread, start
 from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
-from estimator.cost.term import Cost
-from estimator.fitting import fit_proportions
+from estimator.fitting.lengths import fit_proportions
 from estimator.imaging.observation import Observation
-from estimator.runner import run
-from estimator.search.seek import Found, Seeker
-from estimator.trackers.registry import GROUPS, make_tracker, settings_for
-from estimator.trackers.tracker import Tracker
-from humanoid.body import Body
-from humanoid.subject import Subject, load_subject
+from estimator.optimise.seek import Found, Seeker
+from estimator.terms.term import Cost
+from estimator.trackers.base import Tracker
+from estimator.tracking.registry import GROUPS, make_tracker, settings_for
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Subject, load_subject
 from kinemode import demo, report
 from kinemode.inputs import load_inputs
 from kinemode.progress import unreported

@@ -21,18 +21,18 @@ from pink.limits import ConfigurationLimit
 from pink.tasks import FrameTask
 
 from benchmarks.common import save, start
-from estimator.cost.points import accumulate_points
-from estimator.cost.priors import Stabilisers
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost, Term
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
-from estimator.search.qp import StepSolver
-from estimator.search.seek import trust_box
+from estimator.optimise.qp import StepSolver
+from estimator.optimise.seek import trust_box
 from estimator.synthesis import scene_cameras
-from humanoid.body import Body, PosedBody
-from humanoid.landmarks import COCO17
-from humanoid.subject import load_subject
+from estimator.terms.points import accumulate_points
+from estimator.terms.priors import Stabilisers
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Cost, Term
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.subject.landmarks import COCO17
+from humanoid.subject.subject import load_subject
 from kinemode import report
 
 TARGET = 0.2

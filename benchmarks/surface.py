@@ -17,20 +17,20 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.common import Several, save, start
-from estimator.cost.image.assigned import AssignedPoints
-from estimator.cost.image.evidence import CameraEvidence, ImageModel
-from estimator.cost.image.settings import ImageSettings
-from estimator.cost.kernels import see_points
 from estimator.cost.model import image_extent
-from estimator.cost.reprojection import pack_cameras
-from estimator.cost.term import Term
+from estimator.cues.assigned import AssignedPoints
+from estimator.cues.evidence import CameraEvidence, ImageModel
+from estimator.cues.settings import ImageSettings
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.edges import EdgeSettings, edge_map
 from estimator.imaging.flow import FlowSettings, flow_field
 from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.synthesis import Renderer, authored_motion, scene_cameras
-from humanoid.body import Body, PosedBody
-from humanoid.subject import load_subject
+from estimator.terms.kernels import see_points
+from estimator.terms.reprojection import pack_cameras
+from estimator.terms.term import Term
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.subject.subject import load_subject
 from kinemode import report
 
 TARGET_MS = 1.0

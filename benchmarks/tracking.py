@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.formats.run_file import Run
-from humanoid.subject import Subject
+from estimator.results.run_file import Run
+from humanoid.subject.subject import Subject
 from kinemode import api
 from kinemode.progress import Progress
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 import kinemode as km
+from estimator.cameras.camera import Camera
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.imaging.camera import Camera
 from humanoid import Body
 
 FRAMES, FPS = 30, 30.0

@@ -1,8 +1,8 @@
 """What is tracked: the subject, its body and its geometry. Knows no image."""
 
-from humanoid.body import Body, PosedBody
-from humanoid.errors import InputError
-from humanoid.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject, subject_names
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.subject.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject, subject_names
+from humanoid.support.errors import InputError
 
 __all__ = [
     "Body",

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from estimator.formats.run_file import Run
-    from humanoid.errors import InputError
-    from humanoid.subject import Subject, load_subject
+    from estimator.results.run_file import Run
+    from humanoid.subject.subject import Subject, load_subject
+    from humanoid.support.errors import InputError
     from kinemode.api import fit, open_run, track
     from kinemode.comparison import compare
 
@@ -24,12 +24,12 @@ __all__ = ["InputError", "Run", "Subject", "__version__", "compare", "fit", "loa
 
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
 _HOME = {
-    "InputError": "humanoid.errors",
-    "Run": "estimator.formats.run_file",
-    "Subject": "humanoid.subject",
+    "InputError": "humanoid.support.errors",
+    "Run": "estimator.results.run_file",
+    "Subject": "humanoid.subject.subject",
     "compare": "kinemode.comparison",
     "fit": "kinemode.api",
-    "load_subject": "humanoid.subject",
+    "load_subject": "humanoid.subject.subject",
     "open_run": "kinemode.api",
     "track": "kinemode.api",
 }

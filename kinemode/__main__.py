@@ -59,7 +59,7 @@ def _users_problem(error: Exception) -> str | None:
     """What the user can do something about; None where the fault is ours."""
     from cyclopts import CycloptsError
 
-    from humanoid.errors import InputError, shortened
+    from humanoid.support.errors import InputError, shortened
 
     if isinstance(error, InputError):
         return str(error)

@@ -7,10 +7,10 @@ import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
-from estimator.imaging.clip import Clip
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import Subject, load_subject
+from estimator.media.clip import Clip
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Subject, load_subject
+from humanoid.support.errors import InputError
 from kinemode.annotate_server import AnnotationServer
 from kinemode.annotation import Annotation
 from kinemode.api import InputWarning

@@ -9,7 +9,7 @@ from http import HTTPStatus
 from importlib import resources
 from typing import Any, Protocol
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from viz.local_server import LocalHandler, LocalServer
 
 _FRAME = re.compile(r"frame/([0-9]{1,9})\.png")

@@ -10,7 +10,7 @@ import cv2
 
 from estimator.formats.checked_json import mapping, member
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.imaging.clip import Clip
+from estimator.media.clip import Clip
 from kinemode.clicks import clicks_for_page, clicks_from_page
 from kinemode.landmark_guide import LandmarkGuide
 from viz.palette import SIDES

@@ -13,20 +13,21 @@ from typing import Any, Literal, cast
 
 from threadpoolctl import threadpool_limits
 
-from estimator.fitting import Fit, fit_proportions
-from estimator.formats.run_checks import checked_state
-from estimator.formats.run_file import Run, RunHeader, RunWriter
-from estimator.formats.temporary_run import TemporaryFolder
-from estimator.initialisation.stages import fit_subject
-from estimator.runner import Cues, run_into
+from estimator.fitting.lengths import Fit, fit_proportions
+from estimator.fitting.stages import fit_subject
+from estimator.results.run_checks import checked_state
+from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.results.temporary_run import TemporaryFolder
 from estimator.search.workers import checked_count, helped
+from estimator.sequences.source import Cues
 from estimator.smoothing import smooth_track
-from estimator.trackers.leaps import leap_note, leaps
-from estimator.trackers.registry import Settings, make_tracker
-from estimator.trackers.tracker import MIN_KEYPOINTS, TrackState, startable
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import BUILT_IN, Subject, load_subject
+from estimator.trackers.base import MIN_KEYPOINTS, TrackState, startable
+from estimator.tracking.leaps import leap_note, leaps
+from estimator.tracking.registry import Settings, make_tracker
+from estimator.tracking.runner import run_into
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import BUILT_IN, Subject, load_subject
+from humanoid.support.errors import InputError
 from kinemode import __version__
 from kinemode.arguments import check_arguments, whole
 from kinemode.declared import Declared, Offsets, Rates, Sizes
@@ -49,7 +50,7 @@ class InputWarning(UserWarning):
 
 
 class FindingWarning(InputWarning):
-    """What a finished run says against its subject or its input (see `estimator.diagnosis`)."""
+    """What a finished run says against its subject or its input (see `estimator.results.diagnosis`)."""
 
 
 def open_run(path: PathLike) -> Run:
@@ -99,7 +100,7 @@ def track(
         picture of the empty scene. Without them the background is learned from the clip.
     tracker, modes: name of the tracker and how many hypotheses it keeps; unless given as many as its settings say, for
         which each tracker has its own default. A single-mode tracker keeps one.
-    settings: nested changes to the tracker's settings (see `estimator.trackers.registry`), or a TOML file of them as
+    settings: nested changes to the tracker's settings (see `estimator.tracking.registry`), or a TOML file of them as
         `kinemode settings` writes it. Those of cost, search and cues also reach the fit, which tracks with css.
     seed: equal seeds give equal runs.
     fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,

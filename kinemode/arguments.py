@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.imaging.camera import Camera
-from humanoid.errors import InputError, misplaced, shown
-from humanoid.subject import Subject
+from estimator.cameras.camera import Camera
+from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError, misplaced, shown
 
 _MOST = 2**63 - 1
 

@@ -34,7 +34,7 @@ def run_command(arguments: Sequence[str]) -> None:
 
 
 def _note(message: Warning | str, *_: object, **__: object) -> None:
-    from humanoid.errors import shortened  # its package takes as long to import as all others
+    from humanoid.support.errors import shortened  # its package takes as long to import as all others
 
     print("note:", shortened(" ".join(str(message).split())), file=sys.stderr)
 

@@ -12,9 +12,9 @@ import numpy as np
 from estimator.formats.checked_json import mapping, shaped
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.formats.keypoints_layouts import read_layout
-from estimator.imaging.sequence import common_landmarks
-from estimator.imaging.timing import length_notes
-from humanoid.errors import InputError
+from estimator.sequences.sequence import common_landmarks
+from estimator.sequences.timing import length_notes
+from humanoid.support.errors import InputError
 
 LAYOUT = "landmarks"
 """Layout of files whose keypoints are a subject's landmarks, one by one."""

@@ -10,10 +10,10 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from estimator.evaluation import Reference
-from estimator.formats.run_file import Run
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from estimator.results.evaluation import Reference
+from estimator.results.run_file import Run
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode import api
 from kinemode.arguments import check_arguments
 from kinemode.comparison_files import write_comparison

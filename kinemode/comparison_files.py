@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid.atomic import replacing
+from humanoid.support.atomic import replacing
 from kinemode.comparison_scores import FAR, FAR_PX, Course, TrackerScore
 from viz.comparison import Curve, Panel, Plot, write_plot
 

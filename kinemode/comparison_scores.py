@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.evaluation import Reference, evaluate_points, match_frames, mpjpe, shared_landmarks
-from estimator.formats.run_file import Run
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
+from estimator.results.evaluation import Reference, evaluate_points, match_frames, mpjpe, shared_landmarks
+from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.registry import Settings, make_tracker
-from estimator.trackers.tracker import observable
+from estimator.trackers.base import observable
+from estimator.tracking.registry import Settings, make_tracker
 from kinemode.comparison_times import TrackTime
 from kinemode.explain import cue_reader, run_settings
 from kinemode.progress import Progress
@@ -30,8 +30,8 @@ class Course:
 
     time (T,) [s]. energy (T,): of its pose alone, under the one cost by which all trackers are compared; NaN where
     nothing was observed. residual (T,): mean distance of its landmarks from the keypoints [px], NaN without keypoints.
-    error (T,): mean error of the compared landmarks, aligned as `estimator.evaluation.shared_landmarks` says [m].
-    world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
+    error (T,): mean error of the compared landmarks, aligned as `estimator.results.evaluation.shared_landmarks` says
+    [m]. world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
     camera where it is largest [px]; NaN unless reference and cameras share one world.
     lost (T,) bool: by `lost_frames`, or, where no world is shared, by an error above `FAR`. Without a reference, or
     where it knows nothing, all errors are NaN and no frame is lost. aligned: what is, in words.

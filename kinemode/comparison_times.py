@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 from kinemode.progress import Progress, Reporter
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from estimator.imaging.resolution import Size
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from kinemode.named import by_name, named_values, value_of
 
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
-from estimator.evaluation import Evaluation, Reference, evaluate
 from estimator.formats.cameras import write_cameras
-from estimator.formats.film import write_film
 from estimator.formats.keypoints import write_keypoints
-from estimator.formats.run_file import Run
-from humanoid.body import Body
-from humanoid.subject import Subject, load_subject
+from estimator.media.film import write_film
+from estimator.results.evaluation import Evaluation, Reference, evaluate
+from estimator.results.run_file import Run
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Subject, load_subject
 from kinemode import api, report
 from kinemode.progress import Progress, Reporter, reported
 from kinemode.render_files import made_folder

@@ -8,17 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.image.assigned import AssignedPoints, Assignments
-from estimator.cost.image.evidence import CameraEvidence, Evidence, Past
-from estimator.cost.image.prediction import Prediction
-from estimator.cost.interpenetration import Interpenetration
-from estimator.cost.pose_prior import PosePrior
-from estimator.cost.priors import Stabilisers, Transition
-from estimator.cost.term import Term
-from estimator.cost.upright import Upright
+from estimator.cues.assigned import AssignedPoints, Assignments
+from estimator.cues.evidence import CameraEvidence, Evidence, Past
 from estimator.imaging.observation import Observation
+from estimator.prediction.prediction import Prediction
 from estimator.search.mode_search import EXCHANGED, ModeSearch
-from humanoid.body import PosedBody
+from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.pose_prior import PosePrior
+from estimator.terms.priors import Stabilisers, Transition
+from estimator.terms.term import Term
+from estimator.terms.upright import Upright
+from humanoid.kinematics.body import PosedBody
 
 _PRIORS: dict[type, str] = {
     Stabilisers: "stabilisers",

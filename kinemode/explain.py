@@ -11,20 +11,20 @@ from typing import Any
 import cv2
 import numpy as np
 
-from estimator.cost.image.assigned import Assignments
-from estimator.cost.image.evidence import CameraEvidence, Evidence, Past
-from estimator.cost.image.prediction import Prediction
-from estimator.filtering.origin import Origin
-from estimator.formats.run_file import Run
-from estimator.frame_result import FrameResult
-from estimator.imaging.camera import Camera
-from estimator.imaging.clip import Clip
+from estimator.cameras.camera import Camera
+from estimator.cues.assigned import Assignments
+from estimator.cues.evidence import CameraEvidence, Evidence, Past
 from estimator.imaging.cues import CueReader, scaled_camera
 from estimator.imaging.observation import Observation
+from estimator.media.clip import Clip
+from estimator.modes.origin import Origin
+from estimator.prediction.prediction import Prediction
+from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.registry import Settings, make_tracker, settings_for
-from humanoid.body import Body, PosedBody, points_in_world
-from humanoid.errors import InputError
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.registry import Settings, make_tracker, settings_for
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.support.errors import InputError
 from kinemode import __version__
 from kinemode.energy_parts import Case, Part, energy_parts, term_of
 from viz import palette

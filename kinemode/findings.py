@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from estimator.diagnosis import diagnose
-from estimator.formats.run_file import Run
-from estimator.frame_result import STATUS_MEANINGS, TRACKED
+from estimator.results.diagnosis import diagnose
+from estimator.results.run_file import Run
+from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
 from kinemode.explain import run_settings
 
 _FIRST = 5  # frames that are named

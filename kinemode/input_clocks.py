@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from estimator.formats.keypoints import KeypointTrack
-from estimator.imaging.clip import DEFAULT_FPS, Clip
-from estimator.imaging.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
-from humanoid.errors import InputError
+from estimator.media.clip import DEFAULT_FPS, Clip
+from estimator.sequences.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
+from humanoid.support.errors import InputError
 from kinemode.declared import Declared
 from kinemode.named import by_name
 

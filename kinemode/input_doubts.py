@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.formats.keypoints import KeypointTrack
-from estimator.imaging.agreement import Agreement, agreement
-from estimator.imaging.clock_offsets import likely_offsets
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import Size
-from humanoid.errors import InputError
+from estimator.sequences.agreement import Agreement, agreement
+from estimator.sequences.clock_offsets import likely_offsets
+from humanoid.support.errors import InputError
 from kinemode.declared import Declared
 
 

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import KeypointTrack, load_people
-from estimator.imaging.camera import Camera, guessed_camera
-from estimator.imaging.clip import Clip
 from estimator.imaging.observation import Observation
-from estimator.imaging.people_across_cameras import subject_tracks
-from estimator.imaging.resampling import at_places
 from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
-from estimator.imaging.sequence import assemble
-from estimator.imaging.timing import CameraClock, Timeline, timeline
-from humanoid.body import Body
-from humanoid.errors import InputError
+from estimator.media.clip import Clip
+from estimator.people.across_cameras import subject_tracks
+from estimator.sequences.resampling import at_places
+from estimator.sequences.sequence import assemble
+from estimator.sequences.timing import CameraClock, Timeline, timeline
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 from kinemode.declared import Declared
 from kinemode.input_clocks import clocks_of, notes_on_time
 from kinemode.input_doubts import checked_agreement

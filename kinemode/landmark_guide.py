@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from humanoid.body import Body
-from humanoid.landmarks import mirror_index
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import mirror_index
 
 Side = Literal["left", "right", "trunk"]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 Value = TypeVar("Value")
 PathLike = str | Path

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from estimator.formats.people_choice import AUTO
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 Persons = str | int | Iterable[str] | Mapping[str, str | int]
 

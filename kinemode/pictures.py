@@ -11,9 +11,9 @@ import numpy as np
 
 from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
-from estimator.trackers.idle_settings import Idle
-from estimator.trackers.tracker import startable
-from humanoid.errors import InputError
+from estimator.trackers.base import startable
+from estimator.tracking.idle_settings import Idle
+from humanoid.support.errors import InputError
 from kinemode.inputs import Inputs
 
 CUES = ("edges", "flow", "silhouette")

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
+from estimator.cameras.camera import Camera
 from estimator.formats.cameras import write_cameras
-from estimator.imaging.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import MOTIONS, KeyedMotion, motion_named
 from estimator.synthesis.plate import Place, place_of
 from estimator.synthesis.retarget import retarget
 from estimator.synthesis.settings import in_range
-from humanoid.body import Body, points_in_world
-from humanoid.subject import Subject, load_subject
-from humanoid.surface import surface_of
-from humanoid.urdf_flesh import limb_capsule
-from humanoid.urdf_reshape import mirror_parts
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import Subject, load_subject
+from humanoid.subject.urdf_flesh import limb_capsule
+from humanoid.subject.urdf_reshape import mirror_parts
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import RenderedClip, clip_files, made_folder, write_clip_keypoints, write_pictures
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
-from estimator.formats.film import write_film
+from estimator.cameras.camera import Camera
 from estimator.formats.keypoints import write_keypoints
-from estimator.formats.picture import write_picture
-from estimator.imaging.camera import Camera
+from estimator.media.film import write_film
+from estimator.media.picture import write_picture
 from estimator.synthesis import DetectorSettings, SceneSettings
-from humanoid.body import Body, PosedBody
-from humanoid.errors import InputError
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.support.errors import InputError
 from kinemode.progress import Progress
 
 

@@ -9,12 +9,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from estimator.evaluation import LIMB_JOINTS, Evaluation
-from estimator.fitting import Fit, ShapeFit
-from estimator.formats.run_file import Run
-from estimator.shared_landmarks import CENTRED
-from estimator.trackers.registry import TRACKERS
-from humanoid.subject import subject_names
+from estimator.fitting.lengths import Fit, ShapeFit
+from estimator.results.evaluation import LIMB_JOINTS, Evaluation
+from estimator.results.run_file import Run
+from estimator.results.shared_landmarks import CENTRED
+from estimator.tracking.registry import TRACKERS
+from humanoid.subject.subject import subject_names
 from kinemode.explain import Explanation
 from kinemode.findings import findings, status_counts, status_lines
 from kinemode.program import command

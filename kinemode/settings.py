@@ -9,10 +9,10 @@ from typing import Any, cast
 
 from estimator.formats.settings_file import load_settings, settings_text
 from estimator.imaging.cues import CueSettings
-from estimator.trackers.idle_settings import Idle, fit_settings, idle_settings, idle_with_input, without
-from estimator.trackers.registry import GROUPS, TRACKERS, Settings, keeps_several, settings_for, shares_work
-from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from estimator.tracking.idle_settings import Idle, fit_settings, idle_settings, idle_with_input, without
+from estimator.tracking.registry import GROUPS, TRACKERS, Settings, keeps_several, settings_for, shares_work
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 
 PathLike = str | Path
 
@@ -29,7 +29,7 @@ class Chosen:
 
     @property
     def for_fit(self) -> Settings:
-        """What a fit of the subject goes by, see `estimator.trackers.idle_settings.fit_settings`."""
+        """What a fit of the subject goes by, see `estimator.tracking.idle_settings.fit_settings`."""
         return fit_settings(self.tracker, self.settings, self.changes)
 
     def idle(self, fits: bool) -> list[Idle]:

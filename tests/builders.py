@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 
 SUBJECTS = ("human34", "arm8", "upper13")
 BROWN = (-0.11, 0.05, 0.002, -0.003, 0.01)

@@ -7,7 +7,7 @@ import time
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
 
-from estimator.processes.companion import Companion
+from estimator.parallel.companion import Companion
 
 
 def work_on(connection: Connection) -> None:

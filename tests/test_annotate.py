@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 
 from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-from humanoid.errors import InputError
-from humanoid.landmarks import COCO17, mirror_index
+from humanoid.subject.landmarks import COCO17, mirror_index
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.annotate import annotate
 from kinemode.annotate_server import AnnotationServer

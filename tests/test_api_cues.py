@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.formats.run_file import Run
-from estimator.imaging.clip import Clip
+from estimator.media.clip import Clip
+from estimator.results.run_file import Run
 from estimator.trackers.css import CssSettings
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from kinemode import api
 from kinemode.pictures import CUES, cue_choice
 from kinemode.render import RenderedClip

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 
 ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
     "a model": ({"subject": "MODEL"}, "subject: cannot be of type pinocchio.Model .give a subject from load_subject"),

@@ -12,12 +12,12 @@ import pytest
 from benchmarks import mocap, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
-from estimator.evaluation import LIMB_JOINTS, Reference
-from estimator.imaging.camera import guessed_camera
+from estimator.cameras.camera import guessed_camera
+from estimator.results.evaluation import LIMB_JOINTS, Reference
 from estimator.synthesis.motion_keys import MOTIONS
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode import demo
 
 CAMERA = guessed_camera("cam01", (640, 480))  # at the origin, looks along x; focal length 768 px

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.filtering.best_path import best_path
-from estimator.filtering.motion import MotionPrior
-from estimator.filtering.paths import backtrack_results
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.runner import run
+from estimator.modes.best_path import best_path
+from estimator.modes.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing import FixedLag, SmoothSettings, smooth_track
-from estimator.trackers.registry import make_tracker
-from humanoid.body import Body
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.paths import backtrack_results
+from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
 
 FPS = 25.0
 CAMERA = camera_at(15.0, distance=3.5)

@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 from builders import SUBJECTS, body_of, inside, random_pose, slope
 
-from humanoid.body import Body
-from humanoid.kinematics import JointKinematics
-from humanoid.proportions import ProportionedBody
-from humanoid.subject import Base, Subject, load_subject, subject_from_text
+from humanoid.kinematics.body import Body
+from humanoid.kinematics.placements import JointKinematics
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.subject.subject import Base, Subject, load_subject, subject_from_text
 
 
 @pytest.fixture(params=SUBJECTS)
@@ -132,7 +132,7 @@ def test_a_left_proportion_moves_the_right_side_as_far() -> None:
 @pytest.mark.parametrize("name", SUBJECTS)
 def test_placements_are_the_same_read_at_once_or_joint_by_joint(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A build of Pinocchio with another memory layout is slower, not wrong."""
-    monkeypatch.setattr("humanoid.kinematics._raw_placements", lambda data, njoints: None)
+    monkeypatch.setattr("humanoid.kinematics.placements._raw_placements", lambda data, njoints: None)
     slow, fast = Body(load_subject(name)), body_of(name)
     q = random_pose(fast, np.random.default_rng(31))
     assert np.array_equal(slow.at(q).placements, fast.at(q).placements)

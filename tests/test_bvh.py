@@ -9,15 +9,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.evaluation import limit_violations
 from estimator.formats.bvh import read_bvh
+from estimator.results.evaluation import limit_violations
 from estimator.synthesis import authored_motion
 from estimator.synthesis.mocap import CMU_UNIT, Mocap, load_mocap
 from estimator.synthesis.retarget import retarget
-from humanoid.body import Body
-from humanoid.clearance import Clearance
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from tests.builders import body_of
 
 DATA = Path(os.environ.get("KINEMODE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data") / "mocap"

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.cameras import load_cameras, write_cameras
-from estimator.imaging.camera import Camera, guessed_camera
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 
 def entry(name: str = "a") -> dict[str, Any]:

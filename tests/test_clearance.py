@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.cost.interpenetration import Interpenetration
-from humanoid.body import Body
-from humanoid.clearance import Clearance, Contacts
-from humanoid.errors import InputError
-from humanoid.subject import load_subject, subject_from_text
+from estimator.terms.interpenetration import Interpenetration
+from humanoid.collision.clearance import Clearance, Contacts
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject, subject_from_text
+from humanoid.support.errors import InputError
 
 LOOSE = (("torso", "left_upper_arm"), ("pelvis", "left_thigh"))  # adjacent, so they overlap often and deeply
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import kinemode
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import api

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.formats.picture import read_picture
-from estimator.imaging.clip import Clip
-from humanoid.errors import InputError
-from humanoid.quiet import overheard
+from estimator.media.clip import Clip
+from estimator.media.picture import read_picture
+from humanoid.support.errors import InputError
+from humanoid.support.quiet import overheard
 
 COUNT, SIZE = 90, (96, 64)
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.evaluation import HIPS, LIMB_JOINTS, Reference, mpjpe
-from estimator.trackers.registry import TRACKERS, settings_for
-from humanoid.errors import InputError
+from estimator.results.evaluation import HIPS, LIMB_JOINTS, Reference, mpjpe
+from estimator.tracking.registry import TRACKERS, settings_for
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.comparison import Comparison, tracker_names

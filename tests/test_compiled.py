@@ -19,13 +19,13 @@ from typing import Any
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from humanoid import compiled, compiled_folder
-from humanoid.compiled_folder import KEPT, cache_roots, source_folder
-from humanoid.compiled_sources import PACKAGES, imported_files, imported_names, sources_digest
+from humanoid.support import compiled, compiled_folder
+from humanoid.support.compiled_folder import KEPT, cache_roots, source_folder
+from humanoid.support.compiled_sources import PACKAGES, imported_files, imported_names, sources_digest
 
 ROOT = Path(__file__).parent.parent
 KERNEL = """
-from humanoid.compiled import jit
+from humanoid.support.compiled import jit
 from toy.inner.values import (  # in brackets,
     SCALE,  # one a line
 )
@@ -203,7 +203,7 @@ def test_old_folders_are_removed_but_none_in_use(tmp_path: Path) -> None:
 
 def test_a_folder_in_use_is_marked_for_other_processes(tmp_path: Path) -> None:
     """A folder that vanishes before its mark is made comes again; the mark goes with the process."""
-    code = "import sys; from humanoid.compiled_folder import source_folder; from pathlib import Path\n"
+    code = "import sys; from humanoid.support.compiled_folder import source_folder; from pathlib import Path\n"
     code += "source_folder(Path(sys.argv[1]), 'm', 'd'); print('there', flush=True); sys.stdin.read()"
     child = subprocess.Popen([sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert child.stdout is not None

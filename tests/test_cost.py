@@ -10,16 +10,16 @@ import pinocchio as pin
 import pytest
 from builders import BROWN, body_of, camera_at, observe, random_pose, slope
 
-from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.model import CostModel, CostSettings, image_extent
-from estimator.cost.potentials import POTENTIALS
-from estimator.cost.priors import Stabilisers, Transition
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost, Term
-from estimator.cost.upright import Upright, world_up
 from estimator.imaging.observation import Observation
-from humanoid.body import Body
-from humanoid.clearance import Clearance
+from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.potentials import POTENTIALS
+from estimator.terms.priors import Stabilisers, Transition
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Cost, Term
+from estimator.terms.upright import Upright, world_up
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
 
 CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
 Made = tuple[Body, Term, np.ndarray]

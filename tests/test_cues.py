@@ -20,7 +20,7 @@ from estimator.imaging.foreground import (
     learn_background,
     silhouette_of,
 )
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from tests.builders import BROWN, camera_at
 
 HEIGHT, WIDTH = 120, 160

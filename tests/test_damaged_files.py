@@ -19,10 +19,10 @@ from estimator.formats.keypoints import load_keypoints
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.foreground import silhouette_of
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.registry import make_tracker
-from humanoid.body import Body
-from humanoid.solids import solids_of
-from humanoid.subject import load_subject
+from estimator.tracking.registry import make_tracker
+from humanoid.kinematics.body import Body
+from humanoid.shape.solids import solids_of
+from humanoid.subject.subject import load_subject
 from kinemode.energy_parts import Case, energy_parts
 from tests.builders import body_of, observe
 from tests.changed_json import changed

@@ -19,8 +19,8 @@ from benchmarks.fuzz_corpus import Files
 from benchmarks.fuzz_judge import judge
 from benchmarks.fuzz_readers import CORPUS_OF
 from estimator.formats.packing import pack, unpack
-from estimator.formats.run_file import RunWriter
-from humanoid.errors import InputError
+from estimator.results.run_file import RunWriter
+from humanoid.support.errors import InputError
 from tests.changed_json import changed
 
 

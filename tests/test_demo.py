@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.evaluation import Reference
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
-from humanoid.errors import InputError
+from estimator.results.evaluation import Reference
+from humanoid.support.errors import InputError
 from kinemode import demo
 from kinemode.progress import unreported
 

@@ -12,16 +12,16 @@ import pytest
 
 import kinemode as km
 from estimator.cost.model import CostModel, CostSettings
-from estimator.diagnosis import FAR, Diagnosis, diagnose
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import write_keypoints
-from estimator.formats.run_file import Run, RunHeader, RunWriter
-from estimator.frame_result import STATUS_MEANINGS, FrameResult
 from estimator.imaging.observation import Observation
+from estimator.results.diagnosis import FAR, Diagnosis, diagnose
+from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.synthesis import keypoints
-from humanoid.body import Body
-from humanoid.landmarks import mirror_index
-from humanoid.subject import Subject, load_subject, subject_from_text
+from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import mirror_index
+from humanoid.subject.subject import Subject, load_subject, subject_from_text
 from kinemode import report
 from kinemode.__main__ import main
 from kinemode.api import FindingWarning

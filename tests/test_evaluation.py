@@ -11,14 +11,14 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator import evaluation
-from estimator.evaluation import LIMB_JOINTS, Reference, evaluate, evaluate_points, mpjpe, pa_mpjpe
-from estimator.formats.coordinates import opensim_coordinates
 from estimator.formats.opensim import Coordinates, read_mot, write_mot
+from estimator.results import evaluation
+from estimator.results.coordinates import opensim_coordinates
+from estimator.results.evaluation import LIMB_JOINTS, Reference, evaluate, evaluate_points, mpjpe, pa_mpjpe
 from estimator.synthesis import write_truth
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject, subject_from_text
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject, subject_from_text
+from humanoid.support.errors import InputError
 from kinemode import report
 
 HIPS = [LIMB_JOINTS.index("left_hip"), LIMB_JOINTS.index("right_hip")]

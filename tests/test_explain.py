@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cost.image.visibility import OUTER
 from estimator.formats.packing import pack, unpack
-from estimator.formats.run_file import Run
 from estimator.imaging.cues import CueReader
-from estimator.trackers.registry import make_tracker, settings_for
-from humanoid.errors import InputError
+from estimator.prediction.visibility import OUTER
+from estimator.results.run_file import Run
+from estimator.tracking.registry import make_tracker, settings_for
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.explain import explain

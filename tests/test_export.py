@@ -10,14 +10,14 @@ import pinocchio as pin
 import pytest
 from test_run_file import header, state_of, walk
 
-from estimator.formats.export import FORMATS, export
 from estimator.formats.opensim import read_mot
 from estimator.formats.reference import load_reference
-from estimator.formats.run_file import Run, RunWriter
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS
-from humanoid.subject import load_subject
+from estimator.results.export import FORMATS, export
+from estimator.results.run_file import Run, RunWriter
+from humanoid.kinematics.body import Body
+from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 
 FRAMES = 12
 

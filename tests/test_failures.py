@@ -12,7 +12,7 @@ from benchmarks.failure_runs import CSS, Attempt, Race, css_run, own_size, race,
 from benchmarks.failures import PAPER, verdict
 from benchmarks.scores import TRAJECTORIES, Outcome, TrackErrors
 from benchmarks.sequences import FPS, Task
-from estimator.trackers.registry import GROUPS, TRACKERS
+from estimator.tracking.registry import GROUPS, TRACKERS
 
 
 def attempt(tracker: str, mean: float, lost: int | None = None) -> Attempt:

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator import fitting
-from estimator.fitting import Fit, FitSettings, chosen_frames, fit_proportions
+from estimator.fitting import lengths as fitting
+from estimator.fitting.lengths import Fit, FitSettings, chosen_frames, fit_proportions
 from estimator.imaging.observation import Observation
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.registry import settings_for
-from humanoid.body import Body
-from humanoid.proportions import ProportionedBody
-from humanoid.subject import Subject
+from estimator.tracking.registry import settings_for
+from humanoid.kinematics.body import Body
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.subject.subject import Subject
 
 AROUND = tuple(camera_at(a, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95)) for a in (20, 110, 200, 290))
 TRACK = settings_for("css", modes=2, changes={"css": {"samples": 2}, "cost": {"keypoint_noise": 0.01}})

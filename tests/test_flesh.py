@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial import ConvexHull
 from trimesh import Trimesh
 
-from humanoid.body import Body
-from humanoid.flesh import solid_mesh
-from humanoid.solids import Solid, solids_of
-from humanoid.subject import Subject, load_subject, subject_from_text
+from humanoid.kinematics.body import Body
+from humanoid.shape.flesh import solid_mesh
+from humanoid.shape.solids import Solid, solids_of
+from humanoid.subject.subject import Subject, load_subject, subject_from_text
 
 
 def slim(subject: Subject) -> Subject:

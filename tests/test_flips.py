@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from builders import bent, body_of, camera_at, inside, observe, random_pose
 
-from estimator.search.flips import REACHED, ROUGHLY, Flips, only_camera
-from estimator.search.flips.angles import limb_turns, placed
-from estimator.search.flips.interpretations import JointPrior
-from estimator.search.flips.readings import Sight, limb_readings, sight_of, turned
+from estimator.search.jumps import REACHED, ROUGHLY, Flips, only_camera
+from estimator.search.jumps.angles import limb_turns, placed
+from estimator.search.jumps.interpretations import JointPrior
+from estimator.search.jumps.readings import Sight, limb_readings, sight_of, turned
 from estimator.search.proposals import LimbProposal
-from humanoid.body import Body
-from humanoid.example_robots import installed
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.example_robots import installed
+from humanoid.subject.subject import load_subject
 
 CAMERA = camera_at(20.0, distance=3.5)
 LIMBS = {

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from estimator.formats.keypoints import load_keypoints, write_keypoints
-from estimator.formats.picture import WRITTEN, write_picture
-from estimator.formats.run_file import Run, RunWriter
-from humanoid.atomic import replacing
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from estimator.media.picture import WRITTEN, write_picture
+from estimator.results.run_file import Run, RunWriter
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from tests.conftest import ROOT
@@ -153,11 +153,11 @@ ON_A_SMALL_DISK = """
 import sys
 from pathlib import Path
 import numpy as np
-from estimator.formats.film import write_film
-from estimator.formats.picture import write_picture
-from estimator.formats.run_store import create_store
-from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from estimator.media.film import write_film
+from estimator.media.picture import write_picture
+from estimator.results.run_store import create_store
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 
 def text(path):
     with replacing(path) as temporary:

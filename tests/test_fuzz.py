@@ -15,7 +15,7 @@ from benchmarks.fuzz_corpus import Files
 from benchmarks.fuzz_judge import judged_message, prepare
 from benchmarks.fuzz_readers import CORPUS_OF, READERS
 from benchmarks.fuzz_workers import verdicts
-from humanoid.errors import LONGEST, InputError, shown
+from humanoid.support.errors import LONGEST, InputError, shown
 from tests.fuzz_faults import judge as faulty
 from tests.fuzz_faults import judge_undamaged
 

@@ -10,21 +10,21 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cost.image.assigned import AssignedPoints, Assignments
-from estimator.cost.image.evidence import Evidence, ImageModel
-from estimator.cost.image.matching import search_edges
-from estimator.cost.image.settings import ImageSettings
-from estimator.cost.image.visibility import HIDDEN, INNER, OUTER
-from estimator.cost.kernels import LECLERC, LORENTZIAN
 from estimator.cost.model import image_extent
-from estimator.cost.term import Cost, Term
+from estimator.cues.assigned import AssignedPoints, Assignments
+from estimator.cues.evidence import Evidence, ImageModel
+from estimator.cues.matching import search_edges
+from estimator.cues.settings import ImageSettings
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.edges import EdgeMap, EdgeSettings, edge_map
 from estimator.imaging.flow import FlowField, FlowSettings, flow_field
 from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.imaging.point_flow import follow_points
+from estimator.prediction.visibility import HIDDEN, INNER, OUTER
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
-from humanoid.body import Body
+from estimator.terms.kernels import LECLERC, LORENTZIAN
+from estimator.terms.term import Cost, Term
+from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope
 
 SETTINGS = ImageSettings()

@@ -11,17 +11,17 @@ import cv2
 import numpy as np
 import pytest
 
+from estimator.cameras.camera import Camera
 from estimator.formats.cameras import write_cameras
-from estimator.formats.film import write_film
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.imaging.agreement import agreement
-from estimator.imaging.camera import Camera
-from estimator.imaging.clip import ClipReport
-from estimator.imaging.clock_offsets import likely_offsets
-from estimator.imaging.resampling import at_places
 from estimator.imaging.resolution import resized_camera, same_aspect
-from estimator.imaging.timing import CameraClock, clip_clock, keypoint_clock, timeline
-from humanoid.errors import InputError
+from estimator.media.clip import ClipReport
+from estimator.media.film import write_film
+from estimator.sequences.agreement import agreement
+from estimator.sequences.clock_offsets import likely_offsets
+from estimator.sequences.resampling import at_places
+from estimator.sequences.timing import CameraClock, clip_clock, keypoint_clock, timeline
+from humanoid.support.errors import InputError
 from kinemode.declared import Declared
 from kinemode.inputs import Inputs, load_inputs
 from tests.builders import body_of, camera_at

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.formats.run_file import Run
-from estimator.formats.run_header import RunHeader
-from estimator.imaging.clip import Clip
-from humanoid.errors import InputError
+from estimator.media.clip import Clip
+from estimator.results.run_file import Run
+from estimator.results.run_header import RunHeader
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.explain import cue_reader, explain, run_settings

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.processes.companion import _uninterrupted
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from estimator.parallel.companion import _uninterrupted
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import annotate, api, cli, program, report
 from kinemode.demo import DemoClip, make_clip

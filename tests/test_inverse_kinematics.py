@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from builders import BROWN, bent, body_of, camera_at, inside, observe, random_pose
 
+from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel, CostSettings
-from estimator.cost.term import Cost
-from estimator.filtering.merge import body_size
-from estimator.imaging.camera import Camera
 from estimator.imaging.observation import Observation
-from estimator.search.covariance import mode_covariance
+from estimator.modes.merge import body_size
+from estimator.optimise.covariance import mode_covariance
+from estimator.optimise.seek import Found, Seeker
+from estimator.search.first_pose import random_configuration
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
 from estimator.search.proposals import CovarianceScaledProposal
-from estimator.search.seek import Found, Seeker
-from estimator.start import random_configuration
-from humanoid.body import Body
+from estimator.terms.term import Cost
+from humanoid.kinematics.body import Body
 
 LIMB = ("left_shoulder", "left_elbow", "left_wrist")
 BARE = CostSettings(stabiliser_weight=0.0, interpenetration_weight=0.0)

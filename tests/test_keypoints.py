@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.cameras.camera import guessed_camera
 from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-from estimator.imaging.camera import guessed_camera
-from estimator.imaging.sequence import assemble, keypoint_jitter
-from estimator.imaging.timing import length_notes
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.landmarks import COCO17, FORMATS, landmark_name, landmark_spread, mirror_index
-from humanoid.subject import load_subject
+from estimator.sequences.sequence import assemble, keypoint_jitter
+from estimator.sequences.timing import length_notes
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import COCO17, FORMATS, landmark_name, landmark_spread, mirror_index
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 
 FRAMES = 6
 

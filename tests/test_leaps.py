@@ -11,12 +11,12 @@ from builders import body_of, camera_at, observe
 
 from estimator.formats.packing import pack, unpack
 from estimator.imaging.observation import Observation
-from estimator.runner import run
 from estimator.synthesis.crowd import placed
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.leaps import FASTEST, LeapCheck, leap_note, leaps
-from estimator.trackers.registry import GROUPS, make_tracker, settings_for
-from estimator.trackers.tracker import TrackState
+from estimator.trackers.base import TrackState
+from estimator.tracking.leaps import FASTEST, LeapCheck, leap_note, leaps
+from estimator.tracking.registry import GROUPS, make_tracker, settings_for
+from estimator.tracking.runner import run
 
 CAMERA = camera_at(30.0, distance=4.5, focal=600.0, height=1.2, aim=(0.0, 0.0, 0.95))
 FRAMES, FPS, LEAP = 6, 25.0, 3

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from tests.test_viz import moving_scene
 from viz import live
 from viz.local_server import LocalServer

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from humanoid.body import Body
-from humanoid.clearance import Clearance
-from humanoid.errors import InputError
-from humanoid.subject import subject_from_text
-from humanoid.surface import surface_of
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import subject_from_text
+from humanoid.support.errors import InputError
 
 SPHERE = trimesh.creation.icosphere(subdivisions=1, radius=0.1)
 TRIANGLES = np.asarray(SPHERE.vertices)[np.asarray(SPHERE.faces)]

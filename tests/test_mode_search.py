@@ -11,15 +11,15 @@ import pytest
 from builders import bent, body_of, camera_at, inside, observe, random_pose
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.filtering.merge import best_distinct, bhattacharyya, body_size
-from estimator.filtering.mixture import Mode, mixture_of
-from estimator.filtering.paths import backtrack
 from estimator.imaging.observation import Observation
+from estimator.modes.merge import best_distinct, bhattacharyya, body_size
+from estimator.modes.mixture import Mode, mixture_of
+from estimator.search.first_pose import random_configuration, start_modes
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
 from estimator.search.views import view_sphere
-from estimator.start import random_configuration, start_modes
-from humanoid.body import Body
-from humanoid.clearance import Clearance
+from estimator.trackers.paths import backtrack
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
 
 CAMERA = camera_at(0.0, height=0.2)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from builders import body_of, random_pose
 
-from estimator.filtering.annealing import Annealing, anneal, annealing_power
-from estimator.filtering.clusters import clusters, mean_and_covariance
-from estimator.filtering.particles import Particles, bootstrap_step, effective_count, normalised, systematic
+from estimator.inference.annealing import Annealing, anneal, annealing_power
+from estimator.inference.clusters import clusters, mean_and_covariance
+from estimator.inference.particles import Particles, bootstrap_step, effective_count, normalised, systematic
 
 
 def test_the_bootstrap_filter_is_kalmans_where_all_is_linear_and_normal() -> None:

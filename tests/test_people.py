@@ -12,19 +12,19 @@ import pytest
 from builders import BROWN, body_of, camera_at
 
 from benchmarks.crowd_files import write_mmpose, write_openpose
+from estimator.cameras.camera import Camera
+from estimator.cameras.epipolar import meeting_points
 from estimator.formats.keypoints import KeypointTrack, PeopleFile
 from estimator.formats.keypoints_layouts import Reading
 from estimator.formats.keypoints_people import Person
 from estimator.formats.people_tracks import link
-from estimator.imaging.camera import Camera
-from estimator.imaging.epipolar import meeting_points
-from estimator.imaging.people_across_cameras import subject_tracks
-from estimator.imaging.people_groups import grouped, settled
+from estimator.people.across_cameras import subject_tracks
+from estimator.people.groups import grouped, settled
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
-from humanoid.errors import InputError
-from humanoid.landmarks import COCO17
+from humanoid.subject.landmarks import COCO17
+from humanoid.support.errors import InputError
 from kinemode.inputs import load_inputs
 from kinemode.persons import persons_of, plain
 

@@ -15,13 +15,13 @@ from benchmarks.common import data_folder
 from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
 from benchmarks.pose_prior import LEFT_OUT, shipped_mixture
 from estimator.cost.model import CostModel, CostSettings
-from estimator.cost.pose_mixture import SHIPPED, PoseMixture, load_mixture
-from estimator.cost.pose_prior import PosePrior
-from estimator.cost.priors import Stabilisers
-from estimator.search.seek import Seeker
-from estimator.trackers.registry import make_tracker, settings_for
-from humanoid.errors import InputError
-from humanoid.landmarks import mirror_index
+from estimator.optimise.seek import Seeker
+from estimator.terms.pose_mixture import SHIPPED, PoseMixture, load_mixture
+from estimator.terms.pose_prior import PosePrior
+from estimator.terms.priors import Stabilisers
+from estimator.tracking.registry import make_tracker, settings_for
+from humanoid.subject.landmarks import mirror_index
+from humanoid.support.errors import InputError
 
 BODY = body_of("human34")
 

@@ -11,13 +11,13 @@ from scipy.stats import chi2, norm
 
 from benchmarks import calibration_levels
 from benchmarks.calibration_levels import calibration_error, coverage
-from estimator.cost.priors import Stabilisers
-from estimator.filtering.calibration import Calibration
-from estimator.filtering.marginals import Marginals
-from estimator.filtering.posterior import Posterior
-from estimator.frame_result import FrameResult
-from humanoid.body import Body
-from humanoid.errors import InputError
+from estimator.results.calibration import Calibration
+from estimator.results.marginals import Marginals
+from estimator.results.posterior import Posterior
+from estimator.terms.priors import Stabilisers
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 from tests.builders import bent, body_of, inside, random_pose
 
 AS_IT_IS = Calibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from tests.test_viz import commands, moving_scene
 from viz.preview import page, write_html

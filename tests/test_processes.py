@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.processes import memory
-from estimator.processes.board import Board
-from estimator.processes.companion import Companion
-from estimator.processes.memory import SharedMemory
-from humanoid.errors import InputError
+from estimator.parallel import memory
+from estimator.parallel.board import Board
+from estimator.parallel.companion import Companion
+from estimator.parallel.memory import SharedMemory
+from humanoid.support.errors import InputError
 from tests.companions import fill, work_on
 
 ROOT = Path(__file__).parent.parent
@@ -98,7 +98,7 @@ def test_memory_without_a_name(missing: tuple[str, ...], monkeypatch: pytest.Mon
 @pytest.mark.skipif(not shutil.which("unshare") or os.getuid() != 0, reason="needs a mount namespace")
 def test_dev_shm_may_be_tiny() -> None:
     """As in a container."""
-    code = "from estimator.processes.memory import SharedMemory; m = SharedMemory.of_size(8 << 20); "
+    code = "from estimator.parallel.memory import SharedMemory; m = SharedMemory.of_size(8 << 20); "
     code += "m.data[:] = bytes(8 << 20); print('well')"
     script = f'mount -t tmpfs -o size=64k none /dev/shm || exit 77; exec {sys.executable} -c "{code}"'
     done = subprocess.run(

@@ -18,8 +18,8 @@ from estimator.search.proposals import (
     SphericalProposal,
     WeakestDirections,
 )
-from humanoid.body import Body
-from humanoid.subject import subject_from_text
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import subject_from_text
 
 Make = Callable[[Body, np.ndarray, np.ndarray], Proposal]
 FAMILY: dict[str, Make] = {

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.evaluation import Reference
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
+from estimator.results.evaluation import Reference
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.render import RenderedClip, render_clip
 from kinemode.render_files import while_open

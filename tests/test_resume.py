@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.resume import Pace, differences, moments
 from benchmarks.resume_kills import BEFORE_THE_FILE, SOON, Moment, command, finish, frames_in, kill_at
-from estimator.fitting import fit_proportions
-from estimator.runner import run
-from estimator.trackers.registry import make_tracker
-from estimator.trackers.tracker import TrackState
-from humanoid.body import Body
-from humanoid.subject import load_subject
+from estimator.fitting.lengths import fit_proportions
+from estimator.trackers.base import TrackState
+from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from kinemode import api, demo
 from kinemode.inputs import load_inputs
 from kinemode.progress import unreported

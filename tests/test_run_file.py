@@ -14,15 +14,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.filtering.paths import backtrack
+from estimator.cameras.camera import guessed_camera
 from estimator.formats.packing import pack, unpack
-from estimator.formats.run_file import Run, RunHeader, RunWriter
-from estimator.frame_result import FrameResult
-from estimator.imaging.camera import guessed_camera
 from estimator.imaging.observation import Observation
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
+from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.paths import backtrack
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 
 
 def header(frames: int, **changes: object) -> RunHeader:

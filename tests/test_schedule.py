@@ -7,15 +7,15 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.cost.model import CostModel
-from estimator.cost.term import Cost, Quadratic
 from estimator.imaging.observation import Observation
-from estimator.runner import run
 from estimator.search.mode_search import Hypothesis
 from estimator.search.schedule import BudgetSettings, Offer, shared_out
 from estimator.search.volumes import Surroundings, importance_log_volumes
-from estimator.trackers.registry import make_tracker, settings_for
-from humanoid.body import Body, PosedBody
-from humanoid.errors import InputError
+from estimator.terms.term import Cost, Quadratic
+from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.support.errors import InputError
 
 
 def offer(part: float, most: int, mark: int) -> Offer:
@@ -81,7 +81,7 @@ class Bowl:
         self._body, self._centre, self._hessian, self._slope = body, centre, hessian, slope
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.cost.term.Term`."""
+        """See `estimator.terms.term.Term`."""
         e = self._body.difference(self._centre, posed.q)
         gradient += self._hessian @ e + self._slope
         hessian += self._hessian

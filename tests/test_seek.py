@@ -10,13 +10,13 @@ import pytest
 from builders import BROWN, bent, body_of, camera_at, inside, observe, random_pose
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.cost.term import Cost, Term
-from estimator.search.contact import ContactSettings, contact_kkt_residual, separate
-from estimator.search.covariance import MAX_STD, free_directions, mode_covariance
+from estimator.optimise.contact import ContactSettings, contact_kkt_residual, separate
+from estimator.optimise.covariance import MAX_STD, free_directions, mode_covariance
+from estimator.optimise.seek import Found, Seeker, SeekSettings, trust_box
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
-from estimator.search.seek import Found, Seeker, SeekSettings, trust_box
-from humanoid.body import Body, PosedBody
-from humanoid.clearance import Clearance
+from estimator.terms.term import Cost, Term
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, PosedBody
 
 TWO = (camera_at(20.0, distortion=BROWN), camera_at(110.0))
 NO_CONTACT = CostSettings(interpenetration_weight=0.0)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from estimator.formats.settings_file import load_settings, settings_text
-from estimator.trackers.idle_rules import OF_ONE_CAMERA, OF_PICTURES, RULES
-from estimator.trackers.registry import GROUPS, TRACKERS, settings_for
-from estimator.trackers.setting_changes import every_setting
-from humanoid.errors import InputError
+from estimator.tracking.idle_rules import OF_ONE_CAMERA, OF_PICTURES, RULES
+from estimator.tracking.registry import GROUPS, TRACKERS, settings_for
+from estimator.tracking.setting_changes import every_setting
+from humanoid.support.errors import InputError
 from kinemode.settings import (
     check_workers,
     choose,

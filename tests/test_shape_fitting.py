@@ -12,28 +12,28 @@ import pinocchio as pin
 import pytest
 from builders import SUBJECTS, bent, body_of, camera_at, inside
 
+from estimator.cameras.camera import Camera
 from estimator.cost.model import CostSettings
-from estimator.fitting import Fit, fit_proportions
-from estimator.imaging.camera import Camera
+from estimator.fitting import stages
+from estimator.fitting.body_energy import BodyEnergy, Gaussian
+from estimator.fitting.descent import DescentSettings, descend
+from estimator.fitting.lengths import Fit, fit_proportions
+from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
+from estimator.fitting.shaped_body import ShapedBody, Unknowns
+from estimator.fitting.stages import ShapeSettings, fit_shape
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.edges import EdgeSettings, edge_map
 from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.imaging.observation import Observation
-from estimator.initialisation import stages
-from estimator.initialisation.body_energy import BodyEnergy, Gaussian
-from estimator.initialisation.descent import DescentSettings, descend
-from estimator.initialisation.shape_parameters import GIRTHS, OF_PART, ShapeParameters
-from estimator.initialisation.shaped_body import ShapedBody, Unknowns
-from estimator.initialisation.stages import ShapeSettings, fit_shape
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
-from humanoid.body import Body, points_in_world
-from humanoid.clearance import Clearance
-from humanoid.proportions import ProportionedBody
-from humanoid.subject import Subject, load_subject
-from humanoid.superquadric import MIRROR, fault
-from humanoid.surface import surface_of
-from humanoid.urdf_flesh import limb_capsule
-from humanoid.urdf_reshape import mirror_parts
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import Subject, load_subject
+from humanoid.subject.superquadric import MIRROR, fault
+from humanoid.subject.urdf_flesh import limb_capsule
+from humanoid.subject.urdf_reshape import mirror_parts
 from kinemode.report import print_fit
 
 CAMERAS = tuple(camera_at(a, distance=3.2, focal=750.0, height=1.0, aim=(0.0, 0.0, 0.95)) for a in (15, 100))

@@ -6,11 +6,11 @@ import numpy as np
 from builders import body_of, camera_at, observe
 
 from estimator.cost.model import CostModel
-from estimator.cost.term import Cost
-from estimator.runner import run
 from estimator.smoothing import SmoothSettings, smooth, smooth_track
-from estimator.trackers.registry import make_tracker
-from humanoid.body import Body
+from estimator.terms.term import Cost
+from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
 
 FPS = 30.0
 CAMERA = camera_at(15.0, distance=3.5, distortion=(0.0,) * 5)

@@ -9,8 +9,8 @@ import pytest
 from builders import body_of, inside, random_pose
 from proxsuite import proxqp
 
-from estimator.search.box_step import model_decrease, solve_box
-from estimator.search.qp import StepSolver
+from estimator.optimise.box_step import model_decrease, solve_box
+from estimator.optimise.qp import StepSolver
 
 DAMPING = 1e-2
 

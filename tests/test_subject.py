@@ -13,9 +13,9 @@ import pytest
 import yourdfpy
 
 from humanoid import Body, InputError, Subject, load_subject
-from humanoid.example_robots import PREFIX, installed
-from humanoid.subject import subject_from_text, subject_names
-from humanoid.urdf_flesh import limb_capsule
+from humanoid.subject.example_robots import PREFIX, installed
+from humanoid.subject.subject import subject_from_text, subject_names
+from humanoid.subject.urdf_flesh import limb_capsule
 
 SIZES = {  # nq, nv
     "human34": (35, 34),

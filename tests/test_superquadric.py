@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.special import beta
 
-from humanoid import superquadric
-from humanoid.flesh_nodes import grid_nodes
-from humanoid.superquadric import derivatives, fault, largest_bend, normals, points
-from humanoid.urdf_flesh import Flesh
+from humanoid.shape.flesh_nodes import grid_nodes
+from humanoid.subject import superquadric
+from humanoid.subject.superquadric import derivatives, fault, largest_bend, normals, points
+from humanoid.subject.urdf_flesh import Flesh
 
 CASES = range(40)
 NEUTRAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])

@@ -10,16 +10,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from humanoid.body import Body, points_in_world
-from humanoid.errors import InputError
-from humanoid.flesh_nodes import even_nodes, flesh_derivatives, flesh_normals, flesh_points
-from humanoid.proportions import ProportionedBody
-from humanoid.solids import solids_of
-from humanoid.subject import Flesh, Subject, load_subject, subject_from_text
-from humanoid.surface import Surface, flesh_surface, surface_of
-from humanoid.surface_shape import SurfaceShape
-from humanoid.urdf_flesh import limb_capsule, stretched
-from humanoid.urdf_reshape import mirror_parts
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.shape.flesh_nodes import even_nodes, flesh_derivatives, flesh_normals, flesh_points
+from humanoid.shape.solids import solids_of
+from humanoid.shape.surface import Surface, flesh_surface, surface_of
+from humanoid.shape.surface_shape import SurfaceShape
+from humanoid.subject.subject import Flesh, Subject, load_subject, subject_from_text
+from humanoid.subject.urdf_flesh import limb_capsule, stretched
+from humanoid.subject.urdf_reshape import mirror_parts
+from humanoid.support.errors import InputError
 from tests.builders import SUBJECTS, body_of, random_pose
 
 CAPSULE = Flesh("arm", "capsule", (0.05, 0.3, 0.0), (0.01, 0.02, -0.1), (0.3, -0.2, 0.5))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from estimator.evaluation import Reference, limit_violations
+from estimator.results.evaluation import Reference, limit_violations
 from estimator.synthesis import (
     MOTION_SECONDS,
     DetectorSettings,
@@ -27,12 +27,12 @@ from estimator.synthesis import (
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.raster import paint
-from humanoid.body import Body, points_in_world
-from humanoid.clearance import Clearance
-from humanoid.errors import InputError
-from humanoid.landmarks import COCO17
-from humanoid.subject import load_subject
-from humanoid.surface import surface_of
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.shape.surface import surface_of
+from humanoid.subject.landmarks import COCO17
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from tests.builders import camera_at
 
 TIMES = np.arange(round(30 * MOTION_SECONDS)) / 30.0

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.formats.run_file import Run
+from estimator.results.run_file import Run
 from kinemode import api
 from kinemode.demo import DemoClip, make_clip
 from kinemode.progress import unreported
@@ -92,7 +92,7 @@ def test_a_failure_leaves_nothing(clip: DemoClip, temporary: Path, monkeypatch: 
 def test_it_goes_with_the_process_but_not_with_a_forked_one(temporary: Path) -> None:
     code = """
 import os, sys
-from estimator.formats.temporary_run import TemporaryFolder
+from estimator.results.temporary_run import TemporaryFolder
 kept = TemporaryFolder()
 child = os.fork()
 if child == 0:

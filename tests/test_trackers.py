@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe
 
-from estimator.filtering.clusters import mean_and_covariance
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.runner import run, run_into
+from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.registry import (
+from estimator.trackers.base import Tracker, TrackState
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.registry import (
     GROUPS,
     TRACKERS,
     UNCONSTRAINED,
@@ -25,10 +25,10 @@ from estimator.trackers.registry import (
     make_tracker,
     settings_for,
 )
-from estimator.trackers.tracker import Tracker, TrackState
-from humanoid.errors import InputError
-from humanoid.landmarks import mirror_index
-from humanoid.unlimited import unlimited
+from estimator.tracking.runner import run, run_into
+from humanoid.kinematics.unlimited import unlimited
+from humanoid.subject.landmarks import mirror_index
+from humanoid.support.errors import InputError
 
 CAMERA = camera_at(30.0, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95))
 FRAMES, FPS, MISSING, SEED = 10, 30.0, 6, 5

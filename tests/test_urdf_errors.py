@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from humanoid import InputError, load_subject
-from humanoid.example_robots import share_folder
-from humanoid.subject import URDF_FOLDER, subject_from_text
+from humanoid.subject.example_robots import share_folder
+from humanoid.subject.subject import URDF_FOLDER, subject_from_text
 
 GOOD = """<?xml version="1.0"?>
 <robot name="arm">

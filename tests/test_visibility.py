@@ -11,12 +11,12 @@ import pytest
 from trimesh import Trimesh
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from estimator.cost.image.prediction import GAP, JOINED, Prediction, Predictor
-from estimator.cost.image.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
-from estimator.imaging.camera import Camera
-from humanoid.body import Body, PosedBody, points_in_world
-from humanoid.subject import load_subject, subject_from_text
-from humanoid.surface import Surface, surface_of
+from estimator.cameras.camera import Camera
+from estimator.prediction.prediction import GAP, JOINED, Prediction, Predictor
+from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.shape.surface import Surface, surface_of
+from humanoid.subject.subject import load_subject, subject_from_text
 from tests.builders import BROWN, bent, body_of, camera_at, random_pose
 
 NODES = 1000

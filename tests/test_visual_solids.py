@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from humanoid import Body, InputError, load_subject
-from humanoid.subject import subject_from_text
+from humanoid.subject.subject import subject_from_text
 from kinemode import __main__ as front
 from tests.test_viz import looking_camera, moving_scene, saved
 from viz import mesh_files

@@ -21,10 +21,10 @@ import pinocchio as pin
 import pytest
 import umsgpack
 
-from estimator.formats.run_file import Run, RunHeader, RunWriter
-from estimator.frame_result import FrameResult
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
+from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.trackers.frame_result import FrameResult
 from humanoid import Body, InputError, load_subject
 from viz.live import serve
 from viz.local_server import LocalServer

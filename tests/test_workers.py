@@ -15,20 +15,20 @@ import kinemode as km
 from estimator.cost.model import CostModel
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
-from estimator.frame_result import FrameResult
 from estimator.imaging.cues import CueReader, CueSettings
-from estimator.imaging.sequence import assemble
-from estimator.processes.board import SMALL, Board, BoardReader
-from estimator.runner import run
+from estimator.parallel.board import SMALL, Board, BoardReader
 from estimator.search import workers
 from estimator.search.frame_search import FrameCase, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.workers import helped
-from estimator.trackers.registry import make_tracker, settings_for
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.subject import load_subject
-from humanoid.unlimited import unlimited
+from estimator.sequences.sequence import assemble
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.runner import run
+from humanoid.kinematics.body import Body
+from humanoid.kinematics.unlimited import unlimited
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
 from kinemode.render import RenderedClip
 from tests.builders import body_of, camera_at, observe
 from tests.tiny_clip import tiny_clip

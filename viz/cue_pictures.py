@@ -10,11 +10,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.cost.image.prediction import Contours, Prediction
-from estimator.cost.image.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
-from estimator.formats.picture import write_picture
 from estimator.imaging.cues import ImageCues
-from humanoid.errors import InputError
+from estimator.media.picture import write_picture
+from estimator.prediction.prediction import Contours, Prediction
+from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
+from humanoid.support.errors import InputError
 from viz import palette
 from viz.solids import side_of
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from humanoid.compiled import jit
+from humanoid.support.compiled import jit
 from viz.triangles import Triangles, across, compact, directed_edges, numbered, proper
 
 _RIM = 3.0  # weight of the rims of holes and of colours beside that of the surface

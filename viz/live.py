@@ -8,8 +8,8 @@ from contextlib import suppress
 from http import HTTPStatus
 from threading import Lock
 
-from estimator.formats.run_file import Run
-from humanoid.errors import InputError
+from estimator.results.run_file import Run
+from humanoid.support.errors import InputError
 from viz.local_server import LocalHandler, LocalServer
 from viz.preview import page
 from viz.scene import Scene

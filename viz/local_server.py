@@ -11,7 +11,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 HOST = "127.0.0.1"
 SILENCE = 60.0  # a connection that says nothing for so long is closed, so that it keeps no thread for ever [s]

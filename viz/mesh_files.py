@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import trimesh
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 from viz.palette import Rgb
 from viz.triangles import Triangles, merged_vertices
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.formats.film import check_film_name, write_film
-from estimator.formats.run_file import Run
-from humanoid.errors import InputError
+from estimator.media.film import check_film_name, write_film
+from estimator.results.run_file import Run
+from humanoid.support.errors import InputError
 from viz import palette
 from viz.painter import BodyPainter, CameraView, camera_view
 from viz.scene import Scene, as_scene

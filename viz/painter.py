@@ -8,9 +8,9 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.synthesis.raster import paint
-from humanoid.body import Body, PosedBody, points_in_world
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from viz import palette
 from viz.solid import Solid, sides_among
 from viz.solids import Skeleton, body_solids, drawing_notes, skeleton

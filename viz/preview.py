@@ -16,9 +16,9 @@ import numpy as np
 import pinocchio as pin
 from meshcat.animation import Animation, AnimationClip
 
-from estimator.formats.run_file import Run
-from humanoid.atomic import replacing
-from humanoid.body import Body
+from estimator.results.run_file import Run
+from humanoid.kinematics.body import Body
+from humanoid.support.atomic import replacing
 from viz import palette
 from viz.painter import BodyPainter
 from viz.preview_cameras import add_camera

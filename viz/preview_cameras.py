@@ -14,7 +14,7 @@ import meshcat
 import meshcat.geometry as g
 import numpy as np
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from viz import palette
 from viz.recorder import TexturedPlane, line_segments
 from viz.scene import Scene, evenly

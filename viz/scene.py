@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.formats.run_file import Run
-from estimator.imaging.camera import Camera
-from estimator.imaging.clip import Clip
-from humanoid.body import Body
-from humanoid.errors import InputError
+from estimator.cameras.camera import Camera
+from estimator.media.clip import Clip
+from estimator.results.run_file import Run
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 
 Frames = Callable[..., Iterable[np.ndarray]]
 """Opens a clip's frames, from the first on or from the one that is given."""

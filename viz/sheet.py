@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.formats.picture import write_picture
-from estimator.formats.run_file import Run
+from estimator.media.picture import write_picture
+from estimator.results.run_file import Run
 from viz import palette
 from viz.overlay import chosen_cameras, drawn
 from viz.painter import BodyPainter, CameraView, OrthographicView, camera_view

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from humanoid.surface_hulls import vertex_normals
+from humanoid.shape.surface_hulls import vertex_normals
 from viz.palette import SIDES, Rgb
 
 Side = Literal["left", "right", "trunk"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from humanoid.body import Body, PosedBody, points_in_world
-from humanoid.flesh import flesh_meshes, solid_mesh
-from humanoid.subject import Flesh
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.shape.flesh import flesh_meshes, solid_mesh
+from humanoid.subject.subject import Flesh
 from viz.solid import Side, Solid, side_of
 from viz.visual_solids import missing_meshes, visual_solids
 

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from humanoid.subject import Subject
-from humanoid.urdf_document import Document, elements, read_document
+from humanoid.subject.subject import Subject
+from humanoid.subject.urdf_document import Document, elements, read_document
 from viz.palette import Rgb
 
 Kind = Literal["visual", "collision"]

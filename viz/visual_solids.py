@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from humanoid.body import Body
-from humanoid.errors import InputError
-from humanoid.surface_hulls import vertex_normals
+from humanoid.kinematics.body import Body
+from humanoid.shape.surface_hulls import vertex_normals
+from humanoid.support.errors import InputError
 from viz import palette
 from viz.decimation import simplified
 from viz.mesh_files import ColouredMesh, MeshFile, mesh_file, read_mesh

@@ -1,1 +1,1 @@
-"""Robust potentials and energy terms, each with value, gradient and Hessian in the tangent space."""
+"""The energy of a frame, assembled from its terms."""

@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.cost.image.evidence import Evidence, ImageModel
-from estimator.cost.image.settings import ImageSettings
-from estimator.cost.interpenetration import Interpenetration
-from estimator.cost.pose_mixture import SHIPPED, load_mixture
-from estimator.cost.pose_prior import PosePrior
-from estimator.cost.priors import Stabilisers, Transition
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost, Term
-from estimator.cost.upright import Upright, world_up
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
+from estimator.cues.evidence import Evidence, ImageModel
+from estimator.cues.settings import ImageSettings
 from estimator.imaging.observation import Observation
-from humanoid.body import Body, PosedBody
-from humanoid.clearance import Clearance
-from humanoid.landmarks import landmark_spread
+from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.pose_mixture import SHIPPED, load_mixture
+from estimator.terms.pose_prior import PosePrior
+from estimator.terms.priors import Stabilisers, Transition
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Cost, Term
+from estimator.terms.upright import Upright, world_up
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.subject.landmarks import landmark_spread
 
 ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as detected: COCO's limbs
 
@@ -29,14 +29,14 @@ ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as
 class CostSettings:
     """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
 
-    potential, nu: robust potential of a keypoint (`estimator.cost.potentials`).
+    potential, nu: robust potential of a keypoint (`estimator.terms.potentials`).
     keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
         (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
     landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
         it keeps sharply detected points of the face from deciding the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
     pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
-        takes (`estimator.cost.pose_prior`); pose_prior_file: its numbers, empty for the shipped ones, of human34.
+        takes (`estimator.terms.pose_prior`); pose_prior_file: its numbers, empty for the shipped ones, of human34.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.imaging.clip import FPS_RANGE
-from humanoid.errors import InputError
-from humanoid.files import read_bytes
+from estimator.media.clip import FPS_RANGE
+from humanoid.support.errors import InputError
+from humanoid.support.files import read_bytes
 
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 _MOST_JOINTS, _DEEPEST = 2000, 200  # of a skeleton; deeper ones are damage

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
-from estimator.imaging.camera import Camera, guessed_camera
-from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 
 _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
 _MOST_PIXELS = 16384  # on a side of an image

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from humanoid.errors import InputError
-from humanoid.files import read_bytes
+from humanoid.support.errors import InputError
+from humanoid.support.files import read_bytes
 
 LARGEST = 1e7  # no length [m], pixel or coefficient comes near it
 BEYOND = "has a number that is not finite, or beyond all measure"

@@ -12,8 +12,8 @@ import numpy as np
 from estimator.formats.keypoints_layouts import Reading, read_layout
 from estimator.formats.keypoints_people import Person
 from estimator.formats.people_choice import AUTO, jump_note, select
-from humanoid.atomic import replacing
-from humanoid.errors import InputError
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
 
 _LONGEST_GAP = 1000  # frames that may be missing for each that is there
 
@@ -22,7 +22,7 @@ _LONGEST_GAP = 1000  # frames that may be missing for each that is there
 class KeypointTrack:
     """One person's keypoints over time in one camera.
 
-    layout: name of the keypoint format (a key of `humanoid.landmarks.FORMATS`, or what the file calls it).
+    layout: name of the keypoint format (a key of `humanoid.subject.landmarks.FORMATS`, or what the file calls it).
     names (J): landmark of each keypoint, None where none corresponds.
     pixels (T, J, 2): [px], NaN where missing.
     confidence (T, J): 0 to 1, 0 exactly where missing.
@@ -100,7 +100,7 @@ def load_keypoints(
 
     Parameters
     ----------
-    layout: "auto" tells the format from the count of numbers; else a key of `humanoid.landmarks.FORMATS`.
+    layout: "auto" tells the format from the count of numbers; else a key of `humanoid.subject.landmarks.FORMATS`.
     person: whom of several people, see `people_choice.select`.
     first: number that the clip's first frame has in the file.
 

@@ -22,9 +22,9 @@ import numpy as np
 from estimator.formats.cameras import image_size
 from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
 from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
-from estimator.imaging.clip import FPS_RANGE, listed
-from humanoid.errors import InputError
-from humanoid.landmarks import FORMATS, landmark_name
+from estimator.media.clip import FPS_RANGE, listed
+from humanoid.subject.landmarks import FORMATS, landmark_name
+from humanoid.support.errors import InputError
 
 _MOST_FRAMES = 2_000_000
 _LARGEST_ID = 1e15  # a float is exact up to there

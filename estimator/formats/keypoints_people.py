@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.formats.checked_json import BEYOND, LARGEST, WITHIN
-from humanoid.errors import InputError
-from humanoid.landmarks import FORMATS
+from humanoid.subject.landmarks import FORMATS
+from humanoid.support.errors import InputError
 
 LAYOUT_BY_COUNT = {3 * len(names): layout for layout, names in FORMATS.items()}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.formats.packing import valid_text
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 _MOST_BYTES = 400_000_000  # of all arrays together, unpacked: hours of landmarks
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.formats.checked_json import read_text
-from humanoid.errors import InputError, shown
+from humanoid.support.errors import InputError, shown
 
 R_OPENSIM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.formats.keypoints_people import Person
 from estimator.formats.people_tracks import PersonTrack, apart, link
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 AUTO = "auto"
 PeopleByFrame = Mapping[int, Sequence[Person]]

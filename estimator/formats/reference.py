@@ -11,9 +11,9 @@ import numpy as np
 from estimator.formats.checked_json import LARGEST
 from estimator.formats.npz import read_npz
 from estimator.formats.opensim import Coordinates, frame_rate, read_mot, read_trc
-from estimator.imaging.clip import FPS_RANGE
-from humanoid.errors import InputError
-from humanoid.landmarks import landmark_name
+from estimator.media.clip import FPS_RANGE
+from humanoid.subject.landmarks import landmark_name
+from humanoid.support.errors import InputError
 
 _KEYS = (("landmarks", "landmark_names"), ("points", "names"))
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from humanoid.errors import InputError
-from humanoid.files import read_bytes
+from humanoid.support.errors import InputError
+from humanoid.support.files import read_bytes
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,7 +26,7 @@ _UNITS = r"(?: \[[^\]]*\])?"  # "turn_speed [rad/s]"
 
 
 def load_settings(path: str | Path) -> dict[str, Any]:
-    """The tables of a settings file, as `estimator.trackers.registry.settings_for` takes changes.
+    """The tables of a settings file, as `estimator.tracking.registry.settings_for` takes changes.
 
     Raises
     ------

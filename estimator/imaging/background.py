@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.imaging.stillness import camera_moves, motion, small_size
 from estimator.imaging.subtraction import Background, SilhouetteSettings, departure, smoothed
-from estimator.imaging.threads import one_thread
+from estimator.media.threads import one_thread
 
 FEWEST_FRAMES = 3  # without as many there is nothing to learn from
 _SAME = 10.0  # colours this close are one [grey values]: light drifts in the course of a clip

@@ -9,10 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.formats.picture import read_picture
+from estimator.cameras.camera import Camera
 from estimator.imaging.background import FEWEST_FRAMES
-from estimator.imaging.camera import Camera
-from estimator.imaging.clip import Clip
 from estimator.imaging.edges import EdgeMap, EdgeSettings, edge_map
 from estimator.imaging.flow import FlowField, FlowSettings, flow_field
 from estimator.imaging.foreground import (
@@ -24,8 +22,10 @@ from estimator.imaging.foreground import (
     silhouette_of,
 )
 from estimator.imaging.resolution import resized_camera
-from estimator.imaging.threads import one_thread
-from humanoid.errors import InputError
+from estimator.media.clip import Clip
+from estimator.media.picture import read_picture
+from estimator.media.threads import one_thread
+from humanoid.support.errors import InputError
 
 _SAME_STEP = 0.1  # share of the usual step from one picture to the next that a step may differ by, to be followed
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.imaging.threads import length, one_thread
-from humanoid.errors import InputError
+from estimator.media.threads import length, one_thread
+from humanoid.support.errors import InputError
 
 _REDUCED = 4  # the local contrast changes slowly, so it is taken from a picture this many times smaller
 

@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from estimator.imaging.threads import length, one_thread
-from humanoid.errors import InputError
+from estimator.media.threads import length, one_thread
+from humanoid.support.errors import InputError
 
 _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window is motion boundary
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.imaging.background import learn_background
 from estimator.imaging.subtraction import Background, SilhouetteSettings, departure, smoothed
-from estimator.imaging.threads import one_thread
+from estimator.media.threads import one_thread
 
 __all__ = [
     "Background",

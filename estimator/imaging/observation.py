@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.imaging.cues import ImageCues
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.cameras.camera import Camera
 from estimator.formats.keypoints import KeypointTrack
-from estimator.imaging.camera import Camera
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 Size = tuple[int, int]
 """Width, height [px]."""

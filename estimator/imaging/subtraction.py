@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 _WINDOW = 7  # pixels across in which the texture of image and background is compared
 _RIM = _WINDOW + 4  # pixels across in which a shadow's outline is joined to it

@@ -12,9 +12,9 @@ from estimator.imaging.observation import Observation
 from estimator.search.frame_search import FrameCase, Reading
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
-from humanoid.body import Body
-from humanoid.clearance import Clearance
-from humanoid.subject import Base, subject_from_text
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Base, subject_from_text
 
 
 class SearchRecipe(NamedTuple):

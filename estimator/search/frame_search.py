@@ -8,17 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.image.evidence import Evidence, Followed, Past
 from estimator.cost.model import CostModel
-from estimator.cost.reprojection import Reprojection
-from estimator.cost.term import Cost, Quadratic, Term
-from estimator.filtering.mixture import Mode
-from estimator.filtering.origin import START, Origin
-from estimator.search.contact import separate
-from estimator.search.covariance import mode_covariance
-from estimator.search.seek import Found, Seeker, SeekSettings
+from estimator.cues.evidence import Evidence, Followed, Past
+from estimator.modes.mixture import Mode
+from estimator.modes.origin import START, Origin
+from estimator.optimise.contact import separate
+from estimator.optimise.covariance import mode_covariance
+from estimator.optimise.seek import Found, Seeker, SeekSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Cost, Quadratic, Term
 
 
 class Reading(NamedTuple):

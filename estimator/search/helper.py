@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
 from typing import Any, NamedTuple
 
-from estimator.processes.board import BoardReader, Notice
+from estimator.parallel.board import BoardReader, Notice
 from estimator.search.case_message import SearchRecipe
 from estimator.search.frame_search import FrameSearch
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.filtering import origin
-from estimator.filtering.mixture import Mixture
 from estimator.imaging.observation import Observation
-from estimator.search.flips import only_camera
+from estimator.modes import origin
+from estimator.modes.mixture import Mixture
+from estimator.search.jumps import only_camera
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
 from estimator.search.proposals import (
     CovarianceScaledProposal,

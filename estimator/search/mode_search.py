@@ -7,20 +7,20 @@ from typing import TypeVar
 
 import numpy as np
 
-from estimator.cost.image.evidence import Evidence
 from estimator.cost.model import CostModel
-from estimator.cost.reprojection import Reprojection
-from estimator.filtering.merge import best_distinct, body_size
-from estimator.filtering.mixture import Mixture, mixture_of
+from estimator.cues.evidence import Evidence
 from estimator.imaging.observation import Observation
-from estimator.search.flips import Flips
+from estimator.modes.merge import best_distinct, body_size
+from estimator.modes.mixture import Mixture, mixture_of
+from estimator.optimise.seek import Seeker
 from estimator.search.frame_search import Candidate, FrameCase, FrameSearch, Hypothesis, Reading, Refined
-from estimator.search.seek import Seeker
+from estimator.search.jumps import Flips
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.sharing import Alone, Sharing
 from estimator.search.volumes import importance_log_volumes
-from humanoid.clearance import Clearance
-from humanoid.landmarks import mirror_index
+from estimator.terms.reprojection import Reprojection
+from humanoid.collision.clearance import Clearance
+from humanoid.subject.landmarks import mirror_index
 
 __all__ = [
     "AS_DETECTED", "EXCHANGED", "Candidate", "FrameCase", "Hypothesis", "ModeSearch", "ModeSearchSettings", "Reading",

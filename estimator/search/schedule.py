@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.search.mode_search import Hypothesis
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from estimator.search.contact import ContactSettings
-from estimator.search.seek import SeekSettings
-from humanoid.errors import InputError
+from estimator.optimise.contact import ContactSettings
+from estimator.optimise.seek import SeekSettings
+from humanoid.support.errors import InputError
 
 BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importance")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.imaging.observation import Observation
-from humanoid.body import Body, points_in_world
+from humanoid.kinematics.body import Body, points_in_world
 
 HEADINGS = 12
 PITCHES = (-0.5, 0.0, 0.5)  # rad, of the camera's view relative to the horizontal plane of the body

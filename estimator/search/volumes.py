@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cost.term import Cost, Quadratic
-from estimator.search.covariance import MAX_STD, free_mask
+from estimator.optimise.covariance import MAX_STD, free_mask
 from estimator.search.proposals import log_density_at_centre
-from humanoid.body import Body
+from estimator.terms.term import Cost, Quadratic
+from humanoid.kinematics.body import Body
 
 TAIL = 5.0  # degrees of freedom of the importance density: heavier than the posterior, so that no weight runs away
 

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from estimator.processes.board import Board
-from estimator.processes.companion import Companion, check_not_imported_again
+from estimator.parallel.board import Board
+from estimator.parallel.companion import Companion, check_not_imported_again
 from estimator.search.case_message import CaseMessage, SearchRecipe
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.helper import NUMBER, Case, Everywhere, Share, help_out, taken
 from estimator.search.mode_search import ModeSearch
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 MOST = 64
 _MOST_PIECES = 8192  # their numbers fit into any system's pipe

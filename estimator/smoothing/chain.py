@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import solveh_banded
 
-from estimator.cost.kernels import LORENTZIAN, robust_square
-from estimator.cost.term import Cost
-from estimator.filtering.motion import MotionPrior
-from estimator.search.covariance import free_mask
-from humanoid.body import Body
+from estimator.modes.motion import MotionPrior
+from estimator.optimise.covariance import free_mask
+from estimator.terms.kernels import LORENTZIAN, robust_square
+from estimator.terms.term import Cost
+from humanoid.kinematics.body import Body
 
 
 class Chain:

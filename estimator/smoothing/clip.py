@@ -7,21 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cost.priors import Transition
-from estimator.cost.term import Cost
-from estimator.filtering.best_path import best_path
-from estimator.filtering.motion import MotionPrior
-from estimator.filtering.paths import backtrack_results
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
-from estimator.runner import Cues, Progress
-from estimator.search.contact import separate
+from estimator.modes.best_path import best_path
+from estimator.modes.motion import MotionPrior
+from estimator.optimise.contact import separate
+from estimator.optimise.seek import Found
 from estimator.search.mode_search import EXCHANGED, ModeSearch
-from estimator.search.seek import Found
+from estimator.sequences.source import Cues, Progress
 from estimator.smoothing.chain import Chain
 from estimator.smoothing.frames import frame_costs, frame_energies, only
 from estimator.smoothing.settings import SmoothSettings
-from humanoid.body import Body
+from estimator.terms.priors import Transition
+from estimator.terms.term import Cost
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.paths import backtrack_results
+from humanoid.kinematics.body import Body
 
 NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
 
@@ -40,7 +40,7 @@ def smooth_track(
     Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show. Parts that the smoothing pushed into each other are parted again
-    (`estimator.search.contact`). `progress` is told how many frames of how many are done.
+    (`estimator.optimise.contact`). `progress` is told how many frames of how many are done.
     """
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.cost.term import Cost
-from estimator.filtering.best_path import best_path
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.modes.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.chain import Chain
 from estimator.smoothing.frames import frame_costs, frame_energies
 from estimator.smoothing.settings import SmoothSettings
+from estimator.terms.term import Cost
+from estimator.trackers.frame_result import FrameResult
 
 SETTLED = 2  # poses already given out that the window still hangs on to: velocity and acceleration reach that far
 

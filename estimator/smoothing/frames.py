@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cost.term import Cost
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import EXCHANGED, ModeSearch
-from estimator.trackers.tracker import observable
+from estimator.terms.term import Cost
+from estimator.trackers.base import observable
+from estimator.trackers.frame_result import FrameResult
 
 
 def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator.cost.model import CostModel, per_dof
-from estimator.filtering.motion import MotionPrior
+from estimator.modes.motion import MotionPrior
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from humanoid.surface import Surface
+from humanoid.shape.surface import Surface
 
 _GRAIN = 32  # samples of the periodic noise along each axis
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
+from estimator.cameras.camera import Camera
 from estimator.formats.keypoints_people import Person
-from estimator.imaging.camera import Camera
 from estimator.synthesis.detector import keypoints
-from humanoid.body import Body
+from humanoid.kinematics.body import Body
 
 
 def placed(q: np.ndarray, place: np.ndarray, turn: float) -> np.ndarray:

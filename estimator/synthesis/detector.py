@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.cameras.camera import Camera
 from estimator.formats.keypoints import KeypointTrack
-from estimator.imaging.camera import Camera
-from humanoid.body import Body
-from humanoid.landmarks import COCO17, landmark_spread
+from humanoid.kinematics.body import Body
+from humanoid.subject.landmarks import COCO17, landmark_spread
 
 _CORRELATION = 0.6  # of the noise from frame to frame
 _OUTLIER_PIXELS = (25.0, 80.0)

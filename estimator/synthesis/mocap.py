@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from estimator.formats.bvh import BvhMotion, read_bvh
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 CMU_UNIT = 0.0254 / 0.45  # [m]
 """Metres in one unit of the CMU database (mocap.cs.cmu.edu): its skeletons have a length scale of 0.45 to the inch."""

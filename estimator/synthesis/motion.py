@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from estimator.synthesis.motion_keys import REACH, KeyedMotion
-from humanoid.body import Body
-from humanoid.errors import InputError
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 
 MOTION_SECONDS = REACH.seconds
 _GRID_RATE = 120.0  # the root's path is found on a grid of its own, whatever the times asked for

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 Row = tuple[float, ...]
 

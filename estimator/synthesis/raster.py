@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from humanoid.compiled import jit
+from humanoid.support.compiled import jit
 
 _NEAREST = 0.05  # [m] triangles with a corner nearer to the camera are left out
 

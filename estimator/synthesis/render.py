@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.synthesis.clothing import dressed
 from estimator.synthesis.plate import (
     FINE,
@@ -24,8 +24,8 @@ from estimator.synthesis.plate import (
 from estimator.synthesis.raster import paint, paint_cloth, paint_index
 from estimator.synthesis.scene import joined
 from estimator.synthesis.settings import SceneSettings
-from humanoid.body import Body, PosedBody, points_in_world
-from humanoid.surface import surface_of
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.shape.surface import surface_of
 
 _NODES = 6000
 
@@ -59,7 +59,7 @@ class Renderer:
 
     Raises
     ------
-    InputError: the subject has no surface, see `humanoid.surface.surface_of`.
+    InputError: the subject has no surface, see `humanoid.shape.surface.surface_of`.
     """
 
     def __init__(

@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.cost.interpenetration import Interpenetration
 from estimator.cost.model import CostSettings, per_dof
-from estimator.cost.points import accumulate_points
-from estimator.cost.priors import Stabilisers, Transition
-from estimator.cost.term import Cost, Term
-from estimator.search.seek import Seeker, SeekSettings
+from estimator.optimise.seek import Seeker, SeekSettings
 from estimator.synthesis.mocap import Mocap
-from humanoid.body import Body, PosedBody, points_in_world
-from humanoid.clearance import Clearance
-from humanoid.errors import InputError
+from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.points import accumulate_points
+from estimator.terms.priors import Stabilisers, Transition
+from estimator.terms.term import Cost, Term
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.support.errors import InputError
 
 _SIGMA = {"hip": 0.015, "toe": 0.03, "shoulder": 0.03, "top": 0.03}  # [m] of a landmark from its target
 _SIGMA_ELSE = 0.015
@@ -116,7 +116,7 @@ class _Pull:
         self._weight = self._precision[:, None, None] * np.eye(3)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.cost.term.Term`."""
+        """See `estimator.terms.term.Term`."""
         points = points_in_world(posed, self._joint, self._local)
         away = points - self._targets
         force = self._precision[:, None] * away

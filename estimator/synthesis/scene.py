@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from humanoid.atomic import replacing
-from humanoid.body import Body
+from humanoid.kinematics.body import Body
+from humanoid.support.atomic import replacing
 
 _WALLS = (-2.9, 3.9, 3.6, 3.2)  # x of the back and front wall, half the width, height [m]
 _FREE_RADIUS = 1.5  # around the person's place [m]

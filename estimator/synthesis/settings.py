@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from humanoid.errors import InputError
+from humanoid.support.errors import InputError
 
 BACKGROUNDS = ("room", "pillar", "black", "moving")
 OCCLUDERS = ("none", "post", "box")

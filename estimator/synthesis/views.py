@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.imaging.camera import Camera
+from estimator.cameras.camera import Camera
 from estimator.synthesis.settings import ViewSettings
 
 _SIZE = (640, 480)

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.filtering.annealing import Annealing, anneal
-from estimator.filtering.clusters import mean_and_covariance
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.inference.annealing import Annealing, anneal
+from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.base import TrackState, judged, observable
 from estimator.trackers.cloud import FrameEnergy, Summary, diffused, first_cloud, summarised, unseen
-from estimator.trackers.tracker import TrackState, judged, observable
+from estimator.trackers.frame_result import FrameResult
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class AnnealedSettings:
 
 
 class Annealed:
-    """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.filtering.annealing`."""
+    """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.inference.annealing`."""
 
     def __init__(self, search: ModeSearch, settings: AnnealedSettings | None = None) -> None:
         self.search = search
@@ -47,13 +47,13 @@ class Annealed:
         self._summary = Summary.of(self.body, s.modes, s.cluster)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         return first_cloud(self.search, rng, observation, self.settings.modes, self.settings.particles)
 
     def step(
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         cloud, before, dt = state.particles, state.mixture, observation.time - state.time
         assert cloud is not None
         noise = self.settings.noise * self.search.model.transition_std(dt)

@@ -6,19 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.cost.image.evidence import Past
-from estimator.cost.term import Quadratic
-from estimator.filtering.clusters import clusters, mean_and_covariance
-from estimator.filtering.merge import body_size
-from estimator.filtering.mixture import Mixture, Mode, mixture_of
-from estimator.filtering.origin import PARTICLES, Origin
-from estimator.filtering.particles import Particles
-from estimator.frame_result import FrameResult
+from estimator.cues.evidence import Past
 from estimator.imaging.observation import Observation
+from estimator.inference.clusters import clusters, mean_and_covariance
+from estimator.inference.particles import Particles
+from estimator.modes.merge import body_size
+from estimator.modes.mixture import Mixture, Mode, mixture_of
+from estimator.modes.origin import PARTICLES, Origin
+from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import AS_DETECTED, ModeSearch
-from estimator.start import start_modes
-from estimator.trackers.tracker import TrackState, carried, judged
-from humanoid.body import Body
+from estimator.terms.term import Quadratic
+from estimator.trackers.base import TrackState, carried, judged
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import Body
 
 
 class FrameEnergy:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.filtering.particles import Particles, bootstrap_step
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.inference.particles import Particles, bootstrap_step
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.base import TrackState, judged, observable
 from estimator.trackers.cloud import FrameEnergy, Summary, first_cloud, summarised, unseen
-from estimator.trackers.tracker import TrackState, judged, observable
+from estimator.trackers.frame_result import FrameResult
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Condensation:
         self._summary = Summary.of(self.body, self.settings.modes, self.settings.cluster)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         s = self.settings
         state, result = first_cloud(self.search, rng, observation, s.modes, s.particles)
         assert state.particles is not None
@@ -53,7 +53,7 @@ class Condensation:
     def step(
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         cloud, before, dt = state.particles, state.mixture, observation.time - state.time
         assert cloud is not None
         if not observable(observation):

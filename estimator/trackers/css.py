@@ -9,17 +9,17 @@ from functools import partial
 import numpy as np
 
 from estimator.cost.model import ALL_DETECTED
-from estimator.filtering.merge import bhattacharyya
-from estimator.filtering.mixture import Mixture, mixture_of
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.modes.merge import bhattacharyya
+from estimator.modes.mixture import Mixture, mixture_of
+from estimator.search.first_pose import start_modes
 from estimator.search.hypotheses import SHAPES, Proposals, ProposalSettings
 from estimator.search.mode_search import Candidate, FrameCase, ModeSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.schedule import BudgetSettings, Offer, shared_out
-from estimator.start import start_modes
-from estimator.trackers.tracker import TrackState, carried, judged, observable
-from humanoid.errors import InputError
+from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.frame_result import FrameResult
+from humanoid.support.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,13 @@ class CovarianceScaledSampling:
         self._limb_proposal = LimbProposal(self.body)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
     def step(
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         if not observable(observation):
             return carried(self.search, state, observation)
         prior = state.mixture

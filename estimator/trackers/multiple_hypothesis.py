@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.filtering.mixture import Mixture, Mode
-from estimator.filtering.origin import SAMPLE
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.modes.mixture import Mixture, Mode
+from estimator.modes.origin import SAMPLE
+from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
-from estimator.start import start_modes
+from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.single_mode import without_limits
-from estimator.trackers.tracker import TrackState, carried, judged, observable
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class MultipleHypothesis:
         self._tracking = search if self.settings.limits else without_limits(search)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
     def step(
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         search, dt = self._tracking, observation.time - state.time
         if not observable(observation):
             return carried(search, state, observation)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.cost.model import CostModel
-from estimator.filtering.origin import PARENT
-from estimator.frame_result import FrameResult
 from estimator.imaging.observation import Observation
+from estimator.modes.origin import PARENT
+from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
-from estimator.start import start_modes
-from estimator.trackers.tracker import TrackState, carried, judged, observable
-from humanoid.unlimited import unlimited
+from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.unlimited import unlimited
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class SingleMode:
         self._tracking = search if self.settings.limits else without_limits(search)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         return judged(self.search, observation, start_modes(self.search, rng, observation, 1))
 
     def step(
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
-        """See `estimator.trackers.tracker.Tracker`."""
+        """See `estimator.trackers.base.Tracker`."""
         search = self._tracking
         if not observable(observation):
             return carried(search, state, observation)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from estimator.formats.run_file import Run
+    from estimator.results.run_file import Run
 
 Format = Literal["npz", "csv", "trc", "mot"]
 
@@ -125,7 +125,7 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     format
         npz, csv, trc or mot; the file's ending unless given.
     """
-    from estimator.formats import export as formats
+    from estimator.results import export as formats
     from kinemode.api import open_run
 
     formats.export(open_run(run), file, format)
@@ -148,8 +148,8 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
         npz of `kinemode export`, truth.npz of `kinemode render`, npz with points (T, L, 3) in metres, names and fps,
         trc (landmarks) or mot (joint angles).
     """
-    from estimator.evaluation import Reference
-    from estimator.evaluation import evaluate as evaluate_run
+    from estimator.results.evaluation import Reference
+    from estimator.results.evaluation import evaluate as evaluate_run
     from kinemode import report
     from kinemode.api import open_run
 

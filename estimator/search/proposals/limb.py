@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from humanoid.body import Body
+from humanoid.kinematics.body import Body
 
 
 class LimbProposal:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.search.proposals.elliptical import CovarianceScaledProposal
-from humanoid.body import Body
+from humanoid.kinematics.body import Body
 
 
 class WeakestDirections:

@@ -1,0 +1,1 @@
+"""From the cues of an image to energy terms around a pose."""

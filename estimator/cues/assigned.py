@@ -1,0 +1,98 @@
+"""Points of the body with image features assigned to them (CSS eqs. 5 to 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.cues.matching import group_by_point
+from estimator.terms.kernels import assigned_loads
+from estimator.terms.points import accumulate_points
+from estimator.terms.reprojection import pack_cameras
+from humanoid.kinematics.body import Body, PosedBody, points_in_world
+
+
+class Assignments(NamedTuple):
+    """Features assigned to points: each costs 1/2 weight rho(e' W e), e = target - projection of the point.
+
+    point (A,) int: index of the point. target (A, 2) [px]. precision (A, 3): entries xx, xy, yy of W [1/px^2].
+    weight (A,). potential (A,) int, nu (A,): see `estimator.terms.potentials`.
+    """
+
+    point: np.ndarray
+    target: np.ndarray
+    precision: np.ndarray
+    weight: np.ndarray
+    potential: np.ndarray
+    nu: np.ndarray
+
+
+class Features(NamedTuple):
+    """Image features assigned to points of the body, at a pose.
+
+    joint (A,), local (A, 3): the points in their joints' frames [m]. pixels (A, 2): where they appear. target (A, 2):
+    where the features are. distance (A,): between these, in standard deviations. weight (A,): of each.
+    """
+
+    joint: np.ndarray
+    local: np.ndarray
+    pixels: np.ndarray
+    target: np.ndarray
+    distance: np.ndarray
+    weight: np.ndarray
+
+
+class AssignedPoints:
+    """Term of points on joints and the features of one image assigned to them; the assignment does not change.
+
+    Parameters
+    ----------
+    joint (N,), local (N, 3): points in the frames of their joints [m].
+    groups: assignments of the points.
+    constant: energy of what has no assignment (back-facing and occluded nodes, contour points without an edge).
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        camera: Camera,
+        joint: np.ndarray,
+        local: np.ndarray,
+        groups: Sequence[Assignments],
+        constant: float = 0.0,
+    ) -> None:
+        parts = [np.concatenate(columns) for columns in zip(*groups, strict=True)]
+        point = parts[0]
+        used, self._first, order = group_by_point(point, len(joint))
+        self._features = tuple(part[order] for part in parts[1:])
+        self._body, self._camera, self._constant = body, camera, float(constant)
+        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((camera,)))
+        self._joint, self._local = joint[used], local[used]
+        count = len(used)
+        self._points, self._force = np.empty((count, 3)), np.empty((count, 3))
+        self._load = np.empty((count, 3, 3))
+
+    def features(self, posed: PosedBody) -> Features:
+        """The assigned features one by one, and where a pose has the points they are assigned to."""
+        point = np.repeat(np.arange(len(self._first) - 1), np.diff(self._first))
+        target, precision, weight = self._features[:3]
+        joint, local = self._joint[point], self._local[point]
+        pixels = self._camera.project(points_in_world(posed, joint, local))
+        x, y = (target - pixels).T
+        squared = precision[:, 0] * x * x + 2.0 * precision[:, 1] * x * y + precision[:, 2] * y * y
+        return Features(joint, local, pixels, target, np.sqrt(np.maximum(squared, 0.0)), weight)
+
+    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
+        """See `estimator.terms.term.Term`."""
+        target, precision, weight, potential, nu = self._features
+        value: float = assigned_loads(
+            posed.placements, self._joint, self._local, self._intrinsics, self._distortion, self._R, self._t,
+            self._first, target, precision, weight, potential, nu, exact, self._points, self._force, self._load,
+        )  # fmt: skip
+        accumulate_points(
+            self._body, posed, self._joint, self._points, self._force, self._load, gradient, hessian, exact
+        )
+        return value + self._constant

@@ -1,0 +1,165 @@
+"""Image features found near a predicted surface: compiled kernels (CSS section 3.1.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.prediction.visibility import INNER, OUTER
+from humanoid.support.compiled import jit
+
+MOST_CANDIDATES = 8
+_STRAIGHT = 0.6  # cosine between contour normal and image gradient from which an edge may belong to the contour
+_WEAK = 0.08  # strength below which an edge is noise
+_UNSURE = 0.3  # strength of the unseen alternative that the candidates of a contour point compete with
+
+
+@jit
+def search_edges(  # type: ignore[no-untyped-def]
+    pixels,
+    normals,
+    state,
+    strength,
+    direction,
+    boundary,
+    distance,
+    window,
+    wide,
+    most,
+    near,
+    emphasis,
+    target,
+    share,
+    trust,
+):
+    """Edges along the normals of contour points (CSS eq. 8), up to `most` a point, strongest first.
+
+    pixels, normals (M, 2), state (M,). strength (H, W), direction (H, W, 2): of the edges. boundary (H, W): S_p, or
+    empty. distance (H, W): signed distance to the foreground's outline, or empty; edges further from it than about
+    `near` [px] count less for the body's outline, edges outside of it for contours within the body. window [px]: how
+    far is looked; wide [px]: an edge this far off is half as likely.
+    Fills target (M, most, 2), share (M, most): each candidate's part of the point's evidence, zero where there is none,
+    and trust (M, most): W = 1 - emphasis S_p.
+    """
+    height, width = strength.shape
+    reach = int(window)
+    found = np.zeros(2 * reach + 3)
+    for i in range(pixels.shape[0]):
+        share[i] = 0.0
+        if state[i] != OUTER and state[i] != INNER:
+            continue
+        for k in range(2 * reach + 3):
+            u = pixels[i, 0] + (k - reach - 1) * normals[i, 0]
+            v = pixels[i, 1] + (k - reach - 1) * normals[i, 1]
+            found[k] = 0.0
+            if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+                continue
+            x, y = int(u + 0.5), int(v + 0.5)
+            if strength[y, x] < 0.5 * _WEAK:  # most of a picture
+                continue
+            along = abs(direction[y, x, 0] * normals[i, 0] + direction[y, x, 1] * normals[i, 1])
+            if along > _STRAIGHT:
+                x, y = int(u), int(v)
+                a, b = u - x, v - y
+                upper = (1.0 - a) * strength[y, x] + a * strength[y, x + 1]
+                lower = (1.0 - a) * strength[y + 1, x] + a * strength[y + 1, x + 1]
+                found[k] = ((1.0 - b) * upper + b * lower) * along
+        total = _UNSURE
+        for k in range(1, 2 * reach + 2):
+            s = found[k]
+            if s < _WEAK or s < found[k - 1] or s <= found[k + 1]:
+                continue
+            bend = found[k - 1] - 2.0 * s + found[k + 1]
+            offset = k - reach - 1 + (0.5 * (found[k - 1] - found[k + 1]) / bend if bend < -1e-6 else 0.0)
+            u, v = pixels[i, 0] + offset * normals[i, 0], pixels[i, 1] + offset * normals[i, 1]
+            x, y = min(max(int(u + 0.5), 0), width - 1), min(max(int(v + 0.5), 0), height - 1)
+            if distance.shape[0] > 0:
+                d = distance[y, x] if state[i] == INNER else abs(distance[y, x])
+                s /= 1.0 + max(d / near, 0.0) ** 2
+            w = 1.0 - emphasis * boundary[y, x] if boundary.shape[0] > 0 else 1.0
+            s /= 1.0 + (offset / wide) ** 2
+            total += s
+            for c in range(most):
+                if s > share[i, c]:  # push the weaker ones down
+                    for m in range(most - 1, c, -1):
+                        share[i, m], trust[i, m] = share[i, m - 1], trust[i, m - 1]
+                        target[i, m, 0], target[i, m, 1] = target[i, m - 1, 0], target[i, m - 1, 1]
+                    share[i, c], trust[i, c] = s, w
+                    target[i, c, 0], target[i, c, 1] = u, v
+                    break
+        for c in range(most):
+            share[i, c] /= total
+
+
+@jit
+def take_candidates(target, share, trust, normals, each, precision, point, place, weights, shares):  # type: ignore[no-untyped-def]
+    """Make assignments of the candidates of `search_edges`, measured along the normals; returns how many.
+
+    Fills point (A,), place (A, 2), weights (A, 3): trust times `precision` [1/px^2] along the normal, as xx, xy, yy;
+    shares (A,): `each` times the candidate's share.
+    """
+    count = 0
+    for i in range(share.shape[0]):
+        x, y = normals[i, 0], normals[i, 1]
+        for c in range(share.shape[1]):
+            if share[i, c] <= 0.0:
+                break
+            w = trust[i, c] * precision
+            point[count], place[count, 0], place[count, 1] = i, target[i, c, 0], target[i, c, 1]
+            weights[count, 0], weights[count, 1], weights[count, 2] = w * x * x, w * x * y, w * y * y
+            shares[count] = each * share[i, c]
+            count += 1
+    return count
+
+
+@jit
+def group_by_point(point, count):  # type: ignore[no-untyped-def]
+    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
+    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
+    at = np.zeros(count + 1, np.int64)
+    for p in point:
+        at[p + 1] += 1
+    used, first, order = np.empty(count, np.int64), np.empty(count + 1, np.int64), np.empty(len(point), np.int64)
+    users, total = 0, 0
+    for p in range(count):
+        many = at[p + 1]
+        if many > 0:
+            used[users], first[users] = p, total
+            users += 1
+        at[p] = total
+        total += many
+    first[users] = total
+    for a in range(len(point)):
+        order[at[point[a]]] = a
+        at[point[a]] += 1
+    return used[:users], first[: users + 1], order
+
+
+@jit
+def nearest_outline(pixels, state, nearest, chosen):  # type: ignore[no-untyped-def]
+    """For each OUTER contour point the index of the boundary pixel nearest to it, -1 for others; fills chosen (M,)."""
+    height, width = nearest.shape
+    for i in range(pixels.shape[0]):
+        chosen[i] = -1
+        if state[i] == OUTER:
+            x, y = int(pixels[i, 0] + 0.5), int(pixels[i, 1] + 0.5)
+            chosen[i] = nearest[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
+
+
+@jit
+def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chosen):  # type: ignore[no-untyped-def]
+    """For each boundary sample (S, 2) the index of the OUTER contour point nearest in place and direction: `chosen`.
+
+    turn [px]: a normal at a right angle counts like this distance.
+    """
+    for s in range(samples.shape[0]):
+        best, chosen[s] = np.inf, -1
+        for i in range(pixels.shape[0]):
+            if state[i] != OUTER:
+                continue
+            dx, dy = samples[s, 0] - pixels[i, 0], samples[s, 1] - pixels[i, 1]
+            d = dx * dx + dy * dy
+            if d >= best:
+                continue
+            d += (1.0 - sample_normals[s, 0] * normals[i, 0] - sample_normals[s, 1] * normals[i, 1]) * turn * turn
+            if d < best:
+                best, chosen[s] = d, i

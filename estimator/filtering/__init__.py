@@ -1,1 +1,0 @@
-"""What is carried from frame to frame: modes, mixtures, paths."""

@@ -1,0 +1,1 @@
+"""Particles, resampling, annealing, clusters: knows neither bodies nor images."""

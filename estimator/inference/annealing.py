@@ -1,0 +1,85 @@
+"""Annealing a weighted set through powers of the likelihood (Deutscher, Blake and Reid 2000)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.inference.particles import Particles, effective_count, normalised, systematic
+
+
+@dataclass(frozen=True)
+class Annealing:
+    """How one frame is annealed.
+
+    layers: how many. survival: share of the particles that each lets live, see `annealing_power`. diffusion: noise
+    before every layer but the first, as a share of the dynamics' noise, while the set has not shrunk.
+    """
+
+    layers: int
+    survival: float
+    diffusion: float
+
+
+def anneal(
+    rng: np.random.Generator,
+    cloud: Particles,
+    annealing: Annealing,
+    disperse: Callable[[np.ndarray, np.ndarray | float], np.ndarray],
+    energies: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    spread: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> Particles:
+    """One frame: select, disperse and weigh, layer by layer, with a power of the likelihood that each layer chooses.
+
+    The noise shrinks with the set, in every dimension for itself (Deutscher, Davison and Reid 2001), so that what the
+    image holds is settled first. It never exceeds that of the dynamics: in many dimensions half of the particles fill
+    nearly as wide a range as all of them, and noise in proportion to the set alone would blow it up.
+
+    Parameters
+    ----------
+    cloud: the set after the frame before.
+    disperse: states (N, S) and a scale, of the dynamics' noise in each dimension (D,) or in all -> states.
+    energies: states (N, S) and their owners (N,) -> (N,).
+    spread: states (N, S), weights (N,) -> standard deviation in each dimension (D,).
+
+    The weights returned are those of the last layer's power, so they order the particles but are not a posterior.
+    """
+    scale: np.ndarray | float = 1.0
+    first: np.ndarray | None = None
+    for _ in range(annealing.layers):
+        chosen = systematic(rng, cloud.weights, len(cloud.weights))
+        states, owner = disperse(cloud.states[chosen], scale), cloud.owner[chosen]
+        if first is None:
+            first = np.maximum(spread(states, np.full(len(states), 1.0 / len(states))), 1e-12)
+        values = energies(states, owner)
+        weights = normalised(-annealing_power(values, annealing.survival) * values)[0]
+        cloud = Particles(states, weights, owner)
+        scale = annealing.diffusion * np.minimum(1.0, spread(states, weights) / first)
+    return cloud
+
+
+def annealing_power(energies: np.ndarray, survival: float) -> float:
+    """The power beta for which weights exp(-beta E) leave a given share of the particles alive.
+
+    energies (N,). survival: alpha, effective count over N, below 1 (Deutscher, Blake and Reid 2000, section 4). Where
+    so many particles share the lowest energy that no power leaves fewer alive, a very large one.
+    """
+    excess = energies - np.min(energies)
+    spread = float(np.mean(excess))
+    if spread <= 0.0:
+        return 1.0  # all are alike: any power does
+    wanted = survival * len(energies)
+
+    def alive(power: float) -> float:
+        return effective_count(normalised(-power * excess)[0])
+
+    high = 1.0 / spread
+    while alive(high) > wanted and high * spread < 1e9:
+        high *= 2.0
+    low = 0.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if alive(middle) > wanted else (low, middle)
+    return high

@@ -1,0 +1,54 @@
+"""Clusters of a weighted set, and the mean and covariance of configurations on the manifold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid.kinematics.body import Body
+
+MEAN_STEPS = 20
+MEAN_TOLERANCE = 1e-10  # rad or m
+
+
+def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int) -> np.ndarray:
+    """The cluster (N,) each point (N, D) belongs to, the heaviest first; at most `count`.
+
+    The point with the most weight within `radius` leads the first cluster; then the same among the points farther than
+    `radius` from every leader; all go to the nearest leader at the end. So one compact cloud stays one cluster, and
+    with a `count` of 1 everything is.
+    """
+    square = np.sum(np.square(points), axis=1)
+    apart = square[:, None] + square[None, :] - 2.0 * points @ points.T
+    near = (apart <= radius * radius).astype(float)
+    np.fill_diagonal(near, 1.0)
+    free = weights.copy()
+    leaders: list[int] = []
+    while len(leaders) < count and free.max() > 0.0:
+        mass = np.where(free > 0.0, near @ free, -1.0)
+        leaders.append(int(np.argmax(mass)))
+        free[near[leaders[-1]] > 0.0] = 0.0
+    nearest = np.argmin(apart[:, leaders], axis=1)
+    nearest[leaders] = np.arange(len(leaders))
+    total = np.bincount(nearest, weights=weights, minlength=len(leaders))
+    rank = np.empty(len(leaders), dtype=np.int64)
+    rank[np.argsort(-total, kind="stable")] = np.arange(len(leaders))
+    return rank[nearest]
+
+
+def mean_and_covariance(body: Body, q: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (nq,) of configurations (N, nq) on the manifold and their covariance (nv, nv) in the tangent space at it.
+
+    The mean is where the weighted tangents to all cancel; found by moving along their mean, from the heaviest one.
+    weights (N,) need not sum to one.
+    """
+    share = weights / weights.sum()
+    mean = q[int(np.argmax(share))]
+    for _ in range(MEAN_STEPS):
+        tangents = np.array([body.difference(mean, other) for other in q])
+        step = share @ tangents
+        if np.max(np.abs(step)) < MEAN_TOLERANCE:
+            break
+        mean = body.integrate(mean, step)
+    tangents = np.array([body.difference(mean, other) for other in q])
+    covariance = (share[:, None] * tangents).T @ tangents
+    return mean, 0.5 * (covariance + covariance.T)

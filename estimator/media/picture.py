@@ -1,0 +1,51 @@
+"""Pictures as files: reading and writing one, without OpenCV's own words on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+from humanoid.support.quiet import overheard
+
+WRITTEN = (".png", ".jpg", ".jpeg", ".bmp")
+_DAMAGED = "Corrupt JPEG data"  # libjpeg goes on, with grey or garbage where it cannot
+
+
+def read_picture(path: Path) -> tuple[np.ndarray, bool]:
+    """The picture (H, W, 3) uint8 BGR, and whether it is whole as far as can be told.
+
+    Raises
+    ------
+    InputError: no picture, or none that can be decoded.
+    """
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+        with overheard() as said:
+            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except (OSError, cv2.error):
+        image = None
+    if image is None:
+        raise InputError(path, "is no image that can be decoded")
+    return np.asarray(image, dtype=np.uint8), not any(_DAMAGED in text for text in said)
+
+
+def write_picture(path: str | Path, image: np.ndarray) -> Path:
+    """Write (H, W, 3) uint8 BGR, or (H, W), in the format that the path's ending names; the file is whole or not there.
+
+    Raises
+    ------
+    InputError: another ending than `WRITTEN`, or a file that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in WRITTEN:
+        raise InputError(path, f"no picture can end in {path.suffix!r}", remedy=f"one of {', '.join(WRITTEN)}")
+    done, data = cv2.imencode(path.suffix.lower(), image)  # by imwrite a full disk would go unnoticed
+    if not done:
+        raise InputError(path, "cannot be encoded")
+    with replacing(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+    return path

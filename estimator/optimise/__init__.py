@@ -1,0 +1,1 @@
+"""The constrained step, mode seeking, hard clearance, covariance at a mode."""

@@ -1,0 +1,39 @@
+"""Constraint-consistent covariance of a mode."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid.kinematics.body import Body
+
+MAX_STD = 2.0  # rad or m: directions that nothing observes
+
+
+def mode_covariance(
+    body: Body, q: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, max_std: float = MAX_STD
+) -> np.ndarray:
+    """Inverse Hessian (nv, nv) on the directions that no active limit holds, zero on the others (CSS section 4.2).
+
+    A limit is active where q lies on it and the gradient (nv,) presses against it. `hessian` (nv, nv) is positive
+    semi-definite; a weak isotropic prior of standard deviation `max_std` bounds what is not observed at all.
+    """
+    index = free_directions(body, q, gradient)
+    precision = hessian[np.ix_(index, index)] + np.eye(len(index)) / max_std**2
+    covariance = np.zeros((body.nv, body.nv))
+    covariance[np.ix_(index, index)] = np.linalg.inv(precision)
+    return 0.5 * (covariance + covariance.T)
+
+
+def free_directions(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Indices of the degrees of freedom that no active limit holds, see `free_mask`."""
+    return np.flatnonzero(free_mask(body, q, gradient))
+
+
+def free_mask(body: Body, q: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Degrees of freedom that no active limit holds, (..., nv) bool: q (..., nq) on it, gradient (..., nv) pressing."""
+    free = np.ones(gradient.shape, dtype=bool)
+    angles, pull = q[..., body.bounded_q], gradient[..., body.bounded_v]
+    at_low = (angles <= body.lower[body.bounded_q]) & (pull > 0.0)
+    at_high = (angles >= body.upper[body.bounded_q]) & (pull < 0.0)
+    free[..., body.bounded_v] = ~(at_low | at_high)
+    return free

@@ -1,0 +1,1 @@
+"""Which of several people in several cameras is the subject."""

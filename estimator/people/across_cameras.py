@@ -1,0 +1,99 @@
+"""One person in several cameras: whom they see together, chosen by geometry.
+
+Every camera's detections are linked over time and cut where two people may have changed places. Pieces of two cameras
+are one person's where the rays of the landmarks both saw meet, frame after frame; pieces are put together greedily by
+how much speaks for it, and the largest person that at least two cameras see is the subject. A camera contributes the
+pieces that fit, and nothing where nobody does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.formats.keypoints import KeypointTrack, PeopleFile
+from estimator.formats.people_choice import AUTO, crowded, ids_of, jump_note, select
+from estimator.people.agreement import affinity_of, evidence_of
+from estimator.people.changes import cut_where_people_change
+from estimator.people.choice_of_subject import subject_rows
+from estimator.people.notes import misfits, nobody, summary, told
+from estimator.people.pieces import Sighting, table_of
+
+PersonOf = Mapping[str, str | int]
+
+
+def subject_tracks(
+    files: Mapping[str, PeopleFile],
+    cameras: Mapping[str, Camera],
+    persons: PersonOf,
+    times: Mapping[str, np.ndarray] | None = None,
+) -> tuple[dict[str, KeypointTrack], tuple[str, ...]]:
+    """Keypoints of the subject in each camera, and notes on the choice.
+
+    Parameters
+    ----------
+    files, cameras: by the same names; the cameras are those of pictures of the size that the files were made from.
+    persons: whom the user wants in each camera, "auto" or a person of that file (see `people_choice.select`); a camera
+        that is not named is "auto".
+    times: of each frame of a file [s], on one clock; without them frames of the same number were taken together.
+
+    Where there is somebody to choose between and several cameras, those left to "auto" are chosen to fit each other and
+    the ones given; otherwise each file chooses for itself, and what does not fit is told.
+
+    Raises
+    ------
+    InputError: a person that a file has not; nobody in any camera fits anybody in another.
+    """
+    given = {name: str(persons.get(name, AUTO)) for name in files}
+    instants = _instants(times or {})
+    free = [name for name in files if given[name] == AUTO]
+    if len(files) < 2 or not free or not any(crowded(file.frames) for file in files.values()):
+        return _each_for_itself(files, cameras, given, instants)
+    sightings = [_sighting(file, cameras[name], given[name], instants.get(name)) for name, file in files.items()]
+    table = table_of(sightings)
+    evidence = evidence_of(table, [s.camera for s in sightings])
+    table = cut_where_people_change(table, evidence)
+    subject = subject_rows(table, [s.camera for s in sightings], affinity_of(table, evidence))
+    if not subject.any():
+        raise nobody(list(files))
+    tracks, notes = {}, [summary(table, evidence, subject, list(files))]
+    for c, (name, file) in enumerate(files.items()):
+        rows = np.flatnonzero(subject & (table.camera == c))
+        chosen = {int(table.frame[row]): table.people[row] for row in rows[np.argsort(table.weight[rows])]}
+        tracks[name] = file.track_of(chosen, [jump_note(chosen)])
+        notes.append(f"{name}: {told(table, len(ids_of(file.frames)), rows, c, given[name])}")
+    return tracks, tuple(notes)
+
+
+def _instants(times: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Numbers of the instants that the files' frames show, counted at the highest rate of all."""
+    steps = [float(np.median(np.diff(of))) for of in times.values() if len(of) > 1]
+    begin = min((float(of[0]) for of in times.values() if len(of)), default=0.0)
+    step = min(steps, default=1.0)
+    return {name: np.round((of - begin) / step).astype(np.int64) for name, of in times.items()}
+
+
+def _sighting(file: PeopleFile, camera: Camera, person: str, instants: np.ndarray | None) -> Sighting:
+    chosen = None if person == AUTO else select(file.frames, person, file.source)[0]
+    return Sighting(camera, file.reading.names, file.frames, chosen, instants)
+
+
+def _each_for_itself(
+    files: Mapping[str, PeopleFile],
+    cameras: Mapping[str, Camera],
+    given: Mapping[str, str],
+    instants: Mapping[str, np.ndarray],
+) -> tuple[dict[str, KeypointTrack], tuple[str, ...]]:
+    """The tracks that each file chooses alone, and notes on cameras whose person fits none of the others'."""
+    tracks = {name: file.one(given[name]) for name, file in files.items()}
+    if len(files) < 2:
+        return tracks, ()
+    sightings = [
+        Sighting(cameras[n], f.reading.names, {}, select(f.frames, given[n], f.source)[0], instants.get(n))
+        for n, f in files.items()
+    ]
+    table = table_of(sightings)
+    several = any(crowded(file.frames) for file in files.values())
+    return tracks, misfits(list(files), table, evidence_of(table, [s.camera for s in sightings]), several=several)

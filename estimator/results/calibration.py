@@ -1,0 +1,43 @@
+"""How far a tracker's own numbers are believed: fitted by `python -m benchmarks.calibration --fit`, see there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from humanoid.support.errors import InputError
+
+_LOWEST = {"scale_spread": 0.0, "size_std": 0.0, "prior_weight": 1.0}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Numbers between what a tracker says of a frame and its posterior.
+
+    covariance_scale: factor on the covariances. scale_spread: how noisy a clip's keypoints are is not known well, so
+    the factor on standard deviations is itself log-normal with this standard deviation; tails are longer for it.
+    weight_temperature: weights are taken to the power of its inverse, so more than 1 makes them more even.
+    prior_weight: how many times as much as in the tracker's energy the prior on rest positions counts in the
+    covariances, 1 or more: wide priors are good for finding poses, but poses are less spread than these say.
+    limit_lean [rad or m]: mean distance from a limit that a mode leans on. size_std: relative standard deviation of
+    the body's size, which one camera cannot see; it is an uncertainty of the distance, and counts only where the
+    posterior is told where the camera is.
+
+    Raises
+    ------
+    InputError: a number that is not positive (`size_std` and `scale_spread` may be zero), `prior_weight` below 1.
+    """
+
+    covariance_scale: float = 1.0
+    scale_spread: float = 0.4
+    weight_temperature: float = 4.0
+    prior_weight: float = 2.0
+    limit_lean: float = 0.05
+    size_std: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            low = _LOWEST.get(name, 1e-6)
+            if not (np.isfinite(value) and value >= low):
+                raise InputError("calibration", f"{name} is {value:g}", remedy=f"{low:g} or more")

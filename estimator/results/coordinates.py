@@ -1,0 +1,99 @@
+"""What the entries of q are called and measured in, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.formats.opensim import R_OPENSIM_WORLD
+from humanoid.kinematics.body import Body
+from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_names
+
+
+@dataclass(frozen=True)
+class JointEntry:
+    """A joint's place in q. kind: "free", "slide", "turn", "endless" (cosine, sine) or "other"."""
+
+    name: str
+    kind: str
+    start: int
+    count: int
+
+
+def joint_entries(body: Body) -> Iterator[JointEntry]:
+    """The joints of a body in the order of q."""
+    model = body.model
+    for j, name in enumerate(joint_names(model), 1):
+        count, short = int(model.nqs[j]), model.joints[j].shortname()
+        if count == 7:
+            kind = "free"
+        elif count == 2 and model.nvs[j] == 1:
+            kind = "endless"
+        elif count == 1:
+            kind = "slide" if short.startswith("JointModelP") else "turn"
+        else:
+            kind = "other"
+        yield JointEntry(name, kind, int(model.idx_qs[j]), count)
+
+
+def q_columns(body: Body) -> tuple[str, ...]:
+    """A name with its unit for each entry of q: `root_x_m`, `root_qw`, `left_knee_flexion_rad`."""
+    names = list(body.q_names)
+    for entry in joint_entries(body):
+        lengths = {"free": 3, "slide": 1}.get(entry.kind, 0)
+        for k in range(entry.start, entry.start + lengths):
+            names[k] += "_m"
+        if entry.kind == "turn":
+            names[entry.start] += "_rad"
+    return tuple(names)
+
+
+def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names (N) and values (T, N) of coordinates for OpenSim from q (T, nq): degrees and metres.
+
+    Position and joints have the names and values that they have in q. The root's quaternion becomes three turns about
+    OpenSim's Z, X and Y in this order, those of the pelvis in its gait models. With OpenSim's ground y up, `root_x`,
+    `root_z` and `root_y` are along its X, Y and -Z.
+    """
+    names: list[str] = []
+    columns: list[np.ndarray] = []
+    for entry in joint_entries(body):
+        part = q[:, entry.start : entry.start + entry.count]
+        if entry.kind == "free":
+            names += [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
+            columns += [*_turns(part[:, 3:]).T, *part[:, :3].T]
+        elif entry.kind == "other":
+            names += body.q_names[entry.start : entry.start + entry.count]
+            columns += list(part.T)
+        else:
+            angle = _unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]
+            names.append(entry.name)
+            columns.append(angle if entry.kind == "slide" else np.rad2deg(angle))
+    return tuple(names), np.stack(columns, axis=1)
+
+
+def _turns(quaternion: np.ndarray) -> np.ndarray:
+    """Quaternions xyzw (T, 4) of the z-up world -> turns (T, 3) [deg] about z, x, y of the y-up one."""
+    x, y, z, w = quaternion.T
+    R = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    ).transpose(2, 0, 1)
+    R = R_OPENSIM_WORLD @ R @ R_OPENSIM_WORLD.T
+    tilt = np.arctan2(-R[:, 0, 1], R[:, 1, 1])
+    sideways = np.arcsin(np.clip(R[:, 2, 1], -1.0, 1.0))
+    turn = np.arctan2(-R[:, 2, 0], R[:, 2, 2])
+    return np.rad2deg(np.stack([_unwrapped(tilt), sideways, _unwrapped(turn)], axis=1))
+
+
+def _unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles without jumps of a whole turn; frames without a value stay so."""
+    out = angle.copy()
+    known = np.isfinite(angle)
+    out[known] = np.unwrap(angle[known])
+    return out

@@ -1,0 +1,93 @@
+"""Runs as files for other programs: npz, csv, trc, mot.
+
+A run that is not finished is exported as far as it goes.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.formats.opensim import write_mot, write_trc
+from estimator.results.coordinates import opensim_coordinates, q_columns
+from estimator.results.run_reader import Run
+from humanoid.subject.joint_names import joint_names
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+
+
+def export(run: Run, path: str | Path, format: str | None = None) -> Path:
+    """Write a run in a format of `FORMATS`, by default the one the file's ending names. The file is there whole or not.
+
+    Raises
+    ------
+    InputError: an unknown format, or a file that cannot be written.
+    """
+    path = Path(path)
+    chosen = (format or path.suffix.lstrip(".")).lower()
+    if chosen not in FORMATS:
+        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(FORMATS)}")
+    with replacing(path) as temporary:
+        FORMATS[chosen](run, temporary, path.name)
+    return path
+
+
+def export_arrays(run: Run) -> dict[str, np.ndarray]:
+    """The arrays of the npz.
+
+    time (T,) [s]; q (T, nq) of the best hypothesis, Pinocchio order; landmarks (T, L, 3) [m], world; mode_q (T, K, nq),
+    mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
+    hypotheses together; energy (T,); status (T,) text;
+    q_names, v_names, joint_names, landmark_names text.
+    """
+    return {
+        "time": run.time,
+        "q": run.q,
+        "q_names": np.array(run.body.q_names, dtype=np.str_),
+        "v_names": np.array(run.body.v_names, dtype=np.str_),
+        "joint_names": np.array(joint_names(run.body.model), dtype=np.str_),
+        "landmark_names": np.array(run.body.landmark_names, dtype=np.str_),
+        "landmarks": run.landmarks,
+        "mode_q": run.mode_q,
+        "mode_weight": run.mode_weight,
+        "mode_landmarks": run.mode_landmarks,
+        "covariance": run.covariance,
+        "std": run.std,
+        "energy": run.energy,
+        "status": run.status,
+    }
+
+
+def _npz(run: Run, path: Path, name: str) -> None:
+    arrays: dict[str, Any] = dict(export_arrays(run))
+    with path.open("wb") as file:  # given a path, numpy would append .npz to it
+        np.savez_compressed(file, **arrays)
+
+
+def _csv(run: Run, path: Path, name: str) -> None:
+    """time_s, the entries of q with their units, landmarks `nose_x_m` ..., weight, energy, status."""
+    points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
+    landmarks = run.landmarks.reshape(run.frame_count, len(points))
+    values = np.column_stack([run.time, run.q, landmarks, run.weight, run.energy])
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["time_s", *q_columns(run.body), *points, "weight", "energy", "status"])
+        for row, status in zip(values, run.status, strict=True):
+            rows.writerow([*("" if np.isnan(v) else f"{v:.9g}" for v in row), status])
+
+
+def _trc(run: Run, path: Path, name: str) -> None:
+    write_trc(path, run.body.landmark_names, run.landmarks, run.time, title=name)
+
+
+def _mot(run: Run, path: Path, name: str) -> None:
+    names, values = opensim_coordinates(run.body, run.q)
+    write_mot(path, names, values, run.time, title=Path(name).stem)
+
+
+FORMATS: dict[str, Callable[[Run, Path, str], None]] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot}
+"""Writers by format name: run, file to write, name the file will have."""

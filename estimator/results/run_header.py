@@ -1,0 +1,208 @@
+"""What a run was made from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, cast
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.formats.cameras import camera_from_json, camera_to_json, image_size
+from estimator.formats.checked_json import mapping, member, numbers, sequence
+from humanoid.support.errors import InputError
+
+
+@dataclass(frozen=True)
+class RunHeader:
+    """What decides a run's result, and where it came from.
+
+    subject_urdf: the subject's whole URDF. subject_source: what it was asked for. subject_base: "free" or "fixed".
+    cameras: in the order of the observations.
+    clips: path of each camera's clip, None for keypoints alone.
+    image_sizes: width, height [px] of each camera's images.
+    times (T,): time of every instant that is to be tracked [s].
+    tracker, settings (JSON values), seed, version: how it was tracked, and by which kinemode.
+    notes: what the user was told.
+    cues: which of the pictures' cues were looked at; none for keypoints alone.
+    masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.
+    clip_frames: by camera, number of its clip's frame at each instant (T,), where that is not the instant's own number.
+    """
+
+    subject_urdf: str
+    subject_source: str
+    subject_base: str
+    cameras: tuple[Camera, ...]
+    clips: Mapping[str, str | None]
+    image_sizes: Mapping[str, tuple[int, int]]
+    times: np.ndarray
+    tracker: str
+    settings: Mapping[str, Any]
+    seed: int
+    version: str
+    notes: tuple[str, ...] = ()
+    cues: tuple[str, ...] = ()
+    masks: Mapping[str, str] = field(default_factory=dict)
+    backgrounds: Mapping[str, str] = field(default_factory=dict)
+    clip_frames: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def frames_of(self, camera: str) -> np.ndarray:
+        """Number of a camera's clip frame at each instant (T,)."""
+        return np.asarray(self.clip_frames.get(camera, range(len(self.times))), dtype=np.int64)
+
+    @property
+    def base(self) -> Literal["free", "fixed"]:
+        """`subject_base` as `subject_from_text` takes it."""
+        return cast(Literal["free", "fixed"], self.subject_base)
+
+    def deciding(self) -> dict[str, Any]:
+        """JSON values of everything the result depends on, by the name a user knows it by."""
+        return {
+            "subject": self.subject_urdf,
+            "base": self.subject_base,
+            "cameras": [camera_to_json(camera) for camera in self.cameras],
+            "image sizes": {name: list(size) for name, size in self.image_sizes.items()},
+            "frame times": np.asarray(self.times, dtype=np.float64).tolist(),
+            "tracker": self.tracker,
+            "settings": json.loads(json.dumps(dict(self.settings))),
+            "seed": int(self.seed),
+            "kinemode version": self.version,
+            "cues": list(self.cues),
+            "cameras with masks": sorted(self.masks),
+            "cameras with a background": sorted(self.backgrounds),
+            "frames of the clips": {name: list(frames) for name, frames in self.clip_frames.items()},
+        }
+
+    def differences(self, other: RunHeader) -> tuple[str, ...]:
+        """Names of what decides the result and differs between two headers."""
+        mine, theirs = self.deciding(), other.deciding()
+        names = [name for name in mine if name != "settings" and mine[name] != theirs[name]]
+        a, b = mine["settings"], theirs["settings"]
+        names += [
+            f"setting {key!r} ({a.get(key)} here, {b.get(key)} there)"
+            for key in sorted(a.keys() | b.keys())
+            if a.get(key) != b.get(key)
+        ]
+        return tuple(names)
+
+    def to_json(self) -> str:
+        """The header as text; numbers keep their last bit."""
+        extra = {
+            "subject_source": self.subject_source,
+            "clips": dict(self.clips),
+            "masks": dict(self.masks),
+            "backgrounds": dict(self.backgrounds),
+            "notes": list(self.notes),
+        }
+        return json.dumps(self.deciding() | extra)
+
+    @staticmethod
+    def from_json(text: str, source: str) -> RunHeader:
+        """The header `to_json` wrote; `source` names the file in errors.
+
+        Raises
+        ------
+        InputError: it is no such header, or says what cannot be.
+        """
+        try:
+            entries = _Entries(mapping(json.loads(text), source, "header"), source)
+        except (ValueError, RecursionError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(source, "is damaged: its header is not JSON") from None
+        cameras = entries.list("cameras")
+        return RunHeader(
+            subject_urdf=entries.text("subject"),
+            subject_source=entries.text("subject_source"),
+            subject_base=entries.text("base", ("free", "fixed")),
+            cameras=entries.distinct(camera_from_json(c, source, f"cameras[{i}]") for i, c in enumerate(cameras)),
+            clips=entries.paths("clips", missing=True),
+            image_sizes={
+                name: image_size(size, source, f"image sizes, {name}")
+                for name, size in entries.mapping("image sizes").items()
+            },
+            times=entries.times("frame times"),
+            tracker=entries.text("tracker"),
+            settings=entries.mapping("settings"),
+            seed=entries.seed("seed"),
+            version=entries.text("kinemode version"),
+            notes=entries.texts("notes"),
+            cues=entries.texts("cues"),  # headers written before there were cues have none
+            masks=entries.paths("masks"),
+            backgrounds=entries.paths("backgrounds"),
+            clip_frames=entries.frame_numbers("frames of the clips"),
+        )
+
+
+def with_notes(text: str, notes: Sequence[str]) -> str:
+    """A header's text with more notes, those left out that it has."""
+    values = json.loads(text)
+    values["notes"] = list(dict.fromkeys([*values["notes"], *notes]))
+    return json.dumps(values)
+
+
+_LATER = ("cues", "masks", "backgrounds", "frames of the clips")  # what headers of the first runs lack
+
+
+@dataclass(frozen=True)
+class _Entries:
+    """The entries of a header, each checked when it is asked for; InputError names the entry."""
+
+    value: Mapping[str, Any]
+    source: str
+
+    def _get(self, key: str, instead: Any) -> Any:
+        return self.value.get(key, instead) if key in _LATER else member(self.value, key, self.source, "")
+
+    def mapping(self, key: str) -> Mapping[str, Any]:
+        return mapping(self._get(key, {}), self.source, key)
+
+    def list(self, key: str) -> list[Any]:
+        return sequence(self._get(key, []), self.source, key)
+
+    def text(self, key: str, choices: Collection[str] = ()) -> str:
+        found = self._get(key, None)
+        if not isinstance(found, str) or (choices and found not in choices):
+            remedy = f"one of {', '.join(choices)}" if choices else ""
+            raise InputError(self.source, "is damaged: a text is needed", place=key, remedy=remedy)
+        return found
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        found = self.list(key)
+        if not all(isinstance(text, str) for text in found):
+            raise InputError(self.source, "is damaged: texts are needed", place=key)
+        return tuple(found)
+
+    def paths(self, key: str, *, missing: bool = False) -> dict[str, Any]:
+        found = self.mapping(key)
+        given = [path for path in found.values() if not (missing and path is None)]
+        if not all(isinstance(path, str) and "\0" not in path for path in given):
+            raise InputError(self.source, "is damaged: file names are needed", place=key)
+        return dict(found)
+
+    def frame_numbers(self, key: str) -> dict[str, tuple[int, ...]]:
+        found = {name: numbers(value, self.source, f"{key}, {name}") for name, value in self.mapping(key).items()}
+        for name, frames in found.items():
+            if frames.ndim != 1 or not ((frames >= 0) & (frames == np.floor(frames))).all():
+                raise InputError(self.source, "is damaged: frame numbers are needed", place=f"{key}, {name}")
+        return {name: tuple(int(i) for i in frames) for name, frames in found.items()}
+
+    def times(self, key: str) -> np.ndarray:
+        found = numbers(self._get(key, []), self.source, key)
+        if found.ndim != 1 or not (np.diff(found) > 0.0).all():
+            raise InputError(self.source, "is damaged: rising times are needed", place=key)
+        return found
+
+    def seed(self, key: str) -> int:
+        found = self._get(key, None)
+        if type(found) is not int or found < 0:
+            raise InputError(self.source, "is damaged: a whole number from 0 is needed", place=key)
+        return found
+
+    def distinct(self, cameras: Iterable[Camera]) -> tuple[Camera, ...]:
+        found = tuple(cameras)
+        if not found or len({camera.name for camera in found}) < len(found):
+            raise InputError(self.source, "is damaged: cameras of different names are needed", place="cameras")
+        return found

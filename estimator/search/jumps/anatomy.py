@@ -1,0 +1,205 @@
+"""The limbs and parts of a body whose depth one camera leaves open, found on its kinematic tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.modes.merge import body_size
+from estimator.search.jumps.angles import axes_of, meeting_point
+from humanoid.kinematics.body import Body
+
+PROBES = 3  # random poses at which axes and landmarks are looked at: a single pose may be a special one
+SAME = 0.03  # of the body's size, as modes that are distinct: flips that move less say nothing new
+NEAR = 0.02  # of the body's size: an axis this near to a point goes through it
+OFFSET = 0.08  # of the body's size: by which the axes of a robot's hip may miss each other
+SHORT = 0.05  # of the body's size: shorter segments have no depth worth a jump
+
+
+@dataclass(frozen=True)
+class Limb:
+    """Two segments that turn about a root.
+
+    landmarks (3,): root, middle and end. dofs (m,): what turns the middle and the end about the root, outwards: two or
+    three axes through the root, or nearly so, then one hinge. counts (2,): how many of them the joints of the middle
+    and of the end are behind.
+    """
+
+    landmarks: np.ndarray
+    dofs: np.ndarray
+    counts: np.ndarray
+
+
+@dataclass(frozen=True)
+class Part:
+    """A rigid part that turns about a point: trunk, head, shoulder girdle, hand, or the whole of a free body.
+
+    dofs (n,): two or three axes through one point, outwards; none for a free root, which turns about the middle of its
+    landmarks. landmarks (k,): those that turn with it, the roots of its limbs among them. limbs: the limbs behind it.
+    behind: the parts behind it.
+    """
+
+    dofs: np.ndarray
+    landmarks: np.ndarray
+    limbs: tuple[int, ...]
+    behind: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Anatomy:
+    """limbs, their left and right `pairs` by index, and parts, inner ones first. same: poses nearer than this to each
+    other in every landmark are the same [m]."""
+
+    limbs: tuple[Limb, ...]
+    pairs: tuple[tuple[int, int], ...]
+    parts: tuple[Part, ...]
+    same: float
+
+
+def anatomy_of(body: Body) -> Anatomy:
+    """What can jump in depth; nothing of it is named in advance."""
+    probe = _Probe(body)
+    limbs = probe.limbs()
+    parts = probe.parts(limbs)
+    names = body.landmark_names
+    ends = [tuple(names[int(k)] for k in limb.landmarks) for limb in limbs]
+    mirrored = [tuple(n.replace("left_", "right_") for n in e) for e in ends]
+    pairs = [(i, ends.index(m)) for i, m in enumerate(mirrored) if m != ends[i] and m in ends]
+    return Anatomy(tuple(limbs), tuple(pairs), parts, SAME * probe.size)
+
+
+class _Probe:
+    """A body at a few random poses: which axis goes through which point."""
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self.first = 6 if body.subject.base == "free" else 0
+        rng = np.random.default_rng(0)  # of the construction alone: every body is probed at the same poses
+        i = body.bounded_q
+        self.posed = []
+        for _ in range(PROBES):
+            q = body.neutral.copy()
+            q[i] = rng.uniform(body.lower[i], body.upper[i])
+            self.posed.append(body.at(q))
+        self.points = np.array([body.landmarks(p) for p in self.posed])
+        all_dofs = np.arange(body.nv)
+        axes, through = (np.array(x) for x in zip(*(axes_of(p.columns, all_dofs) for p in self.posed), strict=True))
+        self.axes, self.through = axes, through
+        self.size = body_size(body)
+        kinds = [body.model.joints[int(j)].shortname() for j in body.tree.dof_joint]
+        self.revolute = np.array([k.startswith("JointModelR") for k in kinds])
+        arms = self.points[:, :, None] - through[:, None]
+        self.levers = np.linalg.norm(np.cross(axes[:, None], arms), axis=-1).max(axis=0)  # (L, nv)
+        self.moves = body.landmark_support & ((self.levers > NEAR * self.size) | ~self.revolute)  # (L, nv)
+
+    def limbs(self) -> list[Limb]:
+        """Chains of three landmarks that share no joint: first those whose axes meet in the root, then the longest."""
+        order = range(len(self.moves))
+        segments = [(a, b) for a in order for b in order if self._follows(a, b)]
+        chains = [(a, b, c) for a, b in segments for inner, c in segments if inner == b]
+        candidates = [(limb, self._shortest(limb)) for chain in chains if (limb := self._limb(*chain)) is not None]
+        candidates.sort(key=lambda x: (self._off(x[0]) > NEAR * self.size, -x[1]))
+        found: list[Limb] = []
+        used = np.zeros(self.body.nv, dtype=bool)
+        for limb, _ in candidates:
+            if not used[limb.dofs].any():
+                found.append(limb)
+                used[limb.dofs] = True
+        return sorted(found, key=lambda limb: int(limb.dofs[0]))
+
+    def _shortest(self, limb: Limb) -> float:
+        lengths = np.linalg.norm(np.diff(self.points[:, limb.landmarks], axis=1), axis=2).min(axis=0)
+        return float(lengths.min())
+
+    def _follows(self, inner: int, outer: int) -> bool:
+        """Whether one to three joints turn a segment of about constant length between two landmarks."""
+        extra = self.moves[outer] & ~self.moves[inner]
+        if (
+            (self.moves[inner] & ~self.moves[outer]).any()
+            or not 1 <= extra.sum() <= 3
+            or not self.revolute[extra].all()
+        ):
+            return False
+        lengths = np.linalg.norm(self.points[:, outer] - self.points[:, inner], axis=1)
+        off = self.levers[inner, extra].max()
+        fixed = np.ptp(lengths) < OFFSET * self.size and off < OFFSET * self.size
+        return bool(fixed and lengths.min() > SHORT * self.size)
+
+    def _limb(self, a: int, b: int, c: int) -> Limb | None:
+        dofs = np.flatnonzero(self.moves[c] & ~self.moves[a])
+        if not 2 <= len(dofs) <= 4 or self.levers[a, dofs[-1]] < SHORT * self.size:
+            return None  # the last one is no hinge between two segments
+        before = int(self.body.tree.dof_parent[dofs[0]])
+        if len(dofs) < 4 and self._belongs(before, a, int(dofs[0])):
+            dofs = np.append(before, dofs)
+        if len(dofs) < 3:
+            return None
+        counts = np.array([np.count_nonzero(self.body.landmark_support[k][dofs]) for k in (b, c)])
+        return Limb(np.array([a, b, c]), dofs, counts)
+
+    def _belongs(self, dof: int, root: int, first: int) -> bool:
+        """Whether a joint before a limb's first turns the same limb about its root, and nothing else."""
+        if dof < self.first or not self.revolute[dof]:
+            return False
+        others = self.body.landmark_support[:, dof] & ~self.body.landmark_support[:, first]
+        others[root] = False
+        return not others.any() and self.levers[root, dof] < OFFSET * self.size
+
+    def _off(self, limb: Limb) -> float:
+        """By how much the axes of the limb's ball joint miss its root [m]."""
+        return float(self.levers[limb.landmarks[0], limb.dofs[:-1]].max())
+
+    def parts(self, limbs: list[Limb]) -> tuple[Part, ...]:
+        """Runs of joints that are no limb's, and a free root before them."""
+        taken = {int(d) for limb in limbs for d in limb.dofs}
+        roots = {int(limb.landmarks[0]) for limb in limbs}
+        runs = self._runs(taken)
+        found: list[tuple[np.ndarray, np.ndarray]] = []
+        for run in runs:
+            behind = self.body.landmark_support[:, run[-1]]
+            rigid = [k for k in np.flatnonzero(behind) if k in roots or self._rigid(int(k), run)]
+            rigid = [k for k in rigid if not taken & set(np.flatnonzero(self.moves[k] & ~self._up_to(run)).tolist())]
+            if rigid:
+                found.append((np.array(run), np.array(rigid)))
+        if self.first == 6:
+            loose = [k for k in range(len(self.moves)) if k in roots or not self.moves[k, 6:].any()]
+            if len(loose) >= 3:
+                found.insert(0, (np.zeros(0, dtype=int), np.array(loose)))
+        return tuple(self._part(i, found, limbs) for i in range(len(found)))
+
+    def _up_to(self, run: list[int]) -> np.ndarray:
+        return np.asarray(self.body.support(int(self.body.tree.dof_joint[run[-1]])))
+
+    def _rigid(self, landmark: int, run: list[int]) -> bool:
+        return not (self.moves[landmark] & ~self._up_to(run)).any() and self.moves[landmark][run].any()
+
+    def _runs(self, taken: set[int]) -> list[list[int]]:
+        """Two or three joints that follow each other and whose axes meet."""
+        runs: list[list[int]] = []
+        for d in range(self.first, self.body.nv):
+            if d in taken or not self.revolute[d]:
+                continue
+            last = runs[-1] if runs else []
+            follows = bool(last) and self.body.tree.dof_parent[d] == last[-1]
+            if follows and len(last) < 3 and self._meet([*last, d]):
+                last.append(d)
+            else:
+                runs.append([d])
+        return [run for run in runs if len(run) > 1]
+
+    def _meet(self, dofs: list[int]) -> bool:
+        for k in range(PROBES):
+            pivot = meeting_point(self.axes[k, dofs], self.through[k, dofs])
+            off = np.linalg.norm(np.cross(self.axes[k, dofs], pivot - self.through[k, dofs]), axis=1).max()
+            if off > NEAR * self.size:
+                return False
+        return True
+
+    def _part(self, i: int, found: list[tuple[np.ndarray, np.ndarray]], limbs: list[Limb]) -> Part:
+        dofs, landmarks = found[i]
+        support = [self._up_to(d.tolist()) if len(d) else np.zeros(self.body.nv, dtype=bool) for d, _ in found]
+        last = int(dofs[-1]) if len(dofs) else 0
+        mine = [k for k, limb in enumerate(limbs) if self.body.landmark_support[limb.landmarks[1], last]]
+        below = [k for k in range(len(found)) if k != i and support[k][last]]
+        return Part(dofs, landmarks, tuple(mine), tuple(below))

@@ -1,0 +1,121 @@
+"""Whole-body interpretations of one picture: combinations of jumps, the most plausible first."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.search.jumps.anatomy import Anatomy
+from estimator.search.jumps.parts import part_flipped
+from estimator.search.jumps.readings import Reading, Sight, limb_readings
+from estimator.terms.upright import world_up
+from humanoid.kinematics.body import Body
+
+NU = 4.0  # of the Lorentzian, as the stabilisers'
+MISS = 0.005  # m: standard deviation of the distance from a ray, about a pixel
+PART_PRICE = 3.0  # energy of a pose with flipped parts, since these keep the image only nearly
+UNREACHED = 10.0  # energy of a limb that no reading brings back onto its rays
+
+
+class JointPrior:
+    """How unlikely joints are, cheaply: the stabilisers' energy, and the tilt of a free root."""
+
+    def __init__(self, body: Body) -> None:
+        self._rest, self._precision = np.zeros(body.nv), np.zeros(body.nv)
+        self._q_index = np.zeros(body.nv, dtype=np.int64)
+        for s in body.subject.stabilisers:
+            joint = body.model.getJointId(s.joint)
+            v = body.model.idx_vs[joint]
+            self._rest[v], self._precision[v], self._q_index[v] = s.rest, s.std**-2, body.model.idx_qs[joint]
+        self._body = body
+
+    def energy(self, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray | float = 0.0) -> float:
+        """Of some degrees of freedom (m,) of q (nq,), turned by `turns` (m,) [rad]."""
+        x = q[self._q_index[dofs]] + turns - self._rest[dofs]
+        return _lorentzian(np.square(x) * self._precision[dofs])
+
+    def tilt(self, q: np.ndarray, camera: Camera) -> float:
+        """Of the root's tilt at q (nq,); zero for a body without an up axis."""
+        upright = self._body.subject.upright
+        if upright is None or self._body.subject.base != "free":
+            return 0.0
+        x, y, z, w = q[3:7]
+        a = np.array(upright.axis)
+        v = np.array([x, y, z])
+        up = a + 2.0 * np.cross(v, np.cross(v, a) + w * a)
+        return _lorentzian(np.square(up - world_up((camera,))).sum() / upright.std**2)
+
+
+def _lorentzian(squares: np.ndarray) -> float:
+    return float(0.5 * NU * np.log1p(squares / NU).sum())
+
+
+def interpretations(
+    body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, camera: Camera
+) -> Iterator[np.ndarray]:
+    """Configurations (nq,) on the same rays as a pose, with every combination of its limbs' readings and of up to two
+    flipped parts, the pose itself left out.
+
+    Given the parts, limbs do not depend on each other: each is solved once, and their combinations are merged best
+    first by the joints' prior and the distance from the rays. What is not asked for is not made.
+    """
+    heap: list[tuple[float, int, tuple[int, ...], int]] = []
+    scenes = []
+    for flipped in _scenes(body, anatomy, sight):
+        options = [_options(body, anatomy, prior, flipped, k) for k in range(len(anatomy.limbs))]
+        scenes.append((flipped, options))
+        price = PART_PRICE if scenes[1:] else 0.0
+        start = price + _base_energy(body, anatomy, prior, flipped, camera) + sum(o[0][0] for o in options)
+        heap.append((start, len(scenes) - 1, (0,) * len(options), 0))
+    heapq.heapify(heap)
+    while heap:
+        energy, s, chosen, first = heapq.heappop(heap)
+        flipped, options = scenes[s]
+        for i in range(first, len(chosen)):  # every combination has one that it comes from
+            if chosen[i] + 1 < len(options[i]):
+                more = options[i][chosen[i] + 1][0] - options[i][chosen[i]][0]
+                heapq.heappush(heap, (energy + more, s, (*chosen[:i], chosen[i] + 1, *chosen[i + 1 :]), i))
+        picked = [o[c][1] for o, c in zip(options, chosen, strict=True)]
+        if s == 0 and not any(r is not None and r.moved > anatomy.same for r in picked):
+            continue
+        step = np.zeros(body.nv)
+        for limb, reading in zip(anatomy.limbs, picked, strict=True):
+            if reading is not None:
+                step[limb.dofs] = reading.turns
+        yield body.integrate(flipped.q, step)
+
+
+def _scenes(body: Body, anatomy: Anatomy, sight: Sight) -> Iterator[Sight]:
+    """The pose, and those with parts flipped, inner ones first."""
+    yield sight
+    able = [(p, f) for p in anatomy.parts if (f := part_flipped(body, anatomy, sight, p)) is not None]
+    yield from (f for _, f in able)
+    for (_, first), (second, _) in combinations(able, 2):
+        both = part_flipped(body, anatomy, first, second)
+        if both is not None:
+            yield both
+
+
+def _options(
+    body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, k: int
+) -> list[tuple[float, Reading | None]]:
+    """The readings of a limb with their energies, best first."""
+    limb = anatomy.limbs[k]
+    found = [
+        (prior.energy(sight.q, limb.dofs, r.turns) + 0.5 * (r.error / MISS) ** 2, r)
+        for r in limb_readings(body, sight, limb)
+    ]
+    if not found:
+        return [(UNREACHED, None)]
+    return sorted(found, key=lambda x: x[0])
+
+
+def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, camera: Camera) -> float:
+    """Of what is no limb's."""
+    limbs = [d for limb in anatomy.limbs for d in limb.dofs]
+    others = np.setdiff1d(np.arange(body.nv), np.array(limbs, dtype=np.int64))
+    return prior.energy(sight.q, others) + prior.tilt(sight.q, camera)

@@ -1,0 +1,86 @@
+"""The jumps of one body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.search.jumps.anatomy import Part, anatomy_of
+from estimator.search.jumps.interpretations import JointPrior, interpretations
+from estimator.search.jumps.parts import limbs_kept, part_flipped
+from estimator.search.jumps.readings import ROUGHLY, Sight, limb_readings, sight_of, turned
+from humanoid.kinematics.body import Body
+
+FAR = 2.0  # times the distance of poses that are the same: jumps to nearer ones would be a way round the transition
+
+
+class Flips:
+    """The poses of a body that look alike to one camera.
+
+    With its inner end given, a segment's outer end meets its ray twice, nearer and farther (Lee and Chen 1985). For
+    limbs of two segments the joints that bring it there are solved in closed form. Parts that turn about a point, and
+    the whole of a free body, are met as nearly as a rigid part can be mirrored in depth. Limits are always kept.
+
+    limbs, parts: what can jump (`Anatomy`). pairs: left and right limbs, which can change places.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self.anatomy = anatomy_of(body)
+        self.limbs, self.parts = self.anatomy.limbs, self.anatomy.parts
+        self.pairs = [(self.limbs[i], self.limbs[j]) for i, j in self.anatomy.pairs]
+        self._prior = JointPrior(body)
+
+    def of(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
+        """Every configuration (nq,) with one limb or one part of q (nq,) at another depth that its joints can reach."""
+        sight = sight_of(self.body, q, camera)
+        for limb in self.limbs:
+            for reading in limb_readings(self.body, sight, limb):
+                if reading.moved > self.anatomy.same:
+                    yield turned(self.body, q, limb.dofs, reading.turns)
+        for part in self.parts:
+            flipped = self._with_limbs(sight, part)
+            if flipped is not None:
+                yield flipped
+
+    def draw(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
+        """One of them at random that is well away from q; None where the limb or part drawn has none."""
+        count = len(self.limbs) + len(self.parts)
+        if count == 0:
+            return None
+        k, sight = int(rng.integers(count)), sight_of(self.body, q, camera)
+        if k >= len(self.limbs):
+            return self._with_limbs(sight, self.parts[k - len(self.limbs)])
+        limb = self.limbs[k]
+        found = [r for r in limb_readings(self.body, sight, limb) if r.moved > FAR * self.anatomy.same]
+        return turned(self.body, q, limb.dofs, found[rng.integers(len(found))].turns) if found else None
+
+    def interpretations(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
+        """Configurations (nq,) that combine such jumps, the most plausible first; see `interpretations`."""
+        return interpretations(self.body, self.anatomy, self._prior, sight_of(self.body, q, camera), camera)
+
+    def exchange(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
+        """q (nq,) with left and right limbs on each other's rays: limbs that pass are taken for one another.
+
+        Which pair of limbs, or all of them, and which of the depths their segments can have there, is random; None
+        where they cannot.
+        """
+        if not self.pairs:
+            return None
+        k = int(rng.integers(len(self.pairs) + (len(self.pairs) > 1)))
+        sight = sight_of(self.body, q, camera)
+        for a, b in self.pairs[k : k + 1] or self.pairs:
+            for limb, other in ((a, b), (b, a)):
+                rays = sight.rays.copy()
+                rays[limb.landmarks[1:]] = sight.rays[other.landmarks[1:]]
+                found = limb_readings(self.body, sight._replace(rays=rays), limb, ROUGHLY)
+                if not found:
+                    return None
+                q = turned(self.body, q, limb.dofs, found[rng.integers(len(found))].turns)
+        return q
+
+    def _with_limbs(self, sight: Sight, part: Part) -> np.ndarray | None:
+        flipped = part_flipped(self.body, self.anatomy, sight, part)
+        return None if flipped is None else limbs_kept(self.body, self.anatomy, flipped, part)

@@ -1,0 +1,89 @@
+"""Rigid parts mirrored in depth: trunk, head, shoulder girdles, hands, and the whole of a free body."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.search.jumps.anatomy import Anatomy, Part
+from estimator.search.jumps.angles import axes_of, meeting_point, other_depths, part_turns
+from estimator.search.jumps.readings import REACHED, ROUGHLY, Sight, limb_readings, moved_to, turned
+from humanoid.kinematics.body import Body
+
+
+def part_flipped(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sight | None:
+    """A part whose landmarks are at their other depths about its pivot, as nearly as a rigid part within limits can.
+
+    What is behind it goes along, except that parts of other landmarks (the head behind the trunk) are turned back.
+    Limbs are left off their rays. None where the part cannot get there, or would hardly move.
+    """
+    pivot, before = _pivot(sight, part), sight.points[part.landmarks]
+    targets = np.empty_like(before)
+    other_depths(sight.eye, sight.rays[part.landmarks], before, pivot, targets)
+    if _furthest(targets, before) < anatomy.same:
+        return None
+    flipped = _turned_to(body, sight, part, targets)
+    after = flipped.points[part.landmarks]
+    if _furthest(after, targets) > REACHED or _furthest(after, before) < anatomy.same:
+        return None
+    for k in part.behind:
+        other = anatomy.parts[k]
+        if not set(other.landmarks.tolist()) & set(part.landmarks.tolist()):
+            shift = _pivot(flipped, other) - _pivot(sight, other)
+            flipped = _turned_to(body, flipped, other, sight.points[other.landmarks] + shift)
+    return flipped
+
+
+def limbs_kept(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> np.ndarray:
+    """The pose (nq,) with the limbs behind a part that was turned back on their rays, as near to where they are as a
+    reading within reach is."""
+    q = sight.q
+    for k in part.limbs:
+        limb = anatomy.limbs[k]
+        found = limb_readings(body, sight, limb, ROUGHLY)
+        if found:
+            q = turned(body, q, limb.dofs, min(found, key=lambda r: (r.error > REACHED, r.moved)).turns)
+    return q
+
+
+def _turned_to(body: Body, sight: Sight, part: Part, targets: np.ndarray) -> Sight:
+    """The pose with a part turned as near to targets (k, 3) [m] of its landmarks as its limits allow."""
+    pivot, points = _pivot(sight, part), sight.points[part.landmarks]
+    turn = _rotation(points - pivot, targets - pivot)
+    if len(part.dofs) == 0:
+        return moved_to(body, sight, _root_turned(sight.q, turn, pivot))
+    axes, through = axes_of(sight.columns, part.dofs)
+    lower, upper = body.tangent_bounds(sight.q)
+    turns = np.zeros(len(part.dofs))
+    rays = sight.rays[part.landmarks]
+    part_turns(axes, through, points, pivot, turn, targets, rays, lower[part.dofs], upper[part.dofs], turns)
+    return moved_to(body, sight, turned(body, sight.q, part.dofs, turns))
+
+
+def _pivot(sight: Sight, part: Part) -> np.ndarray:
+    if len(part.dofs) == 0:
+        return np.asarray(sight.points[part.landmarks].mean(axis=0))
+    return np.asarray(meeting_point(*axes_of(sight.columns, part.dofs)))
+
+
+def _furthest(a: np.ndarray, b: np.ndarray) -> float:
+    return math.sqrt(np.square(a - b).sum(axis=1).max())
+
+
+def _rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) that brings vectors (k, 3) nearest to others; the smallest where one direction is all there
+    is (Kabsch 1976)."""
+    axis = np.cross(before, after).sum(axis=0)
+    rows = np.vstack([before, 1e-3 * axis]), np.vstack([after, 1e-3 * axis])
+    u, _, v = np.linalg.svd(rows[1].T @ rows[0])
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
+
+
+def _root_turned(q: np.ndarray, turn: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+    """q (nq,) of a free body turned as a whole by `turn` (3, 3) about a point (3,) [m]."""
+    q = q.copy()
+    q[:3] = turn @ (q[:3] - pivot) + pivot
+    q[3:7] = pin.Quaternion(turn @ pin.Quaternion(q[3:7]).matrix()).coeffs()
+    return q

@@ -1,0 +1,1 @@
+"""One term of the energy a file: value, gradient and Hessian in the tangent space; their sum."""

@@ -1,0 +1,155 @@
+"""Forces on points of the body, gathered into gradient and Hessian of the tangent space.
+
+A term that looks at points (landmarks, surface nodes) gives each its gradient f (3,) and Hessian W (3, 3) with respect
+to the point's place in the world. The sums over a joint's points and over the subtree behind it are 6-vectors and 6x6
+matrices in the world frame, so that the cost of J'f and J'WJ does not grow with points x nv^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.support.compiled import jit
+
+
+def accumulate_points(
+    body: Body,
+    posed: PosedBody,
+    joints: np.ndarray,
+    points: np.ndarray,
+    force: np.ndarray,
+    weight: np.ndarray,
+    gradient: np.ndarray,
+    hessian: np.ndarray,
+    exact: bool,
+) -> None:
+    """Add J' f to `gradient` (nv,) and J' W J to `hessian` (nv, nv), summed over the points.
+
+    joints (N,): joint each point is fixed to. points (N, 3): in the world [m]. force (N, 3), weight (N, 3, 3).
+    With `exact` the curvature of the kinematics, sum f . d2p, is added too.
+    """
+    tree = body.tree
+    _accumulate(
+        posed.columns, tree.joint_parent, tree.dof_joint, tree.dof_parent, joints, points, force, weight, gradient,
+        hessian, exact,
+    )  # fmt: skip
+
+
+@jit
+def _accumulate(  # type: ignore[no-untyped-def]
+    columns, joint_parent, dof_joint, dof_parent, joints, points, force, weight, gradient, hessian, exact
+):
+    njoints = joint_parent.shape[0]
+    joint_force = np.zeros((njoints, 6))
+    joint_load = np.zeros((njoints, 6, 6))
+    load_joints(joints, points, force, weight, joint_force, joint_load)
+    gather(columns, joint_parent, dof_joint, dof_parent, joint_force, joint_load, gradient, hessian)
+    if exact:
+        moment = np.zeros((njoints, 3, 3))
+        for n in range(joints.shape[0]):
+            for i in range(3):
+                for k in range(3):
+                    moment[joints[n], i, k] += points[n, i] * force[n, k]
+        bend(columns, joint_parent, dof_joint, dof_parent, joint_force, moment, hessian)
+
+
+@jit
+def load_joints(joints, points, force, weight, joint_force, joint_load):  # type: ignore[no-untyped-def]
+    """Add B'f and B'WB of every point to its joint, B = [I, -[p]x] taking a spatial velocity to the point's."""
+    half = np.zeros((3, 6))
+    for n in range(joints.shape[0]):
+        p, f, W = points[n], force[n], weight[n]
+        F, A = joint_force[joints[n]], joint_load[joints[n]]
+        for i in range(3):  # W B: the angular part of a row w is p x w
+            half[i, 0], half[i, 1], half[i, 2] = W[i, 0], W[i, 1], W[i, 2]
+            half[i, 3] = p[1] * W[i, 2] - p[2] * W[i, 1]
+            half[i, 4] = p[2] * W[i, 0] - p[0] * W[i, 2]
+            half[i, 5] = p[0] * W[i, 1] - p[1] * W[i, 0]
+            F[i] += f[i]
+        F[3] += p[1] * f[2] - p[2] * f[1]
+        F[4] += p[2] * f[0] - p[0] * f[2]
+        F[5] += p[0] * f[1] - p[1] * f[0]
+        for k in range(6):
+            A[0, k] += half[0, k]
+            A[1, k] += half[1, k]
+            A[2, k] += half[2, k]
+            A[3, k] += p[1] * half[2, k] - p[2] * half[1, k]
+            A[4, k] += p[2] * half[0, k] - p[0] * half[2, k]
+            A[5, k] += p[0] * half[1, k] - p[1] * half[0, k]
+
+
+@jit
+def gather(columns, joint_parent, dof_joint, dof_parent, force, load, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Joint loads to gradient and Hessian: sums go up the tree first, as in the composite rigid body algorithm.
+
+    Adds sum_j J_j' force_j to the gradient and sum_j J_j' load_j J_j to the Hessian in O(nv depth). Overwrites `load`
+    (njoints, 6, 6) and `force` (njoints, 6) with their sums over subtrees.
+    """
+    for j in range(joint_parent.shape[0] - 1, 0, -1):
+        parent = joint_parent[j]
+        for i in range(6):
+            force[parent, i] += force[j, i]
+            for k in range(6):
+                load[parent, i, k] += load[j, i, k]
+    moved = np.zeros(6)
+    for d in range(dof_joint.shape[0]):
+        j = dof_joint[d]
+        for i in range(6):
+            gradient[d] += force[j, i] * columns[d, i]
+            s = 0.0
+            for k in range(6):
+                s += load[j, i, k] * columns[d, k]
+            moved[i] = s
+        k = d
+        while k >= 0:
+            s = 0.0
+            for i in range(6):
+                s += columns[k, i] * moved[i]
+            hessian[d, k] += s
+            if k != d:
+                hessian[k, d] += s
+            k = dof_parent[k]
+
+
+@jit
+def bend(columns, joint_parent, dof_joint, dof_parent, force, moment, hessian):  # type: ignore[no-untyped-def]
+    """Add the curvature of the kinematics: sum over points of f . d2p / dq_i dq_j.
+
+    For i at or above j in the tree, d/dq_i carries the whole velocity field of j along: d2p = w_i x (v_j + w_j x p),
+    so that the sum over points needs only F = sum f (`force`, already summed over subtrees by `gather`) and
+    sum p f' (`moment`, summed here). Within one joint the exponential map makes it the symmetric half.
+    """
+    for j in range(joint_parent.shape[0] - 1, 0, -1):
+        for i in range(3):
+            for k in range(3):
+                moment[joint_parent[j], i, k] += moment[j, i, k]
+    turned = np.zeros(3)
+    for d in range(dof_joint.shape[0]):
+        j = dof_joint[d]
+        v, w = columns[d, :3], columns[d, 3:]
+        F, P = force[j, :3], moment[j]
+        trace = P[0, 0] + P[1, 1] + P[2, 2]
+        for i in range(3):
+            turned[i] = P[i, 0] * w[0] + P[i, 1] * w[1] + P[i, 2] * w[2] - trace * w[i]
+        turned[0] += v[1] * F[2] - v[2] * F[1]
+        turned[1] += v[2] * F[0] - v[0] * F[2]
+        turned[2] += v[0] * F[1] - v[1] * F[0]
+        k = d
+        while k >= 0:
+            s = columns[k, 3] * turned[0] + columns[k, 4] * turned[1] + columns[k, 5] * turned[2]
+            if k == d:
+                hessian[d, d] += s
+            elif dof_joint[k] == j:  # each order of the pair gives half
+                hessian[d, k] += 0.5 * s
+                hessian[k, d] += 0.5 * s
+            else:
+                hessian[d, k] += s
+                hessian[k, d] += s
+            k = dof_parent[k]
+        k = d + 1
+        while k < dof_joint.shape[0] and dof_joint[k] == j:
+            s = 0.5 * (columns[k, 3] * turned[0] + columns[k, 4] * turned[1] + columns[k, 5] * turned[2])
+            hessian[d, k] += s
+            hessian[k, d] += s
+            k += 1

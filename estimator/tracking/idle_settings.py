@@ -1,0 +1,104 @@
+"""Settings that were changed and have no effect: a user should hear of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+from estimator.tracking.idle_rules import OF_ONE_CAMERA, OF_PICTURES, RULES
+from estimator.tracking.registry import GROUPS, Settings, settings_for
+from estimator.tracking.setting_changes import every_setting
+from humanoid.support.errors import InputError
+
+FIT_GROUPS = ("cost", "search", "cues")
+"""The groups that a fit of the subject goes by, whatever the tracker; the fit itself tracks with css."""
+
+
+class Idle(NamedTuple):
+    """A changed setting without effect: its name with its groups in front, and why."""
+
+    name: str
+    because: str
+
+    def refused(self, source: object = None) -> InputError:
+        """As an error. source: the file that it is from, None where a program gave it."""
+        problem, remedy = f"has no effect: {self.because}", "leave it out"
+        if source is None:
+            return InputError(f"settings.{self.name}", problem, remedy=remedy)
+        table, _, name = self.name.rpartition(".")
+        return InputError(str(source), problem, place=f"[{table}] {name}", remedy=remedy)
+
+
+def fit_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]) -> Settings:
+    """What a fit goes by before a tracker with these `settings`, made by `changes`: css's own, and those of the changes
+    that are not about a tracker."""
+    if tracker == "css":
+        return settings
+    return settings_for("css", changes={name: changes[name] for name in FIT_GROUPS if name in changes})
+
+
+def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool) -> list[Idle]:
+    """The settings that `changes` make other than the tracker's own and that nevertheless have no effect.
+
+    settings: with the changes. fits: whether the subject is fitted to the clip, which some act on.
+    """
+    found, acting = _idle(tracker, settings), set()
+    changed = changed_names(tracker, settings)
+    if fits and tracker != "css":
+        in_fit = _idle("css", fit_settings(tracker, settings, changes)) | {"search.follow": ""}
+        acting = {name for name in changed if name.startswith(FIT_GROUPS) and not _covered(name, in_fit)}
+    return [Idle(name, _why(name, found)) for name in changed if name not in acting and _covered(name, found)]
+
+
+def idle_with_input(
+    tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool, pictures: bool, cameras: int
+) -> list[Idle]:
+    """Those that have no effect on this input, where no pictures are looked at, or not for this, or several cameras are
+    there. settings: with the cues that were chosen; the rest is as in `idle_settings`."""
+    found: dict[str, str] = {}
+    if cameras > 1:
+        found |= dict.fromkeys(OF_ONE_CAMERA, f"it is for one camera, there are {cameras}")
+    if not pictures:
+        found |= dict.fromkeys(OF_PICTURES, "no pictures are looked at")
+    changed = [name for name in changed_names(tracker, settings) if not name.startswith("cues.use_")]
+    idle = [Idle(name, _why(name, found)) for name in changed if _covered(name, found)]
+    known = {i.name for i in idle}
+    more = idle_settings(tracker, settings, changes, fits=fits) if pictures else []
+    return idle + [i for i in more if i.name not in known and not i.name.startswith("cues.use_")]
+
+
+def changed_names(tracker: str, settings: Settings) -> list[str]:
+    """Names, with their groups in front, of the settings that differ from the tracker's own."""
+    own = _values(settings_for(tracker))
+    return [name for name, value in _values(settings).items() if value != own[name]]
+
+
+def without(changes: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Nested changes without some settings, which are named with their groups in front."""
+    left = {name: value for name, value in changes.items() if name not in names}
+    for group, value in left.items():
+        if isinstance(value, Mapping):
+            left[group] = without(value, [n.removeprefix(f"{group}.") for n in names if n.startswith(f"{group}.")])
+    return left
+
+
+def _idle(tracker: str, settings: Settings) -> dict[str, str]:
+    """Names of settings and groups without effect, and why."""
+    group, values = GROUPS[tracker], _values(settings)
+    found = dict.fromkeys(set(GROUPS.values()) - {group}, f"the tracker {tracker} goes by [{group}]")
+    for rule in RULES:
+        if rule.group in ("", group) and all(values[name] == value for name, value in rule.where):
+            found |= {name: rule.reason for name in rule.names if name not in found}
+    return found
+
+
+def _values(settings: Settings) -> dict[str, Any]:
+    return {f"{table}.{name}": value for table, name, value in every_setting(settings)}
+
+
+def _covered(name: str, found: Mapping[str, str]) -> bool:
+    return any(name == n or name.startswith(f"{n}.") for n in found)
+
+
+def _why(name: str, found: Mapping[str, str]) -> str:
+    return next(because for n, because in found.items() if name == n or name.startswith(f"{n}."))

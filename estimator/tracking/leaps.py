@@ -1,0 +1,80 @@
+"""Roots that move faster than any body: the track went on with somebody else, or with something else.
+
+The limit is physiology's: the fastest sprinter measured, 1.95 m tall, ran 12.3 m/s (Graubner and Nixdorf, Biomechanical
+analysis of the sprint and hurdles events at the 2009 IAAF World Championships, New Studies in Athletics 26, 2011), 6.3
+body lengths a second. Lengths rather than metres, because one camera knows no metres, and for bodies of any size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.modes.merge import body_size
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import Body
+
+FASTEST = 7.0  # body lengths a second, the sprinter's with some room
+_DEVIATIONS = 3.0  # standard deviations by which the places themselves may be wrong
+
+
+class LeapCheck:
+    """Tells whether the root of a free body leapt from one frame to the next; a fixed one never does."""
+
+    def __init__(self, body: Body) -> None:
+        self._free = body.subject.base == "free"
+        self._speed = FASTEST * body_size(body)  # [m/s]
+
+    def leapt(
+        self, before: np.ndarray, covariance_before: np.ndarray, q: np.ndarray, covariance: np.ndarray, elapsed: float
+    ) -> bool:
+        """Whether the best hypothesis q (nq,) is farther than a body gets in `elapsed` [s] from every one of the
+        hypotheses before (K, nq), beyond what their covariances (nv, nv) and (K, nv, nv) leave open."""
+        if not self._free or not len(before):
+            return False
+        steps = q[:3] - before[:, :3]
+        length = np.linalg.norm(steps, axis=1)
+        along = steps / np.maximum(length, 1e-9)[:, None]
+        spread = [
+            float(u @ (_placed(a, C) + _placed(q, covariance)) @ u)
+            for u, a, C in zip(along, before, covariance_before, strict=True)
+        ]
+        return bool(np.all(length > self._speed * elapsed + _DEVIATIONS * np.sqrt(np.maximum(spread, 0.0))))
+
+
+def _placed(q: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariance (3, 3) [m^2] of the root's place in the world; in the tangent space it is in the root's own axes."""
+    R_world_root = pin.Quaternion(q[3:7]).toRotationMatrix()
+    return np.asarray(R_world_root @ covariance[:3, :3] @ R_world_root.T)
+
+
+def leaps(body: Body, results: Iterable[FrameResult]) -> list[int]:
+    """Indices of the frames in which the root leapt; unobserved frames lengthen the time there was."""
+    check, found = LeapCheck(body), []
+    before: FrameResult | None = None
+    seen = 0.0
+    for result in results:
+        observed = len(result.q) > 0 and result.status != "unobserved"
+        if observed and before is not None:
+            elapsed = result.time - seen
+            if check.leapt(before.q, before.covariance, result.q[0], result.covariance[0], elapsed):
+                found.append(result.index)
+        if len(result.q):
+            before = result
+        if observed:
+            seen = result.time
+    return found
+
+
+def leap_note(frames: list[int]) -> str:
+    """What to tell of leaps, empty where there are none."""
+    if not frames:
+        return ""
+    listed = ", ".join(map(str, frames[:8])) + (", ..." if len(frames) > 8 else "")
+    count = f"{len(frames)} frame{'s' * (len(frames) != 1)}"
+    return (
+        f"the body leaps faster than any could run in {count} ({listed}; there it is marked hard): is it somebody else"
+        " from there on? --person chooses one of several people"
+    )

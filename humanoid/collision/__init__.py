@@ -1,0 +1,1 @@
+"""Signed distances between the parts of a body, witness points, gradients."""

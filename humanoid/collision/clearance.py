@@ -1,0 +1,273 @@
+"""How far apart the parts of a body are: signed distance, witness points and gradient of every near pair."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from humanoid.collision import broad_phase, witness
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.shape.solids import Geometry, Solid, solids_of
+from humanoid.support.errors import InputError
+
+LinkPair = tuple[str, str]
+_Query = tuple[int, int, Any, Any]
+"""The two solids, coal's query of their distance and how it is to be answered."""
+
+REST_OVERLAP = 0.003  # [m] pairs that overlap by more at the neutral configuration are drawn so, and left out
+MOST_PAIRS = 100_000  # every pair is looked at in every pose
+_ITERATIONS = 500
+_HULL_TOLERANCES = 1e-8, 1e-6  # of GJK and EPA
+# On ellipsoids EPA takes long, and at 1e-8 fails, or answers wrongly, in some of a thousand deep overlaps; from here
+# `witness.sharpen` reaches the last digits.
+_ELLIPSOID_TOLERANCES = 1e-6, 1e-4
+
+
+class Contacts(NamedTuple):
+    """Pairs nearer than a margin, in the order of `Clearance.pairs`.
+
+    pair (M,): index into `Clearance.pairs`.
+    distance (M,): signed distance [m], negative in overlap.
+    point_a, point_b (M, 3): witness points in the world [m]; in overlap the deepest ones.
+    normal (M, 3): unit vector in the world from solid a to b; distance = normal . (point_b - point_a).
+    gradient (M, nv): derivative of the distance in the tangent space [m per unit of v].
+    """
+
+    pair: np.ndarray
+    distance: np.ndarray
+    point_a: np.ndarray
+    point_b: np.ndarray
+    normal: np.ndarray
+    gradient: np.ndarray
+
+
+class Clearance:
+    """Signed distances between the parts of a body, by coal, behind a compiled lower bound.
+
+    A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
+    contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
+
+    Parameters
+    ----------
+    margin: distance [m] below which a pair counts as near.
+    exclude, include: pairs of links to take from, and to add to, what these rules leave; `exclude` has the last word.
+    geometry: which solids, see `humanoid.shape.solids.solids_of`.
+
+    Attributes
+    ----------
+    solids: see `humanoid.shape.solids`.
+    pairs: links (a, b) of every pair of solids looked at; a link with several solids occurs several times.
+    overlapping_at_rest: pairs of links left out because they overlap at `body.neutral`, with their depth [m].
+
+    Raises
+    ------
+    InputError: a name in `exclude` or `include` has no solid, a pair cannot move, a mesh cannot be read, or there are
+        more than `MOST_PAIRS` pairs.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        *,
+        margin: float = 0.02,
+        exclude: Iterable[LinkPair] = (),
+        include: Iterable[LinkPair] = (),
+        geometry: Geometry = "auto",
+    ) -> None:
+        self.margin = margin
+        self.solids = solids_of(body, geometry)
+        self._body = body
+        _check_count(body.subject.source, self.solids)
+        self._set_solids(body)
+        included, excluded = self._checked(include, "include"), self._checked(exclude, "exclude")
+        pairs = _tree_pairs(body.model, self.solids)
+        self._set_pairs(pairs)
+        self.overlapping_at_rest = self._rest_overlaps(body)
+        self._set_pairs(self._adjusted(pairs, included, excluded))
+
+    def near(self, posed: PosedBody, margin: float | None = None) -> Contacts:
+        """Every pair whose signed distance is below the margin [m] (by default the constructor's)."""
+        count = self._measure(posed, self.margin if margin is None else margin)
+        if count == 0:
+            return self._nothing
+        pair = self._near[:count].copy()
+        point_a, point_b = self._point_a[:count].copy(), self._point_b[:count].copy()
+        normal = self._normal[:count].copy()
+        tree = self._body.tree
+        gradient = witness.gradients(posed.columns, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal)
+        return Contacts(pair, self._distance[:count].copy(), point_a, point_b, normal, gradient)
+
+    def penetration(self, posed: PosedBody) -> float:
+        """Deepest overlap of two parts [m], 0 if none."""
+        count = self._measure(posed, 0.0)
+        return max(0.0, -float(self._distance[:count].min())) if count else 0.0
+
+    def _measure(self, posed: PosedBody, margin: float) -> int:
+        """Write the pairs below the margin into the buffers; returns how many."""
+        broad_phase.place(posed.placements, self._joint, self._local, self._core, self._world, self._segment)
+        found = broad_phase.candidates(
+            self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._found
+        )
+        count, result = 0, self._result
+        for k in self._found[:found].tolist():
+            i, j, query, request = self._queries[k] or self._made_query(k)
+            for s in (i, j):
+                self._transforms[s].setRotation(self._rotations[s])
+                self._transforms[s].setTranslation(self._translations[s])
+            result.clear()
+            distance = query(self._transforms[i], self._transforms[j], request, result)
+            if not distance >= margin:  # NaN is a failed query
+                self._near[count], self._distance[count] = k, distance
+                self._point_a[count], self._point_b[count] = result.getNearestPoint1(), result.getNearestPoint2()
+                self._normal[count] = result.normal
+                count += 1
+        if count:
+            self._sharpen(count)
+        return count
+
+    def _sharpen(self, count: int) -> None:
+        """Contacts to the last digits, in place."""
+        solids = (self._world, self._segment, self._radius, self._radii)
+        points = (self._point_a, self._point_b, self._normal)
+        contacts: list[Any] = [*solids, self._solid_pairs, self._near, count, self._distance, *points]
+        failed = witness.sharpen(*[*contacts, 0, False])
+        while failed >= 0:
+            i, j = self._solid_pairs[self._near[failed]]
+            point_a, point_b, normal = (array[failed] for array in points)
+            self._distance[failed] = broad_phase.guess_contact(*solids, i, j, point_a, point_b, normal)
+            failed = witness.sharpen(*[*contacts, failed, True])
+
+    def _set_solids(self, body: Body) -> None:
+        """Solids as arrays for the kernels, and coal's transforms with views of where the kernels write."""
+        solids, n = self.solids, len(self.solids)
+        self._joint = np.array([s.joint for s in solids], dtype=np.int64)
+        self._local = np.array([[*s.rotation.T.ravel(), *s.translation] for s in solids]).reshape(n, 12)
+        self._core = np.array([[*s.core_centre, *s.core_half] for s in solids]).reshape(n, 6)
+        self._radius = np.array([s.core_radius for s in solids])
+        self._radii = np.array([s.radii for s in solids]).reshape(n, 3)
+        self._world, self._segment = np.zeros((n, 12)), np.zeros((n, 6))
+        self._transforms = [coal.Transform3s() for _ in solids]
+        self._rotations = [row[:9].reshape(3, 3).T for row in self._world]
+        self._translations = [row[9:] for row in self._world]
+        self._result = coal.DistanceResult()
+
+    def _set_pairs(self, pairs: list[tuple[int, int]]) -> None:
+        solids, count = self.solids, len(pairs)
+        self.pairs: tuple[LinkPair, ...] = tuple((solids[i].link, solids[j].link) for i, j in pairs)
+        self._solid_pairs = np.array(pairs, dtype=np.int64).reshape(count, 2)
+        last_dof = np.array([self._body.last_dof(s.joint) for s in solids], dtype=np.int64)
+        self._pair_dof = last_dof[self._solid_pairs]
+        self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
+        self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
+        self._found, self._near = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        self._distance = np.zeros(count)
+        self._point_a, self._point_b, self._normal = np.zeros((3, count, 3))
+        empty = np.zeros((0, 3))
+        self._nothing = Contacts(
+            np.zeros(0, dtype=np.int64), np.zeros(0), empty, empty, empty, np.zeros((0, self._body.nv))
+        )
+
+    def _made_query(self, k: int) -> _Query:
+        i, j = self._solid_pairs[k].tolist()
+        a, b = self.solids[i], self.solids[j]
+        query = coal.ComputeDistance(a.geometry, b.geometry)
+        made = i, j, query, self._requests[bool(a.radii.any() or b.radii.any())]
+        self._queries[k] = made
+        return made
+
+    def _checked(self, pairs: Iterable[LinkPair], place: str) -> set[frozenset[str]]:
+        """Pairs of links as sets, every name known."""
+        links = sorted({s.link for s in self.solids})
+        source, checked = self._body.subject.source, set()
+        for pair in pairs:
+            names = (pair,) if isinstance(pair, str) else tuple(pair)
+            if len(names) != 2 or names[0] == names[1]:
+                raise InputError(source, f"{names!r} is not a pair of two links", place=place, remedy="('a', 'b')")
+            for name in names:
+                if name not in links:
+                    remedy = "links with a solid: " + (", ".join(links) or "none")
+                    raise InputError(source, f"no solid on a link {name!r}", place=place, remedy=remedy)
+            checked.add(frozenset(names))
+        return checked
+
+    def _rest_overlaps(self, body: Body) -> dict[LinkPair, float]:
+        """Pairs of links that overlap by more than `REST_OVERLAP` at rest, with the deepest overlap of their solids."""
+        count = self._measure(body.at(body.neutral), -REST_OVERLAP)
+        overlaps: dict[LinkPair, float] = {}
+        for k, distance in zip(self._near[:count].tolist(), self._distance[:count].tolist(), strict=True):
+            pair = self.pairs[k]
+            overlaps[pair] = max(overlaps.get(pair, 0.0), -distance)
+        return overlaps
+
+    def _adjusted(
+        self, pairs: list[tuple[int, int]], included: set[frozenset[str]], excluded: set[frozenset[str]]
+    ) -> list[tuple[int, int]]:
+        """The pairs of the tree, less those that overlap at rest, with the user's changes."""
+        for a, b in list(self.overlapping_at_rest):
+            if frozenset((a, b)) in included:
+                del self.overlapping_at_rest[a, b]
+        at_rest = {frozenset(pair) for pair in self.overlapping_at_rest}
+        chosen = {(i, j) for i, j in pairs if self._links(i, j) not in at_rest | excluded}
+        for names in included - excluded:
+            added = {(i, j) for i, j in _movable_pairs(self.solids) if self._links(i, j) == names}
+            if not added:
+                a, b = sorted(names)
+                problem = f"{a!r} and {b!r} are fixed to each other"
+                raise InputError(self._body.subject.source, problem, place="include", remedy="leave the pair out")
+            chosen |= added
+        return sorted(chosen)
+
+    def _links(self, i: int, j: int) -> frozenset[str]:
+        return frozenset((self.solids[i].link, self.solids[j].link))
+
+
+def _request(gjk_tolerance: float, epa_tolerance: float) -> coal.DistanceRequest:
+    """Signed distances; every query starts from the same guess, so that it never depends on the one before."""
+    request = coal.DistanceRequest()
+    request.enable_signed_distance = True
+    request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
+    request.gjk_tolerance, request.epa_tolerance = gjk_tolerance, epa_tolerance
+    request.gjk_max_iterations = request.epa_max_iterations = _ITERATIONS
+    return request
+
+
+def _check_count(source: str, solids: tuple[Solid, ...]) -> None:
+    in_joint = Counter(solid.joint for solid in solids).values()
+    pairs = math.comb(len(solids), 2) - sum(math.comb(count, 2) for count in in_joint)
+    if pairs > MOST_PAIRS:
+        problem = f"{len(solids)} shapes make {pairs} pairs to keep apart, more than {MOST_PAIRS}"
+        remedy = "leave shapes out of the URDF, or set cost.interpenetration_weight to 0"
+        raise InputError(source, problem, place="collision geometry", remedy=remedy)
+
+
+def _movable_pairs(solids: tuple[Solid, ...]) -> list[tuple[int, int]]:
+    """Every two solids that a joint parts."""
+    n = len(solids)
+    return [(i, j) for i in range(n) for j in range(i + 1, n) if solids[i].joint != solids[j].joint]
+
+
+def _tree_pairs(model: pin.Model, solids: tuple[Solid, ...]) -> list[tuple[int, int]]:
+    """Movable pairs of links that are not adjacent once links without solids are contracted away."""
+    solid_links = {s.link for s in solids}
+    above = {link: _link_above(model, link, solid_links) for link in solid_links}
+    return [
+        (i, j)
+        for i, j in _movable_pairs(solids)
+        if solids[i].link not in (above[solids[j].link], solids[j].link) and above[solids[i].link] != solids[j].link
+    ]
+
+
+def _link_above(model: pin.Model, link: str, solid_links: set[str]) -> str | None:
+    """The nearest link with a solid on the way to the root."""
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    while frame.parentFrame != 0:
+        frame = model.frames[frame.parentFrame]
+        if frame.type == pin.FrameType.BODY and frame.name in solid_links:
+            return str(frame.name)
+    return None

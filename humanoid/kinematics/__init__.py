@@ -1,0 +1,1 @@
+"""A subject in configurations: placements, Jacobians, limits, proportions."""

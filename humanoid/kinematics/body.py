@@ -1,0 +1,214 @@
+"""Kinematics of a subject: q -> PosedBody, by Pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from humanoid.kinematics.placements import kinematics_of
+from humanoid.subject.joint_names import q_names, v_names
+from humanoid.subject.subject import Subject
+from humanoid.support.compiled import jit
+
+ON_LIMIT = 1e-12  # rad or m
+
+
+class PosedBody(NamedTuple):
+    """The body at one configuration: proof that kinematics has been run.
+
+    q (nq,): configuration, Pinocchio order.
+    placements (njoints, 12): T_world_joint of every joint: the rotation column by column, then the translation [m].
+    columns (nv, 6): column of each degree of freedom of the spatial Jacobian in the world frame, (linear at the world
+        origin, angular); a point p fixed to the body moves with linear + angular x p.
+    """
+
+    q: np.ndarray
+    placements: np.ndarray
+    columns: np.ndarray
+
+    @property
+    def rotations(self) -> np.ndarray:
+        """Rotation of T_world_joint, (njoints, 3, 3)."""
+        return self.placements[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+
+    @property
+    def translations(self) -> np.ndarray:
+        """Translation of T_world_joint [m], (njoints, 3)."""
+        return self.placements[:, 9:]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The kinematic tree as plain arrays, for compiled kernels.
+
+    joint_parent (njoints,): parent joint, the universe being joint 0.
+    dof_joint (nv,): joint of each degree of freedom.
+    dof_parent (nv,): the degree of freedom before it on the way to the root, -1 at the root; within a joint of
+        several degrees of freedom the previous one.
+    """
+
+    joint_parent: np.ndarray
+    dof_joint: np.ndarray
+    dof_parent: np.ndarray
+
+
+def _tree(model: pin.Model) -> Tree:
+    joint_parent = np.array(list(model.parents), dtype=np.int64)
+    dof_joint = np.zeros(model.nv, dtype=np.int64)
+    dof_parent = np.full(model.nv, -1, dtype=np.int64)
+    last_dof = np.full(model.njoints, -1, dtype=np.int64)
+    for j in range(1, model.njoints):
+        first, count = model.idx_vs[j], model.nvs[j]
+        previous = last_dof[joint_parent[j]]
+        for k in range(first, first + count):
+            dof_joint[k], dof_parent[k] = j, previous
+            previous = k
+        last_dof[j] = previous
+    return Tree(joint_parent, dof_joint, dof_parent)
+
+
+def _supports(model: pin.Model) -> np.ndarray:
+    """Which degrees of freedom move each joint, (njoints, nv) bool."""
+    moved = np.zeros((model.njoints, model.nv), dtype=bool)
+    for j, (parent, first, count) in enumerate(zip(model.parents, model.idx_vs, model.nvs, strict=True)):
+        if j > 0:
+            moved[j] = moved[parent]
+            moved[j, first : first + count] = True
+    return moved
+
+
+class Body:
+    """A subject's kinematics on plain arrays.
+
+    Attributes
+    ----------
+    subject, model: where it comes from.
+    nq, nv: sizes of configuration and tangent.
+    tree: see `Tree`.
+    landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
+    landmark_support (L, nv) bool: which degrees of freedom move each landmark.
+    lower, upper (nq,): hard limits of q (infinite where there are none).
+    neutral (nq,): root at the origin, joints at their rest positions, inside the limits.
+    bounded_v, bounded_q: the degrees of freedom with limits and their places in q.
+    """
+
+    def __init__(self, subject: Subject, model: pin.Model | None = None) -> None:
+        self.subject = subject
+        self.model = model = subject.model if model is None else model
+        self.nq, self.nv, self.njoints = model.nq, model.nv, model.njoints
+        self.tree = _tree(model)
+        self.landmark_names = tuple(landmark.name for landmark in subject.landmarks)
+        self.landmark_joint, self.landmark_local = points_on_links(
+            model, [(landmark.link, landmark.xyz) for landmark in subject.landmarks]
+        )
+        self._support = _supports(model)
+        self.landmark_support = self._support[self.landmark_joint]
+        self._limits(model)
+        self._kinematics = kinematics_of(model)
+        self.neutral = self._rest()
+
+    def _limits(self, model: pin.Model) -> None:
+        lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+        bounded = [(model.idx_vs[j], model.idx_qs[j]) for j in range(1, model.njoints) if model.nqs[j] == 1]
+        bounded = [(v, q) for v, q in bounded if np.isfinite(lower[q]) and np.isfinite(upper[q])]
+        self.bounded_v = np.array([v for v, _ in bounded], dtype=np.int64)
+        self.bounded_q = np.array([q for _, q in bounded], dtype=np.int64)
+        self.lower, self.upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
+        self.lower[self.bounded_q] = lower[self.bounded_q]
+        self.upper[self.bounded_q] = upper[self.bounded_q]
+
+    def _rest(self) -> np.ndarray:
+        """Neutral configuration with the stabilisers' joints at rest, inside the limits."""
+        q = pin.neutral(self.model)
+        for stabiliser in self.subject.stabilisers:
+            if self.model.existJointName(stabiliser.joint):
+                q[self.model.idx_qs[self.model.getJointId(stabiliser.joint)]] = stabiliser.rest
+        return self.clamp(q)
+
+    def at(self, q: np.ndarray) -> PosedBody:
+        """Forward kinematics and joint Jacobians at q (nq,); the result owns its arrays."""
+        return PosedBody(q, *self._kinematics.at(q))
+
+    def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """q (+) v on the configuration manifold, (nq,); angles are kept inside the limits to the last bit."""
+        return self.clamp(pin.integrate(self.model, q, v))
+
+    def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
+        """Tangent v (nv,) at q0 with q0 (+) v = q1."""
+        return pin.difference(self.model, q0, q1)
+
+    def clamp(self, q: np.ndarray) -> np.ndarray:
+        """q with its bounded joints moved into their limits, and onto them from within rounding; quaternions stay."""
+        q = q.copy()
+        _clamp(q, self.bounded_q, self.lower, self.upper)
+        return q
+
+    def tangent_bounds(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (nv,), (nv,) on a step from q; infinite where a degree of freedom has no limit."""
+        low, high = np.full(self.nv, -np.inf), np.full(self.nv, np.inf)
+        low[self.bounded_v] = self.lower[self.bounded_q] - q[self.bounded_q]
+        high[self.bounded_v] = self.upper[self.bounded_q] - q[self.bounded_q]
+        return low, high
+
+    def landmarks(self, posed: PosedBody) -> np.ndarray:
+        """Landmarks in the world [m], (L, 3)."""
+        return points_in_world(posed, self.landmark_joint, self.landmark_local)
+
+    def landmark_jacobians(self, posed: PosedBody) -> np.ndarray:
+        """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
+        linear, angular = posed.columns[:, :3], posed.columns[:, 3:]
+        velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[:, None])
+        return np.where(self.landmark_support[:, None, :], velocity.transpose(0, 2, 1), 0.0)
+
+    def last_dof(self, joint: int) -> int:
+        """Last degree of freedom on the way from the root to (and with) a joint, -1 if none."""
+        return int(self.model.idx_vs[joint] + self.model.nvs[joint] - 1) if joint > 0 else -1
+
+    def support(self, joint: int) -> np.ndarray:
+        """Which degrees of freedom move a joint, (nv,) bool."""
+        return self._support[joint].copy()
+
+    def __reduce__(self) -> tuple[type[Body], tuple[Subject, pin.Model]]:
+        """Made anew when it is sent to another process: its views look into this process' memory."""
+        return Body, (self.subject, self.model)
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """A name for each entry of q, see `humanoid.subject.joint_names`."""
+        return q_names(self.model)
+
+    @property
+    def v_names(self) -> tuple[str, ...]:
+        """A name for every degree of freedom (nv), see `humanoid.subject.joint_names`."""
+        return v_names(self.model)
+
+
+@jit
+def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
+    """Clamp in place. A step to a limit may miss it by an ulp, and would then not count as on it."""
+    for i in bounded_q:
+        if q[i] < lower[i] + ON_LIMIT:
+            q[i] = lower[i]
+        elif q[i] > upper[i] - ON_LIMIT:
+            q[i] = upper[i]
+
+
+def points_on_links(
+    model: pin.Model, points: list[tuple[str, tuple[float, float, float]]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points given on links -> their joints (N,) and places in those joints' frames (N, 3)."""
+    joints = np.zeros(len(points), dtype=np.int64)
+    local = np.zeros((len(points), 3))
+    for i, (link, xyz) in enumerate(points):
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        joints[i] = frame.parentJoint
+        local[i] = frame.placement.act(np.array(xyz))
+    return joints, local
+
+
+def points_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Points fixed to joints, in the world [m], (N, 3)."""
+    return np.einsum("nij,nj->ni", posed.rotations[joints], local) + posed.translations[joints]

@@ -1,0 +1,246 @@
+"""The subject: one articulated body as its URDF describes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pinocchio as pin
+
+from humanoid.subject import example_robots, urdf_elements
+from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
+from humanoid.subject.urdf_check import check_urdf, natural_base
+from humanoid.subject.urdf_document import Document, nearest, read_document
+from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, drop_mimic, lock_joints, resolve_meshes, set_base
+from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, Upright
+from humanoid.subject.urdf_flesh import Flesh
+from humanoid.subject.urdf_reshape import reshape
+from humanoid.subject.yourdfpy_check import check_with_yourdfpy
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError, misplaced
+from humanoid.support.files import read_bytes
+from humanoid.support.quiet import quiet
+
+__all__ = [
+    "Flesh",
+    "Landmark",
+    "Proportion",
+    "Stabiliser",
+    "Subject",
+    "SubjectName",
+    "Upright",
+    "load_subject",
+    "subject_from_text",
+    "subject_names",
+]
+
+URDF_FOLDER = Path(__file__).parent.parent / "urdf"
+BUILT_IN = {
+    "human34": "adult with clavicles, free root (CSS, Sminchisescu and Triggs 2003)",
+    "arm8": "left arm with clavicle on a fixed trunk (CSS arm)",
+    "upper13": "upper body seen under orthogonal projection (Taycher, Fisher and Darrell 2004)",
+}
+Base = Literal["auto", "free", "fixed"]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A validated subject.
+
+    Attributes
+    ----------
+    name: name of the robot in the file.
+    source: what was asked for: a built-in name or a path.
+    urdf: the whole URDF as text, extra elements included, meshes by absolute path; `subject_from_text` gives the same
+        subject from it, wherever it is kept.
+    base: "free" (root xyz + quaternion xyzw lead q) or "fixed".
+    model: Pinocchio model; shared, never changed.
+    landmarks, flesh, stabilisers, proportions, upright: the extra elements (see `humanoid.subject.urdf_elements`).
+    notes: what was done to the file that a user should know, one sentence each.
+    """
+
+    name: str
+    source: str
+    urdf: str
+    base: Literal["free", "fixed"]
+    model: pin.Model
+    landmarks: tuple[Landmark, ...] = ()
+    flesh: tuple[Flesh, ...] = ()
+    stabilisers: tuple[Stabiliser, ...] = ()
+    proportions: tuple[Proportion, ...] = ()
+    upright: Upright | None = None
+    notes: tuple[str, ...] = ()
+
+    def scaled(self, scales: Mapping[str, float]) -> Subject:
+        """This subject with some proportions changed.
+
+        scales: keys are `Proportion.joint`, values multiply this subject's lengths; see `urdf_elements.scaled_urdf`.
+        Raises InputError for an unknown key or a value outside the hard range.
+        """
+        text = urdf_elements.scaled_urdf(self.urdf, self.source, scales)
+        return subject_from_text(text, source=self.source, base=self.base, notes=self.notes)
+
+    def reshaped(self, shapes: Mapping[int | str, Sequence[float]]) -> Subject:
+        """This subject with other flesh on some parts; their places stay.
+
+        shapes: the nine parameters of `humanoid.subject.superquadric`, by the part's index in `flesh`, or by the name
+        of its link if it is the only part there. Raises InputError for an unknown part, or parameters that are no
+        surface.
+        """
+        document = read_document(self.urdf, self.source)
+        reshape(document, shapes)
+        return subject_from_text(document.text(), source=self.source, base=self.base, notes=self.notes)
+
+    def write(self, path: str | Path) -> None:
+        """Write the URDF; `load_subject(path)` gives the same subject. Raises InputError if it cannot be written."""
+        with replacing(path) as temporary:
+            temporary.write_text(self.urdf, encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class SubjectName:
+    """What can be loaded by name: the name, one line about it, its degrees of freedom."""
+
+    name: str
+    about: str
+    dof: int
+
+
+def subject_names() -> tuple[SubjectName, ...]:
+    """Everything `load_subject` finds by name on this machine."""
+    about = {**BUILT_IN, **{example_robots.PREFIX + n: r.about for n, r in example_robots.installed().items()}}
+    return tuple(SubjectName(name, text, load_subject(name, meshes="ignore").model.nv) for name, text in about.items())
+
+
+def subject_from_text(text: str, *, source: str, base: Base = "auto", notes: tuple[str, ...] = ()) -> Subject:
+    """Build a Subject from URDF text; `source` names it in errors. Meshes are not looked at.
+
+    Raises
+    ------
+    InputError: see `humanoid.subject.urdf_check.check_urdf` and `humanoid.subject.urdf_elements.read_elements`.
+    """
+    document = read_document(text, source)
+    check_urdf(document)
+    return _subject(document, text, source, base, notes)
+
+
+def _base_of(document: Document, base: Base) -> Literal["free", "fixed"]:
+    """The base asked for, or the file's own, or the natural one."""
+    own = document.root.find("subject")
+    if base == "auto":
+        return "free" if (natural_base(document) if own is None else own.get("base")) == "free" else "fixed"
+    return base
+
+
+def _subject(document: Document, text: str, source: str, base: Base, notes: tuple[str, ...]) -> Subject:
+    found = urdf_elements.read_elements(document)
+    floating = _base_of(document, base)
+    model = _build_model(found.plain_urdf, source, free=floating == "free")
+    return Subject(
+        name=model.name,
+        source=source,
+        urdf=text,
+        base=floating,
+        model=model,
+        landmarks=found.landmarks,
+        flesh=found.flesh,
+        stabilisers=found.stabilisers,
+        proportions=found.proportions,
+        upright=found.upright,
+        notes=notes,
+    )
+
+
+def _build_model(plain_urdf: str, source: str, *, free: bool) -> pin.Model:
+    try:
+        with quiet():
+            if free:
+                model = pin.buildModelFromXML(plain_urdf, pin.JointModelFreeFlyer())
+            else:
+                model = pin.buildModelFromXML(plain_urdf)
+    except (ValueError, RuntimeError) as error:
+        problem = f"Pinocchio cannot build it: {' '.join(str(error).split())}"
+        raise InputError(source, problem, remedy="compare with a URDF that loads, such as human34") from error
+    if model.nv == 0:
+        raise InputError(source, "nothing in it can move", remedy='add a movable joint, or load it with base="free"')
+    return model
+
+
+def load_subject(
+    source: str | Path,
+    *,
+    base: Base = "auto",
+    landmarks: str | Path | None = None,
+    lock: Sequence[str] = (),
+    meshes: Meshes = "require",
+    package_dirs: Sequence[str | Path] = (),
+) -> Subject:
+    """Load a built-in subject or a robot of example-robot-data by name (`subject_names`), or any URDF by path.
+
+    Parameters
+    ----------
+    source:
+        A name or a path; a built-in name goes before a file of that name.
+    base:
+        "auto" takes the file's <subject base="...">; a file without one is free if several movable joints leave its
+        root link and fixed if one does, as in a serial arm, or if its root link is called "world".
+    landmarks:
+        A landmark file (`humanoid.subject.landmark_file`). By default the one next to the URDF, <stem>.landmarks.toml,
+        if the URDF has no <landmark> of its own. A URDF with neither gets a landmark at the origin of every link that
+        hangs on a movable joint, named after the link.
+    lock:
+        Joints to fix at their rest (the stabiliser's, else zero, moved into the limits).
+    meshes:
+        "require": a missing mesh is an error; "ignore": shapes whose mesh is missing are left out.
+    package_dirs:
+        Folders that package:// names start in, before those above the URDF and in ROS_PACKAGE_PATH.
+
+    Raises
+    ------
+    InputError: anything is wrong with the file; it says where, and what to do.
+    """
+    if not isinstance(source, (str, Path)):
+        raise misplaced("subject", source, "a built-in name, or the path of a URDF")
+    _check_choice("base", base, ("auto", "free", "fixed"))
+    _check_choice("meshes", meshes, ("require", "ignore"))
+    name, packages, landmark_file = str(source), [Path(p) for p in package_dirs], None
+    path = URDF_FOLDER / f"{name}.urdf" if name in BUILT_IN else Path(source)
+    if name.startswith(example_robots.PREFIX):
+        path, share, landmark_file = example_robots.find(name)
+        packages.append(share)
+    document = read_document(read_bytes(path, remedy=_known_names(name)), name)
+    check_urdf(document)
+    found = urdf_elements.read_elements(document)  # faults are told with the file's lines, before it is changed
+    if name not in BUILT_IN:
+        check_with_yourdfpy(found.plain_urdf, name)
+    if landmarks is not None:
+        landmark_file = Path(landmarks)
+    elif landmark_file is None:
+        landmark_file = _beside(document, path)
+    notes = resolve_meshes(document, path.resolve().parent, packages, meshes) + drop_mimic(document)
+    if landmark_file is not None:
+        merge_landmark_file(document, landmark_file)
+    if document.root.find("landmark") is None:
+        notes += add_link_landmarks(document)
+    base = _base_of(document, base)  # of the file as it is, before joints are locked
+    set_base(document, base)
+    lock_joints(document, [lock] if isinstance(lock, str) else lock)
+    return _subject(document, document.text(), name, base, notes)
+
+
+def _check_choice(option: str, value: str, valid: tuple[str, ...]) -> None:
+    if value not in valid:
+        raise InputError(repr(value), f"is no {option}", remedy="one of " + ", ".join(valid))
+
+
+def _known_names(name: str) -> str:
+    names = [*BUILT_IN, *(example_robots.PREFIX + n for n in example_robots.installed())]
+    return "give a path to a URDF, or a name: " + nearest(name, names, "names").replace("valid names: ", "")
+
+
+def _beside(document: Document, path: Path) -> Path | None:
+    """The landmark file next to a URDF without landmarks of its own; one that kinemode wrote is complete in itself."""
+    beside = path.with_name(path.stem + SUFFIX)
+    return beside if beside.is_file() and document.root.find("landmark") is None else None

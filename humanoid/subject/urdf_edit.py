@@ -1,0 +1,159 @@
+"""Changes that make a foreign URDF a subject's: meshes found, joints locked, landmarks put in."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+import pinocchio as pin
+
+from humanoid.subject.urdf_check import ends_of
+from humanoid.subject.urdf_document import Document, elements, nearest
+from humanoid.support.errors import InputError
+
+Meshes = Literal["require", "ignore"]
+
+
+def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], meshes: Meshes) -> tuple[str, ...]:
+    """Write every mesh as an absolute path, so that the text loads from anywhere; returns notes.
+
+    folder: where the URDF lies; relative names start there. package://name/... is looked for in `packages`, in the
+    folders above the URDF and in ROS_PACKAGE_PATH. With "ignore" the shapes whose mesh is missing are left out.
+
+    Raises
+    ------
+    InputError: a mesh is missing and `meshes` is "require".
+    """
+    missing: list[str] = []
+    for link in elements(document.root, "link"):
+        for shape in [e for e in elements(link) if e.tag in ("visual", "collision")]:
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            name = mesh.get("filename", "")
+            found = _find(name, folder, packages)
+            if found is not None:
+                mesh.set("filename", str(found))
+            elif meshes == "ignore":
+                missing.append(name)
+                link.remove(shape)
+            else:
+                raise document.fault(
+                    mesh, f"the mesh {name!r} of link {link.get('name')!r} is missing", _mesh_remedy(name)
+                )
+    if not missing:
+        return ()
+    return (f"{len(missing)} shapes left out, their meshes are missing: " + _few(sorted(set(missing))),)
+
+
+def _mesh_remedy(name: str) -> str:
+    if urlparse(name).scheme in ("http", "https"):
+        return 'nothing is fetched from the net: store it next to the URDF, or load with meshes="ignore"'
+    if name.startswith("package://"):
+        return 'name the folder that holds the package in ROS_PACKAGE_PATH, or load with meshes="ignore"'
+    return 'put it there, or load with meshes="ignore": kinematics needs no meshes'
+
+
+def _find(name: str, folder: Path, packages: Sequence[Path]) -> Path | None:
+    if name.startswith("package://"):
+        rest = name[len("package://") :].lstrip("/")
+        ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+        places = [root / rest for root in (*packages, *folder.parents, folder, *ros)]
+    elif name.startswith("file://"):
+        places = [Path(unquote(urlparse(name).path))]
+    else:
+        places = [folder / name]
+    try:
+        return next((p.resolve() for p in places if p.is_file()), None)
+    except (OSError, ValueError):  # names too long or with characters no file can have
+        return None
+
+
+def drop_mimic(document: Document) -> tuple[str, ...]:
+    """Remove <mimic>, so that every reader of the text moves the same joints; returns notes."""
+    names = []
+    for joint in elements(document.root, "joint"):
+        for mimic in list(elements(joint, "mimic")):
+            joint.remove(mimic)
+            if joint.get("type") != "fixed":
+                names.append(joint.get("name", ""))
+    return (f"<mimic> is not followed, these joints move on their own: {_few(names)}",) if names else ()
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+
+
+def set_base(document: Document, base: str) -> None:
+    """Write the base into the file, so that its text alone gives the same subject."""
+    for old in list(elements(document.root, "subject")):
+        document.root.remove(old)
+    document.root.insert(0, ET.Element("subject", {"base": base}))
+
+
+def lock_joints(document: Document, names: Sequence[str]) -> None:
+    """Fix joints of a checked URDF at their rest: the stabiliser's, else zero, moved into the limits.
+
+    Raises
+    ------
+    InputError: a name is no joint, or the joint is planar or floating.
+    """
+    joints = {j.get("name", ""): j for j in elements(document.root, "joint")}
+    for name in names:
+        if name not in joints:
+            raise InputError(
+                document.source, f"there is no joint {name!r}", place="lock", remedy=nearest(name, joints, "joints")
+            )
+        joint, kind = joints[name], joints[name].get("type")
+        if kind in ("planar", "floating"):
+            raise document.fault(joint, f"a {kind} joint has no single rest to lock at", 'make it type="fixed"')
+        if kind != "fixed":
+            _lock(document, joint)
+    for stabiliser in list(elements(document.root, "stabiliser")):
+        if stabiliser.get("joint") in names:
+            document.root.remove(stabiliser)
+
+
+def _lock(document: Document, joint: ET.Element) -> None:
+    origin, axis, rest = joint.find("origin"), joint.find("axis"), _rest(document, joint)
+    placement = pin.SE3.Identity()
+    if origin is not None:
+        rpy = document.triple(origin, "rpy")
+        placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(document.triple(origin, "xyz")))
+    direction = np.array([1.0, 0.0, 0.0] if axis is None else document.triple(axis, "xyz"))
+    direction /= np.linalg.norm(direction)
+    if joint.get("type") == "prismatic":
+        motion = pin.SE3(np.eye(3), direction * rest)
+    else:
+        motion = pin.SE3(pin.exp3(direction * rest), np.zeros(3))
+    placement = placement * motion
+    for child in list(joint):
+        if child.tag not in ("parent", "child"):
+            joint.remove(child)
+    joint.set("type", "fixed")
+    numbers = {"xyz": placement.translation, "rpy": pin.rpy.matrixToRpy(placement.rotation)}
+    ET.SubElement(joint, "origin", {k: " ".join(repr(float(v)) for v in n) for k, n in numbers.items()})
+
+
+def _rest(document: Document, joint: ET.Element) -> float:
+    rest = 0.0
+    for stabiliser in elements(document.root, "stabiliser"):
+        if stabiliser.get("joint") == joint.get("name"):
+            rest = document.number(stabiliser, "rest")
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        return rest
+    return min(max(rest, document.number(limit, "lower")), document.number(limit, "upper"))
+
+
+def add_link_landmarks(document: Document) -> tuple[str, ...]:
+    """Make the origin of every link that hangs on a movable joint a landmark named after the link; returns notes."""
+    moved = [ends_of(j)[1] for j in elements(document.root, "joint") if j.get("type") != "fixed"]
+    for link in moved:
+        ET.SubElement(document.root, "landmark", {"name": link, "link": link, "xyz": "0 0 0"})
+    return ("no landmarks are given: the origin of every moving link is one",) if moved else ()

@@ -1,0 +1,302 @@
+"""The elements kinemode adds to a URDF: <subject>, <flesh>, <landmark>, <upright>, <stabiliser>, <proportion>.
+
+URDF parsers skip what they do not know, so one file serves Pinocchio, yourdfpy and kinemode.
+
+    <subject base="free|fixed"/>
+    <link ...><flesh .../></link>                     see `humanoid.subject.urdf_flesh`
+    <landmark name link xyz/>
+    <upright link xyz std/>                           up axis of the root link at rest, std of its tilt [rad]
+    <stabiliser joint rest std/>                      rest position and standard deviation [rad or m]
+    <proportion joint scale_min scale_max mean std symmetric_with/>
+
+A proportion scales the origin of its joint, and of the joints named in `symmetric_with`, and stretches the flesh of
+the parent link with it.
+
+What Pinocchio gets is the URDF without these and without what it would act on differently or does not need: materials,
+simulator and transmission elements, <mimic> (a mimicking joint moves on its own here). Missing effort and velocity
+limits, which a kinematic model does not use, are filled in for its parser.
+"""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from humanoid.subject.urdf_check import ends_of
+from humanoid.subject.urdf_document import Document, elements, nearest, read_document
+from humanoid.subject.urdf_flesh import Flesh, numbers_text, read_flesh, stretched, write_flesh
+from humanoid.support.errors import InputError
+
+T = TypeVar("T")
+
+LEAST_STD = 1e-6  # rad, m or a factor: what is surer than this divides by zero
+_KEPT = {
+    "robot": ("link", "joint"),
+    "link": ("inertial", "visual", "collision"),
+    "visual": ("origin", "geometry"),
+    "collision": ("origin", "geometry"),
+    "joint": ("origin", "parent", "child", "axis", "limit"),
+}
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """A named point: `xyz` [m] in the frame of `link`."""
+
+    name: str
+    link: str
+    xyz: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Upright:
+    """Equilibrium of a free root's tilt: the unit vector `axis` of the root link points up; `std` of the tilt [rad]."""
+
+    link: str
+    axis: tuple[float, float, float]
+    std: float
+
+
+@dataclass(frozen=True)
+class Stabiliser:
+    """Equilibrium of a joint (CSS 3.2.2): rest position and standard deviation [rad or m]."""
+
+    joint: str
+    rest: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """A segment length that may be fitted: scale of a joint's origin, with its prior (CSS 3.2.1) and hard range."""
+
+    joint: str
+    scale_min: float
+    scale_max: float
+    mean: float
+    std: float
+    symmetric_with: tuple[str, ...] = ()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Every joint whose origin this proportion scales."""
+        return (self.joint, *self.symmetric_with)
+
+
+@dataclass(frozen=True)
+class Elements:
+    """What `parse` found, and the URDF without it."""
+
+    base: str | None
+    plain_urdf: str
+    landmarks: tuple[Landmark, ...]
+    flesh: tuple[Flesh, ...]
+    stabilisers: tuple[Stabiliser, ...]
+    proportions: tuple[Proportion, ...]
+    upright: Upright | None
+
+
+def parse(text: str, source: str) -> Elements:
+    """Read the extra elements of a URDF text; faults raise InputError."""
+    return read_elements(read_document(text, source))
+
+
+def read_elements(document: Document) -> Elements:
+    """Read the extra elements of a URDF whose links and joints have been checked.
+
+    Raises
+    ------
+    InputError: an attribute is missing or out of range, a name unknown or given twice.
+    """
+    root = document.root
+    links = {e.get("name", "") for e in elements(root, "link")}
+    joints = {e.get("name", ""): e for e in elements(root, "joint")}
+    proportions = _each(document, "proportion", "joint", lambda e: _proportion(document, e, joints))
+    _check_shared(document, proportions)
+    return Elements(
+        base=_base(document),
+        plain_urdf=ET.tostring(_plain(root), encoding="unicode"),
+        landmarks=_each(document, "landmark", "name", lambda e: _landmark(document, e, links)),
+        flesh=tuple(
+            read_flesh(document, link.get("name", ""), e)
+            for link in elements(root, "link")
+            for e in elements(link, "flesh")
+        ),
+        stabilisers=_each(document, "stabiliser", "joint", lambda e: _stabiliser(document, e, joints)),
+        proportions=proportions,
+        upright=_upright(document, links - {ends_of(j)[1] for j in joints.values()}),
+    )
+
+
+def _upright(document: Document, roots: set[str]) -> Upright | None:
+    found = _each(document, "upright", "link", lambda e: e)
+    if not found:
+        return None
+    e = found[-1]
+    link, axis, std = (
+        document.attribute(e, "link"),
+        np.array(document.triple(e, "xyz", None)),
+        document.plausible(e, "std"),
+    )
+    if len(found) > 1:
+        raise document.fault(e, "a second <upright>", "keep one")
+    if link not in roots:
+        raise document.fault(e, f"{link!r} is not the root link", nearest(link, roots, "root link"))
+    if not np.any(axis) or std < LEAST_STD:
+        raise document.fault(e, f"no direction, or std below {LEAST_STD:g}", 'such as xyz="0 0 1" std="0.35"')
+    x, y, z = (axis / np.linalg.norm(axis)).tolist()
+    return Upright(link, (x, y, z), std)
+
+
+def _each(document: Document, tag: str, key: str, read: Callable[[ET.Element], T]) -> tuple[T, ...]:
+    """All elements of a kind, each name once."""
+    seen: set[str] = set()
+    found = []
+    for element in elements(document.root, tag):
+        name = document.attribute(element, key)
+        if name in seen:
+            raise document.fault(element, f"a second <{tag}> of {name!r}", "keep one")
+        seen.add(name)
+        found.append(read(element))
+    return tuple(found)
+
+
+def _base(document: Document) -> str | None:
+    found = list(elements(document.root, "subject"))
+    if not found:
+        return None
+    base = found[-1].get("base")
+    if len(found) > 1:
+        raise document.fault(found[-1], "a second <subject>", "keep one")
+    if base not in ("free", "fixed"):
+        raise document.fault(found[0], f"base={base!r} is unknown", 'write base="free" or base="fixed"')
+    return base
+
+
+def _landmark(document: Document, e: ET.Element, links: set[str]) -> Landmark:
+    link = document.attribute(e, "link")
+    if link not in links:
+        raise document.fault(e, f"there is no link {link!r}", nearest(link, links, "links"))
+    return Landmark(document.attribute(e, "name"), link, document.triple(e, "xyz"))
+
+
+def _joint_named(document: Document, e: ET.Element, name: str, joints: Mapping[str, ET.Element]) -> ET.Element:
+    if name not in joints:
+        raise document.fault(e, f"there is no joint {name!r}", nearest(name, joints, "joints"))
+    return joints[name]
+
+
+def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Stabiliser:
+    name = document.attribute(e, "joint")
+    kind = _joint_named(document, e, name, joints).get("type")
+    if kind not in ("revolute", "prismatic"):
+        movable = [n for n, j in joints.items() if j.get("type") in ("revolute", "prismatic")]
+        raise document.fault(e, f"joint {name!r} is {kind} and has no rest position", nearest(name, movable, "joints"))
+    rest, std = document.plausible(e, "rest"), document.plausible(e, "std")
+    if std < LEAST_STD:
+        raise document.fault(e, f"std={std:g} is not positive, or too small", "give the deviation in rad or m, above 0")
+    return Stabiliser(name, rest, std)
+
+
+def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Proportion:
+    name = document.attribute(e, "joint")
+    low, high, mean, std = (document.plausible(e, key) for key in ("scale_min", "scale_max", "mean", "std"))
+    found = Proportion(name, low, high, mean, std, tuple(e.get("symmetric_with", "").split()))
+    for joint in found.joints:
+        origin = _joint_named(document, e, joint, joints).find("origin")
+        if origin is None or not any(document.triple(origin, "xyz")):
+            raise document.fault(e, f"joint {joint!r} has no offset to scale", "name a joint whose origin is not zero")
+    if not 0.0 < low <= high:
+        raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is no range", "0 < scale_min <= scale_max")
+    if std < LEAST_STD or mean <= 0.0:
+        raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "mean near 1, std near 0.05")
+    return found
+
+
+def _check_shared(document: Document, proportions: Sequence[Proportion]) -> None:
+    owner: dict[str, str] = {}
+    for proportion, element in zip(proportions, elements(document.root, "proportion"), strict=True):
+        for joint in proportion.joints:
+            if joint in owner:
+                raise document.fault(
+                    element, f"joint {joint!r} is scaled by the proportion of {owner[joint]!r} already", "keep one"
+                )
+            owner[joint] = proportion.joint
+
+
+def _plain(root: ET.Element) -> ET.Element:
+    """A copy with only what Pinocchio needs."""
+    plain = copy.deepcopy(root)
+    for parent in list(plain.iter()):
+        kept = _KEPT.get(str(parent.tag))
+        for child in list(parent):
+            if not isinstance(child.tag, str) or (kept is not None and child.tag not in kept):
+                parent.remove(child)
+    for limit in plain.findall("joint/limit"):
+        for key in ("effort", "velocity"):
+            limit.attrib.setdefault(key, "1000")
+    return plain
+
+
+def scaled_urdf(text: str, source: str, scales: Mapping[str, float]) -> str:
+    """The same URDF with the origins of the proportions' joints scaled, and the flesh of their parent links stretched.
+
+    scales: keys are `Proportion.joint`, values factors on the file's lengths within the hard range; 1 where not given.
+    The prior and range of each `<proportion>` are divided by its scale, so that the written file still prefers, and
+    allows, the same lengths in metres.
+
+    Raises
+    ------
+    InputError: a key is no proportion, a value not within scale_min and scale_max.
+    """
+    document = read_document(text, source)
+    proportions = {p.joint: p for p in read_elements(document).proportions}
+    joints = {j.attrib["name"]: j for j in elements(document.root, "joint")}
+    links = {e.attrib["name"]: e for e in elements(document.root, "link")}
+    for name, value in scales.items():
+        scale = _checked_scale(source, proportions, name, value)
+        for link, offset in segments(document, proportions[name]).items():
+            for element in elements(links[link], "flesh"):
+                write_flesh(element, stretched(read_flesh(document, link, element), offset, scale))
+        for joint in proportions[name].joints:
+            origin = joints[joint].find("origin")
+            assert origin is not None
+            origin.set("xyz", numbers_text(np.array(document.triple(origin, "xyz")) * scale))
+        for element in elements(document.root, "proportion"):
+            if element.get("joint") == name:
+                for key in ("scale_min", "scale_max", "mean", "std"):
+                    element.set(key, f"{document.number(element, key) / scale:.17g}")
+    return document.text()
+
+
+def segments(document: Document, proportion: Proportion) -> dict[str, np.ndarray]:
+    """The links whose flesh a proportion stretches, each with the offset (3,) [m] of the first joint it scales there.
+
+    Neck and clavicles share the trunk, which is stretched once.
+    """
+    joints = {j.attrib["name"]: j for j in elements(document.root, "joint")}
+    found: dict[str, np.ndarray] = {}
+    for name in proportion.joints:
+        origin = joints[name].find("origin")
+        assert origin is not None
+        found.setdefault(ends_of(joints[name])[0], np.array(document.triple(origin, "xyz")))
+    return found
+
+
+def _checked_scale(source: str, proportions: Mapping[str, Proportion], name: str, value: float) -> float:
+    if name not in proportions:
+        tied = next((p.joint for p in proportions.values() if name in p.symmetric_with), None)
+        remedy = f"it is tied to {tied!r}" if tied else nearest(name, proportions, "proportions")
+        raise InputError(source, f"there is no proportion {name!r}", place="scales", remedy=remedy)
+    low, high = proportions[name].scale_min, proportions[name].scale_max
+    slack = 1e-9 * high  # a fit that ends on the bound may differ from it in the last bit
+    if not low - slack <= float(value) <= high + slack:
+        raise InputError(
+            source, f"scale {value:g} of {name!r} is out of range", place="scales", remedy=f"{low:g} to {high:g}"
+        )
+    return float(value)

@@ -1,0 +1,95 @@
+"""The one way functions are compiled: numba with its cache on disk, wherever a cache can be written.
+
+Numba's own cache watches only the file of the function it compiles, though what the function takes from other files,
+constants and other kernels, is compiled into it. So code is kept in a folder named by a digest of the function's file
+and of all that it imports (see `compiled_sources` and `compiled_folder`).
+"""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+
+from humanoid.support.compiled_folder import cache_roots, locked, source_folder
+from humanoid.support.compiled_sources import sources_digest
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_settings = threading.Lock()  # numba's are everybody's
+_digests: dict[str, tuple[object, str]] = {}
+
+
+def jit(function: Function) -> Function:
+    """Compile for plain arrays and numbers, `@jit` without brackets; compiled code is kept between runs.
+
+    It is kept in the user's cache folder, or where that cannot be written to (an installation by root, a container
+    without a home) among the temporary files; where that is closed too every process compiles anew. KINEMODE_CACHE
+    names another folder.
+    """
+    compiled = numba.njit(nogil=True, error_model="numpy")(function)
+    if isinstance(compiled, Dispatcher):  # not with NUMBA_DISABLE_JIT
+        cache = _cache(function)
+        if cache is not None:
+            cast(Any, compiled)._cache = cache
+    return cast(Function, compiled)
+
+
+def _cache(function: Callable[..., Any]) -> FunctionCache | None:
+    """Where a function's code is kept; None where it cannot be."""
+    try:
+        digest = _digest(function)
+    except (OSError, TypeError):  # typed in at a prompt
+        return None
+    config = cast(Any, numba.config)
+    for root in cache_roots():
+        with suppress(OSError, RuntimeError), _settings:  # RuntimeError: "cannot cache function: no locator available"
+            folder = source_folder(root, function.__module__, digest)
+            before = config.CACHE_DIR
+            config.CACHE_DIR = str(folder)  # read while the cache is made, so nobody else's functions move
+            try:
+                cache = _SharedCache(function)
+            finally:
+                config.CACHE_DIR = before
+            if Path(cache.cache_path).is_relative_to(folder):  # numba goes beside the source where the folder fails
+                return cache
+    return None
+
+
+def _digest(function: Callable[..., Any]) -> str:
+    """Of the sources behind a function; made once for all functions of a module, and again where that is reloaded."""
+    module = function.__module__
+    spec = getattr(function, "__globals__", {}).get("__spec__")
+    known = _digests.get(module)
+    if known is None or spec is None or known[0] is not spec:
+        known = _digests[module] = spec, sources_digest(Path(inspect.getfile(function)).absolute(), module)
+    return known[1]
+
+
+class _SharedCache(FunctionCache):
+    """Numba's cache of one function, for several processes that compile at once, and for full or failing disks.
+
+    Numba reads the index, adds to it and writes it back. Of two processes that do so at once for different types of
+    arguments, both can choose the same file for their code, and the one is then served the other's.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Code for a signature, None where there is none or it cannot be read."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a file that a crash of the machine left empty can raise anything
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep code for a signature, if the disk lets us."""
+        with suppress(OSError), locked(Path(self.cache_path) / "saving"):
+            super().save_overload(sig, data)

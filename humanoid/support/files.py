@@ -1,0 +1,28 @@
+"""Reading a file a user named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from humanoid.support.errors import InputError
+
+
+def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes:
+    """Content of a file of at most `most` bytes.
+
+    Raises
+    ------
+    InputError: there is no such file (`remedy` is then told), it is a folder, too large, or cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except FileNotFoundError as error:
+        raise InputError(path, "there is no such file", remedy=remedy) from error
+    except IsADirectoryError as error:
+        raise InputError(path, "is a folder", remedy="give a file") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(repr(str(path)), f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(content) > most:
+        raise InputError(path, f"is larger than {most // 1_000_000} MB", remedy="give a smaller file")
+    return content
