@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.css_tables_minima import RULE, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem
 from estimator.optimise.covariance import free_directions, mode_covariance
-from estimator.optimise.seek import Found, Seeker
+from estimator.optimise.seek import Seeker, Solution
 from estimator.search.jumps import Flips
 from estimator.search.proposals import CovarianceScaledProposal
 
@@ -50,11 +50,11 @@ class _Pool:
     scale: float
 
     def __post_init__(self) -> None:
-        self.found: list[Found] = [self.problem.mode]
+        self.found: list[Solution] = [self.problem.mode]
         self._steps = np.zeros((1, self.problem.body.nv))
         self._proposals: dict[int, CovarianceScaledProposal] = {}
 
-    def offer(self, found: Found) -> None:
+    def offer(self, found: Solution) -> None:
         """Keep a converged minimum that is low and new."""
         problem = self.problem
         if found.status != "converged" or found.quadratic.value > problem.mode.quadratic.value + WITHIN:
@@ -73,7 +73,7 @@ class _Pool:
         return self._proposals[k].sample(rng)
 
 
-def is_minimum(problem: Problem, found: Found) -> bool:
+def is_minimum(problem: Problem, found: Solution) -> bool:
     """Whether no direction of descent is left where a search converged: the exact Hessian is positive where limits do
     not hold."""
     here = problem.cost.at(found.q, exact=True)

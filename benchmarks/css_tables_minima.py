@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
 from estimator.optimise.covariance import free_directions
-from estimator.optimise.seek import Found, Seeker
+from estimator.optimise.seek import Seeker, Solution
 from estimator.search.proposals import CovarianceScaledProposal, Proposal, SphericalProposal, WeakestDirections
 
 
@@ -90,7 +90,7 @@ def searched(task: RowTask) -> Searches:
 
 
 def judged(
-    problem: Problem, seeker: Seeker, raw: np.ndarray, raw_energy: np.ndarray, found: list[Found], cpu: float
+    problem: Problem, seeker: Seeker, raw: np.ndarray, raw_energy: np.ndarray, found: list[Solution], cpu: float
 ) -> Searches:
     """Ends of searches with everything that the rules of counting ask for, computed anew from the energy."""
     body = problem.body

@@ -10,7 +10,7 @@ import pinocchio as pin
 from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.optimise.covariance import free_directions, mode_covariance
-from estimator.optimise.seek import Found, Seeker, SeekSettings
+from estimator.optimise.seek import Seeker, SeekSettings, Solution
 from estimator.terms.priors import Stabilisers
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
@@ -41,7 +41,7 @@ class Problem:
 
     body: Body
     cost: Cost
-    mode: Found
+    mode: Solution
     covariance: np.ndarray
     std: np.ndarray
     axes: np.ndarray

@@ -18,7 +18,7 @@ from estimator.cues.assigned import AssignedPoints
 from estimator.cues.evidence import CameraEvidence, ImageModel, Past
 from estimator.imaging.observation import Observation
 from estimator.optimise.qp import StepSolver
-from estimator.optimise.seek import Found, Seeker
+from estimator.optimise.seek import Seeker, Solution
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.potentials import POTENTIALS
@@ -217,7 +217,7 @@ class Descents:
     largest_residual: float = 0.0
     outside: int = 0
 
-    def add(self, body: Body, cost: Cost, seen: list[np.ndarray], found: Found) -> None:
+    def add(self, body: Body, cost: Cost, seen: list[np.ndarray], found: Solution) -> None:
         path = seen if seen and seen[-1] is found.q else [*seen, found.q]
         values = np.array([cost.at(q).value for q in path])
         rises = np.diff(values) / (1.0 + np.abs(values[:-1]))

@@ -132,7 +132,7 @@ class Residuals:
     def _tilt(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
         u = posed.rotations[ROOT] @ self._axis
         D = np.zeros((3, self._body.nv))
-        D[:, :FREE] = np.cross(posed.columns[:FREE, 3:], u).T
+        D[:, :FREE] = np.cross(posed.spatial_jacobian[:FREE, 3:], u).T
         r, J = robust(((u - self._up) / self._tilt_std)[None], D[None] / self._tilt_std, self._prior_nu)
         return r[0], J[0]
 

@@ -66,7 +66,7 @@ def mirror_of(body: Body) -> tuple[np.ndarray, np.ndarray]:
     other = np.array([
         names.index(next((swap[s] + n.removeprefix(s) for s in swap if n.startswith(s)), n)) for n in names
     ])  # fmt: skip
-    axes = body.at(body.neutral).columns[-len(names) :, 3:]
+    axes = body.at(body.neutral).spatial_jacobian[-len(names) :, 3:]
     across = np.abs(axes[:, 1]) > 0.5  # the neutral pose faces x with its left towards y
     return other, np.where((other != np.arange(len(names))) | across, 1.0, -1.0)
 

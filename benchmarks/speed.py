@@ -20,7 +20,7 @@ from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
 from estimator.fitting.lengths import fit_proportions
 from estimator.imaging.observation import Observation
-from estimator.optimise.seek import Found, Seeker
+from estimator.optimise.seek import Seeker, Solution
 from estimator.terms.term import Cost
 from estimator.trackers.base import Tracker
 from estimator.tracking.registry import GROUPS, make_tracker, settings_for
@@ -172,7 +172,7 @@ def tallied(tally: Tally) -> Iterator[None]:
     """Count the searches, by the budget they were given, and their steps."""
     seek = Seeker.seek
 
-    def counted(self: Seeker, cost: Cost, q: np.ndarray, settings: Any = None) -> Found:
+    def counted(self: Seeker, cost: Cost, q: np.ndarray, settings: Any = None) -> Solution:
         found = seek(self, cost, q, settings)
         budget = (settings or self.settings).max_iterations
         tally.searches[budget] += 1

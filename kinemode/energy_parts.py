@@ -127,5 +127,5 @@ def _assigned_part(label: str, case: Case, evidence: CameraEvidence, term: Assig
 
 
 def _energy(term: Term, posed: PosedBody) -> float:
-    nv = len(posed.columns)
+    nv = len(posed.spatial_jacobian)
     return float(term.accumulate(posed, np.zeros(nv), np.zeros((nv, nv))))

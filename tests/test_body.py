@@ -47,7 +47,7 @@ def test_placements_and_columns_are_pinocchios(body: Body) -> None:
         assert np.array_equal(posed.rotations[j], data.oMi[j].rotation)
         assert np.array_equal(posed.translations[j], data.oMi[j].translation)
         spatial = pin.getJointJacobian(body.model, data, j, pin.ReferenceFrame.WORLD)
-        assert np.allclose(np.where(body.support(j)[:, None], posed.columns, 0.0), spatial.T, atol=1e-14)
+        assert np.allclose(np.where(body.support(j)[:, None], posed.spatial_jacobian, 0.0), spatial.T, atol=1e-14)
 
 
 def test_a_posed_body_owns_its_arrays(body: Body) -> None:
@@ -99,7 +99,7 @@ def test_scaled_bodies_equal_scaled_subjects(body: Body) -> None:
         q = random_pose(body, rng)
         ours, theirs = proportioned.at(scales), Body(body.subject.scaled(proportioned.scales(scales)))
         assert np.abs(ours.landmarks(ours.at(q)) - theirs.landmarks(theirs.at(q))).max() < 1e-12
-        assert np.abs(ours.at(q).columns - theirs.at(q).columns).max() < 1e-12
+        assert np.abs(ours.at(q).spatial_jacobian - theirs.at(q).spatial_jacobian).max() < 1e-12
     plain = proportioned.at(np.ones(len(proportioned.names)))
     assert np.array_equal(plain.landmarks(plain.at(q)), body.landmarks(body.at(q)))
 
@@ -146,8 +146,8 @@ def test_kinematics_joint_by_joint_are_the_same() -> None:
         q = pin.integrate(body.model, body.neutral, np.random.default_rng(32).normal(size=body.nv))
         expected, slow = body.at(q), JointKinematics(body.model).at(q)
         assert np.abs(slow[0] - expected.placements).max() < 1e-12
-        assert np.abs(slow[1] - expected.columns).max() < 1e-12
-        assert np.ptp(expected.columns) > 0.1
+        assert np.abs(slow[1] - expected.spatial_jacobian).max() < 1e-12
+        assert np.ptp(expected.spatial_jacobian) > 0.1
 
 
 def test_a_long_chain_does_without_the_memory_of_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import body_size
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Found, Seeker
+from estimator.optimise.seek import Seeker, Solution
 from estimator.search.first_pose import random_configuration
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
 from estimator.search.proposals import CovarianceScaledProposal
@@ -110,7 +110,7 @@ class Arm:
         self.cost: Cost = self.model.cost(self.readings[0].term)
         self.flips = known_flips(self.body, self.truth, camera, np.random.default_rng(61))
 
-    def modes(self) -> dict[str, Found]:
+    def modes(self) -> dict[str, Solution]:
         """Each flip, let down to the minimum of the one picture's energy."""
         return {name: Seeker(self.body).seek(self.cost, q) for name, q in self.flips.items()}
 

@@ -1,4 +1,5 @@
-"""Particle filters on problems with known answers: Kalman's, counted draws, two wells, clouds on the manifold."""
+"""Particle filters on problems with known answers: Kalman's, counted draws, two wells, particle sets on the
+manifold."""
 
 from __future__ import annotations
 
@@ -137,9 +138,9 @@ def test_the_mean_of_turned_bodies_is_on_the_manifold() -> None:
     steps[:, 3:6] *= 20.0
     low, high = body.tangent_bounds(q)
     steps = np.clip(steps, -0.9 * np.minimum(-low, high), 0.9 * np.minimum(-low, high))
-    cloud = np.array([body.integrate(q, s) for step in steps for s in (step, -step)])
+    particle_q = np.array([body.integrate(q, s) for step in steps for s in (step, -step)])
     weights = np.repeat(rng.uniform(0.5, 1.5, size=30), 2)
-    mean, covariance = mean_and_covariance(body, cloud, weights)
+    mean, covariance = mean_and_covariance(body, particle_q, weights)
     assert np.abs(body.difference(q, mean)).max() < 1e-9
     assert np.linalg.norm(mean[3:7]) == pytest.approx(1.0, abs=1e-12)
     expected = np.einsum("n,ni,nj->ij", weights[::2] / weights[::2].sum(), steps, steps)

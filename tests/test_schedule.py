@@ -11,7 +11,7 @@ from estimator.imaging.observation import Observation
 from estimator.search.mode_search import Hypothesis
 from estimator.search.schedule import BudgetSettings, Offer, shared_out
 from estimator.search.volumes import Surroundings, importance_log_volumes
-from estimator.terms.term import Cost, Quadratic
+from estimator.terms.term import Cost, QuadraticModel
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body, PosedBody
@@ -88,7 +88,7 @@ class Bowl:
         return float(0.5 * e @ self._hessian @ e + self._slope @ e)
 
 
-def bowl(seed: int, at_limit: int | None = None) -> tuple[Body, Cost, Quadratic]:
+def bowl(seed: int, at_limit: int | None = None) -> tuple[Body, Cost, QuadraticModel]:
     body, rng = body_of("arm8"), np.random.default_rng(seed)
     spread = rng.uniform(0.02, 0.06, body.nv)
     turn = np.linalg.qr(rng.standard_normal((body.nv, body.nv)))[0]

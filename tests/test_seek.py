@@ -12,7 +12,7 @@ from builders import BROWN, bent, body_of, camera_at, inside, observe, random_po
 from estimator.cost.model import CostModel, CostSettings
 from estimator.optimise.contact import ContactSettings, contact_kkt_residual, separate
 from estimator.optimise.covariance import MAX_STD, free_directions, mode_covariance
-from estimator.optimise.seek import Found, Seeker, SeekSettings, trust_box
+from estimator.optimise.seek import Seeker, SeekSettings, Solution, trust_box
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from estimator.terms.term import Cost, Term
 from humanoid.collision.clearance import Clearance
@@ -166,7 +166,7 @@ CROSSED = {  # the left hand inside the trunk
 }
 
 
-def overlapping() -> tuple[Body, Seeker, Clearance, Cost, Found]:
+def overlapping() -> tuple[Body, Seeker, Clearance, Cost, Solution]:
     body = body_of("human34")
     clearance = Clearance(body)
     crossed = bent(body, **CROSSED)

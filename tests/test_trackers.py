@@ -227,8 +227,8 @@ def test_hypotheses_share_out_the_particles() -> None:
         assert np.allclose(shares, result.weight, atol=1e-12)
         found[modes] = result, state.particles
     assert len(found[7][0].weight) > 1
-    whole, cloud = found[1]
-    mean, covariance = mean_and_covariance(body, cloud.states[:, : body.nq], cloud.weights)
+    whole, particles = found[1]
+    mean, covariance = mean_and_covariance(body, particles.states[:, : body.nq], particles.weights)
     assert np.allclose(mean, whole.q[0], atol=1e-9)
     assert np.allclose(covariance, whole.covariance[0], atol=1e-9)
 

@@ -25,7 +25,7 @@ class Annealing:
 
 def anneal(
     rng: np.random.Generator,
-    cloud: Particles,
+    particles: Particles,
     annealing: Annealing,
     disperse: Callable[[np.ndarray, np.ndarray | float], np.ndarray],
     energies: Callable[[np.ndarray, np.ndarray], np.ndarray],
@@ -39,7 +39,7 @@ def anneal(
 
     Parameters
     ----------
-    cloud: the set after the frame before.
+    particles: the set after the frame before.
     disperse: states (N, S) and a scale, of the dynamics' noise in each dimension (D,) or in all -> states.
     energies: states (N, S) and their owners (N,) -> (N,).
     spread: states (N, S), weights (N,) -> standard deviation in each dimension (D,).
@@ -49,15 +49,15 @@ def anneal(
     scale: np.ndarray | float = 1.0
     first: np.ndarray | None = None
     for _ in range(annealing.layers):
-        chosen = systematic(rng, cloud.weights, len(cloud.weights))
-        states, owner = disperse(cloud.states[chosen], scale), cloud.owner[chosen]
+        chosen = systematic(rng, particles.weights, len(particles.weights))
+        states, owner = disperse(particles.states[chosen], scale), particles.owner[chosen]
         if first is None:
             first = np.maximum(spread(states, np.full(len(states), 1.0 / len(states))), 1e-12)
         values = energies(states, owner)
         weights = normalised(-annealing_power(values, annealing.survival) * values)[0]
-        cloud = Particles(states, weights, owner)
+        particles = Particles(states, weights, owner)
         scale = annealing.diffusion * np.minimum(1.0, spread(states, weights) / first)
-    return cloud
+    return particles
 
 
 def annealing_power(energies: np.ndarray, survival: float) -> float:

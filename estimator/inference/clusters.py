@@ -14,8 +14,8 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
     """The cluster (N,) each point (N, D) belongs to, the heaviest first; at most `count`.
 
     The point with the most weight within `radius` leads the first cluster; then the same among the points farther than
-    `radius` from every leader; all go to the nearest leader at the end. So one compact cloud stays one cluster, and
-    with a `count` of 1 everything is.
+    `radius` from every leader; all go to the nearest leader at the end. So one compact set of particles stays one
+    cluster, and with a `count` of 1 everything is.
     """
     square = np.sum(np.square(points), axis=1)
     apart = square[:, None] + square[None, :] - 2.0 * points @ points.T

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimator.optimise.box_step import model_decrease
-from estimator.optimise.seek import Found, Seeker
-from estimator.terms.term import Cost, Quadratic
+from estimator.optimise.seek import Seeker, Solution
+from estimator.terms.term import Cost, QuadraticModel
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
 
@@ -32,7 +32,7 @@ class ContactSettings:
     force: float = 1e5
 
 
-def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, settings: ContactSettings) -> Found:
+def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Solution, settings: ContactSettings) -> Solution:
     """`found` itself if no parts overlap by more than the tolerance, else the end of a search with hard rows.
 
     Every step solves the QP with the linearised clearance d + n'J dx >= target of all near pairs, target being 0 or,
@@ -66,10 +66,10 @@ def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Found, set
                 break
     residual = contact_kkt_residual(seeker, clearance, here)
     status = "converged" if residual < seeker.settings.kkt_tolerance else "separated"
-    return Found(here, status, residual, found.iterations + tried)
+    return Solution(here, status, residual, found.iterations + tried)
 
 
-def contact_kkt_residual(seeker: Seeker, clearance: Clearance, quadratic: Quadratic) -> float:
+def contact_kkt_residual(seeker: Seeker, clearance: Clearance, quadratic: QuadraticModel) -> float:
     """Largest entry of the gradient that neither joint limits nor touching parts can balance.
 
     The multipliers, none negative, are the least-squares ones of the active limits and of the pairs in touch.

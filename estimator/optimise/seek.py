@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.optimise.box_step import model_decrease, projected_gradient
 from estimator.optimise.qp import StepSolver
-from estimator.terms.term import Cost, Quadratic
+from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
 
 MAX_DAMPING = 1e12
@@ -37,11 +37,11 @@ class SeekSettings:
     max_slide: float = 0.5
 
 
-class Found(NamedTuple):
+class Solution(NamedTuple):
     """End of a search: the quadratic model at the last accepted q, status as in `Mode`, recomputed KKT residual,
     steps tried."""
 
-    quadratic: Quadratic
+    quadratic: QuadraticModel
     status: str
     kkt_residual: float
     iterations: int
@@ -69,7 +69,7 @@ class Seeker:
             self._boxes[size] = trust_box(self.body, *size)
         return self._boxes[size]
 
-    def kkt_residual(self, quadratic: Quadratic) -> float:
+    def kkt_residual(self, quadratic: QuadraticModel) -> float:
         """Largest entry of the projected gradient at a posed body: zero at a minimum within the joint limits."""
         body = self.body
         return float(
@@ -79,7 +79,7 @@ class Seeker:
             )
         )  # fmt: skip
 
-    def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Found:
+    def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Solution:
         """Descend from q (nq,), clamped into the limits first; the energy never rises."""
         settings = settings or self.settings
         here = cost.at(self.body.clamp(q))
@@ -88,13 +88,13 @@ class Seeker:
         residual = self.kkt_residual(here)
         for iteration in range(settings.max_iterations):
             if residual < settings.kkt_tolerance:
-                return Found(here, "converged", residual, iteration)
+                return Solution(here, "converged", residual, iteration)
             step, damping = self._step(here, damping, radius, active)
             if step is None:
-                return Found(here, "stalled", residual, iteration)
+                return Solution(here, "stalled", residual, iteration)
             predicted = model_decrease(here.hessian, here.gradient, step)
             if predicted < settings.decrease_tolerance:
-                return Found(here, "stalled", residual, iteration)
+                return Solution(here, "stalled", residual, iteration)
             trial = cost.at(self.body.integrate(here.posed.q, step), predicted < settings.exact_below)
             ratio = (here.value - trial.value) / max(predicted, 1e-300)
             trial_residual = self.kkt_residual(trial)
@@ -106,12 +106,12 @@ class Seeker:
             else:
                 damping, growth = max(damping, 1e-6) * growth, growth * 2.0
                 if damping > MAX_DAMPING:
-                    return Found(here, "stalled", residual, iteration)
+                    return Solution(here, "stalled", residual, iteration)
         status = "converged" if residual < settings.kkt_tolerance else "iterations"
-        return Found(here, status, residual, settings.max_iterations)
+        return Solution(here, status, residual, settings.max_iterations)
 
     def _step(
-        self, here: Quadratic, damping: float, radius: np.ndarray, active: np.ndarray
+        self, here: QuadraticModel, damping: float, radius: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray | None, float]:
         """A step and its damping, raised as far as an indefinite true curvature needs; None where that is too far."""
         while True:

@@ -14,11 +14,11 @@ from estimator.modes.mixture import Mode
 from estimator.modes.origin import START, Origin
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Found, Seeker, SeekSettings
+from estimator.optimise.seek import Seeker, SeekSettings, Solution
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost, Quadratic, Term
+from estimator.terms.term import Cost, QuadraticModel, Term
 
 
 class Reading(NamedTuple):
@@ -151,7 +151,7 @@ class FrameSearch:
         """Work: what a mode's weight gains by the probability around it, by the second-order model."""
         return Surroundings(self._body, self.surroundings(refined)[0]).log_volume
 
-    def surroundings(self, refined: Refined) -> tuple[Quadratic, Cost]:
+    def surroundings(self, refined: Refined) -> tuple[QuadraticModel, Cost]:
         """The energy that a mode is a minimum of, and its second-order model there."""
         cost = self._base(refined.hypothesis).plus(self._assigned(refined.q_assigned))
         return cost.at(refined.mode.q), cost
@@ -194,12 +194,12 @@ class FrameSearch:
                 break
         return q
 
-    def _seek(self, base: Cost, q: np.ndarray, settings: SeekSettings) -> Found:
+    def _seek(self, base: Cost, q: np.ndarray, settings: SeekSettings) -> Solution:
         """Search `base` and what the pictures say around q (nq,)."""
         return self._seeker.seek(base.plus(self._assigned(q)), q, settings)
 
     def _mode(
-        self, h: Hypothesis, found: Found, assigned: Sequence[Term], penetration: float, q_assigned: np.ndarray
+        self, h: Hypothesis, found: Solution, assigned: Sequence[Term], penetration: float, q_assigned: np.ndarray
     ) -> Mode:
         reading, dt, body = self.case.readings[h.reading], self.case.dt, self._body
         posed, before = found.quadratic.posed, h.q_previous

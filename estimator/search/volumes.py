@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.optimise.covariance import MAX_STD, free_mask
 from estimator.search.proposals import log_density_at_centre
-from estimator.terms.term import Cost, Quadratic
+from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
 
 TAIL = 5.0  # degrees of freedom of the importance density: heavier than the posterior, so that no weight runs away
@@ -27,7 +27,7 @@ class Surroundings:
     Raises numpy.linalg.LinAlgError where the Hessian is not that of a minimum.
     """
 
-    def __init__(self, body: Body, at: Quadratic) -> None:
+    def __init__(self, body: Body, at: QuadraticModel) -> None:
         self._body, self._q = body, at.posed.q
         free = free_mask(body, at.posed.q, at.gradient)
         self._free, self._held = np.flatnonzero(free), np.flatnonzero(~free)
@@ -68,7 +68,7 @@ class Surroundings:
 
 
 def importance_log_volumes(
-    rng: np.random.Generator, body: Body, modes: Sequence[tuple[Quadratic, Cost]], count: int
+    rng: np.random.Generator, body: Body, modes: Sequence[tuple[QuadraticModel, Cost]], count: int
 ) -> np.ndarray:
     """Log-volumes (K,) of modes, relative to their heights, by importance sampling (CSS section 8).
 

@@ -31,27 +31,27 @@ def accumulate_points(
     """
     tree = body.tree
     _accumulate(
-        posed.columns, tree.joint_parent, tree.dof_joint, tree.dof_parent, joints, points, force, weight, gradient,
-        hessian, exact,
+        posed.spatial_jacobian, tree.joint_parent, tree.dof_joint, tree.dof_parent, joints, points, force, weight,
+        gradient, hessian, exact,
     )  # fmt: skip
 
 
 @jit
 def _accumulate(  # type: ignore[no-untyped-def]
-    columns, joint_parent, dof_joint, dof_parent, joints, points, force, weight, gradient, hessian, exact
+    J, joint_parent, dof_joint, dof_parent, joints, points, force, weight, gradient, hessian, exact
 ):
     njoints = joint_parent.shape[0]
     joint_force = np.zeros((njoints, 6))
     joint_load = np.zeros((njoints, 6, 6))
     load_joints(joints, points, force, weight, joint_force, joint_load)
-    gather(columns, joint_parent, dof_joint, dof_parent, joint_force, joint_load, gradient, hessian)
+    gather(J, joint_parent, dof_joint, dof_parent, joint_force, joint_load, gradient, hessian)
     if exact:
         moment = np.zeros((njoints, 3, 3))
         for n in range(joints.shape[0]):
             for i in range(3):
                 for k in range(3):
                     moment[joints[n], i, k] += points[n, i] * force[n, k]
-        bend(columns, joint_parent, dof_joint, dof_parent, joint_force, moment, hessian)
+        bend(J, joint_parent, dof_joint, dof_parent, joint_force, moment, hessian)
 
 
 @jit
@@ -80,7 +80,7 @@ def load_joints(joints, points, force, weight, joint_force, joint_load):  # type
 
 
 @jit
-def gather(columns, joint_parent, dof_joint, dof_parent, force, load, gradient, hessian):  # type: ignore[no-untyped-def]
+def gather(J, joint_parent, dof_joint, dof_parent, force, load, gradient, hessian):  # type: ignore[no-untyped-def]
     """Joint loads to gradient and Hessian: sums go up the tree first, as in the composite rigid body algorithm.
 
     Adds sum_j J_j' force_j to the gradient and sum_j J_j' load_j J_j to the Hessian in O(nv depth). Overwrites `load`
@@ -96,16 +96,16 @@ def gather(columns, joint_parent, dof_joint, dof_parent, force, load, gradient, 
     for d in range(dof_joint.shape[0]):
         j = dof_joint[d]
         for i in range(6):
-            gradient[d] += force[j, i] * columns[d, i]
+            gradient[d] += force[j, i] * J[d, i]
             s = 0.0
             for k in range(6):
-                s += load[j, i, k] * columns[d, k]
+                s += load[j, i, k] * J[d, k]
             moved[i] = s
         k = d
         while k >= 0:
             s = 0.0
             for i in range(6):
-                s += columns[k, i] * moved[i]
+                s += J[k, i] * moved[i]
             hessian[d, k] += s
             if k != d:
                 hessian[k, d] += s
@@ -113,7 +113,7 @@ def gather(columns, joint_parent, dof_joint, dof_parent, force, load, gradient, 
 
 
 @jit
-def bend(columns, joint_parent, dof_joint, dof_parent, force, moment, hessian):  # type: ignore[no-untyped-def]
+def bend(J, joint_parent, dof_joint, dof_parent, force, moment, hessian):  # type: ignore[no-untyped-def]
     """Add the curvature of the kinematics: sum over points of f . d2p / dq_i dq_j.
 
     For i at or above j in the tree, d/dq_i carries the whole velocity field of j along: d2p = w_i x (v_j + w_j x p),
@@ -127,7 +127,7 @@ def bend(columns, joint_parent, dof_joint, dof_parent, force, moment, hessian): 
     turned = np.zeros(3)
     for d in range(dof_joint.shape[0]):
         j = dof_joint[d]
-        v, w = columns[d, :3], columns[d, 3:]
+        v, w = J[d, :3], J[d, 3:]
         F, P = force[j, :3], moment[j]
         trace = P[0, 0] + P[1, 1] + P[2, 2]
         for i in range(3):
@@ -137,7 +137,7 @@ def bend(columns, joint_parent, dof_joint, dof_parent, force, moment, hessian): 
         turned[2] += v[0] * F[1] - v[1] * F[0]
         k = d
         while k >= 0:
-            s = columns[k, 3] * turned[0] + columns[k, 4] * turned[1] + columns[k, 5] * turned[2]
+            s = J[k, 3] * turned[0] + J[k, 4] * turned[1] + J[k, 5] * turned[2]
             if k == d:
                 hessian[d, d] += s
             elif dof_joint[k] == j:  # each order of the pair gives half
@@ -149,7 +149,7 @@ def bend(columns, joint_parent, dof_joint, dof_parent, force, moment, hessian): 
             k = dof_parent[k]
         k = d + 1
         while k < dof_joint.shape[0] and dof_joint[k] == j:
-            s = 0.5 * (columns[k, 3] * turned[0] + columns[k, 4] * turned[1] + columns[k, 5] * turned[2])
+            s = 0.5 * (J[k, 3] * turned[0] + J[k, 4] * turned[1] + J[k, 5] * turned[2])
             hessian[d, k] += s
             hessian[k, d] += s
             k += 1

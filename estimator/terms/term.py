@@ -22,7 +22,7 @@ class Term(Protocol):
         ...
 
 
-class Quadratic(NamedTuple):
+class QuadraticModel(NamedTuple):
     """Second-order model of an energy at a posed body: value, gradient (nv,), Hessian (nv, nv), whether it is exact."""
 
     posed: PosedBody
@@ -43,15 +43,15 @@ class Cost:
         """This sum and more terms."""
         return Cost(self.body, (*self.terms, *terms))
 
-    def at(self, q: np.ndarray, exact: bool = False) -> Quadratic:
+    def at(self, q: np.ndarray, exact: bool = False) -> QuadraticModel:
         """The energy's quadratic model at configuration q (nq,)."""
         return self.of(self.body.at(q), exact)
 
-    def of(self, posed: PosedBody, exact: bool = False) -> Quadratic:
+    def of(self, posed: PosedBody, exact: bool = False) -> QuadraticModel:
         """The energy's quadratic model at an already posed body."""
         gradient = np.zeros(self.body.nv)
         hessian = np.zeros((self.body.nv, self.body.nv))
         value = 0.0
         for term in self.terms:
             value += term.accumulate(posed, gradient, hessian, exact)
-        return Quadratic(posed, value, gradient, hessian, exact)
+        return QuadraticModel(posed, value, gradient, hessian, exact)

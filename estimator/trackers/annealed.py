@@ -11,8 +11,8 @@ from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, judged, observable
-from estimator.trackers.cloud import FrameEnergy, Summary, diffused, first_cloud, summarised, unseen
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.particle_set import FrameEnergy, Summary, diffused, first_particle_set, summarised, unseen
 
 
 @dataclass(frozen=True)
@@ -48,26 +48,26 @@ class Annealed:
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        return first_cloud(self.search, rng, observation, self.settings.modes, self.settings.particles)
+        return first_particle_set(self.search, rng, observation, self.settings.modes, self.settings.particles)
 
     def step(
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        cloud, before, dt = state.particles, state.mixture, observation.time - state.time
-        assert cloud is not None
+        particles, before, dt = state.particles, state.mixture, observation.time - state.time
+        assert particles is not None
         noise = self.settings.noise * self.search.model.transition_std(dt)
 
         def disperse(q: np.ndarray, scale: np.ndarray | float) -> np.ndarray:
             return diffused(rng, self.body, q, scale * noise)
 
         if not observable(observation):
-            return unseen(self.search, state, observation, disperse(cloud.states, 1.0))
+            return unseen(self.search, state, observation, disperse(particles.states, 1.0))
         energy = FrameEnergy(self.search, observation, before)
-        cloud = anneal(rng, cloud, self._annealing, disperse, energy.values, self._spread)
-        found, owner = summarised(self.search, energy, cloud, cloud.states, before, dt, self._summary)
+        particles = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)
+        found, owner = summarised(self.search, energy, particles, particles.states, before, dt, self._summary)
         state, result = judged(self.search, observation, found)
-        return replace(state, particles=replace(cloud, owner=owner)), result
+        return replace(state, particles=replace(particles, owner=owner)), result
 
     def _spread(self, q: np.ndarray, weights: np.ndarray) -> np.ndarray:
         covariance = mean_and_covariance(self.body, q, weights)[1]

@@ -10,8 +10,8 @@ from estimator.imaging.observation import Observation
 from estimator.inference.particles import Particles, bootstrap_step
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, judged, observable
-from estimator.trackers.cloud import FrameEnergy, Summary, first_cloud, summarised, unseen
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.particle_set import FrameEnergy, Summary, first_particle_set, summarised, unseen
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Condensation:
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         s = self.settings
-        state, result = first_cloud(self.search, rng, observation, s.modes, s.particles)
+        state, result = first_particle_set(self.search, rng, observation, s.modes, s.particles)
         assert state.particles is not None
         at_rest = np.hstack([state.particles.states, np.zeros((s.particles, self.body.nv))])
         return replace(state, particles=replace(state.particles, states=at_rest)), result
@@ -54,19 +54,19 @@ class Condensation:
         self, rng: np.random.Generator, state: TrackState, observation: Observation
     ) -> tuple[TrackState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        cloud, before, dt = state.particles, state.mixture, observation.time - state.time
-        assert cloud is not None
+        particles, before, dt = state.particles, state.mixture, observation.time - state.time
+        assert particles is not None
         if not observable(observation):
-            return unseen(self.search, state, observation, self._moved(rng, cloud.states, dt))
+            return unseen(self.search, state, observation, self._moved(rng, particles.states, dt))
         energy, nq = FrameEnergy(self.search, observation, before), self.body.nq
         states, weights, ancestor, _ = bootstrap_step(
             rng,
-            cloud.states,
-            cloud.weights,
+            particles.states,
+            particles.weights,
             lambda old: self._moved(rng, old, dt),
-            lambda new, old: -energy.values(new[:, :nq], cloud.owner[old]) / self.settings.temperature,
+            lambda new, old: -energy.values(new[:, :nq], particles.owner[old]) / self.settings.temperature,
         )
-        after = Particles(states, weights, cloud.owner[ancestor])
+        after = Particles(states, weights, particles.owner[ancestor])
         found, owner = summarised(self.search, energy, after, states[:, :nq], before, dt, self._summary)
         state, result = judged(self.search, observation, found)
         return replace(state, particles=replace(after, owner=owner)), result

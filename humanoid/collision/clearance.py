@@ -100,7 +100,9 @@ class Clearance:
         point_a, point_b = self._point_a[:count].copy(), self._point_b[:count].copy()
         normal = self._normal[:count].copy()
         tree = self._body.tree
-        gradient = witness.gradients(posed.columns, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal)
+        gradient = witness.gradients(
+            posed.spatial_jacobian, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal
+        )
         return Contacts(pair, self._distance[:count].copy(), point_a, point_b, normal, gradient)
 
     def penetration(self, posed: PosedBody) -> float:

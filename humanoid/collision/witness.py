@@ -262,7 +262,7 @@ def _curvature(
 
 @jit
 def gradients(
-    columns: np.ndarray,
+    spatial_jacobian: np.ndarray,
     dof_parent: np.ndarray,
     last_dof: np.ndarray,
     points_a: np.ndarray,
@@ -271,19 +271,19 @@ def gradients(
 ) -> np.ndarray:
     """Gradients (M, nv) of signed distances: n . (J_b(p_b) - J_a(p_a)).
 
-    columns (nv, 6): see `PosedBody`. dof_parent (nv,): see `Tree`. last_dof (M, 2): last degree of freedom of either
-    solid. points_a, points_b, normals (M, 3): witness points and normal from a to b.
+    spatial_jacobian (nv, 6): see `PosedBody`. dof_parent (nv,): see `Tree`. last_dof (M, 2): last degree of freedom of
+    either solid. points_a, points_b, normals (M, 3): witness points and normal from a to b.
 
     A degree of freedom that moves both solids leaves their distance alone, so the walk to the root ends where the two
     chains meet.
     """
-    gradient = np.zeros((normals.shape[0], columns.shape[0]))
+    gradient = np.zeros((normals.shape[0], spatial_jacobian.shape[0]))
     for m in range(normals.shape[0]):
         a, b = last_dof[m, 0], last_dof[m, 1]
         while a != b:  # a parent comes before its children, so the larger of the two is on one chain only
             k, sign = (a, -1.0) if a > b else (b, 1.0)
             p = points_a[m] if a > b else points_b[m]
-            n, c = normals[m], columns[k]
+            n, c = normals[m], spatial_jacobian[k]
             gradient[m, k] = sign * (
                 n[0] * (c[0] + c[4] * p[2] - c[5] * p[1])
                 + n[1] * (c[1] + c[5] * p[0] - c[3] * p[2])

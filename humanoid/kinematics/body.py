@@ -21,13 +21,13 @@ class PosedBody(NamedTuple):
 
     q (nq,): configuration, Pinocchio order.
     placements (njoints, 12): T_world_joint of every joint: the rotation column by column, then the translation [m].
-    columns (nv, 6): column of each degree of freedom of the spatial Jacobian in the world frame, (linear at the world
-        origin, angular); a point p fixed to the body moves with linear + angular x p.
+    spatial_jacobian (nv, 6): column of each degree of freedom of the spatial Jacobian in the world frame, as a row:
+        (linear at the world origin, angular); a point p fixed to the body moves with linear + angular x p.
     """
 
     q: np.ndarray
     placements: np.ndarray
-    columns: np.ndarray
+    spatial_jacobian: np.ndarray
 
     @property
     def rotations(self) -> np.ndarray:
@@ -159,7 +159,7 @@ class Body:
 
     def landmark_jacobians(self, posed: PosedBody) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
-        linear, angular = posed.columns[:, :3], posed.columns[:, 3:]
+        linear, angular = posed.spatial_jacobian[:, :3], posed.spatial_jacobian[:, 3:]
         velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[:, None])
         return np.where(self.landmark_support[:, None, :], velocity.transpose(0, 2, 1), 0.0)
 

@@ -1,4 +1,4 @@
-"""Placements and Jacobian columns of a model at q, by Pinocchio, as plain arrays."""
+"""Placements and spatial Jacobian of a model at q, by Pinocchio, as plain arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Kinematics(Protocol):
     """Forward kinematics and Jacobians of one model."""
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Placements (njoints, 12) and columns (nv, 6) at q (nq,), see `PosedBody`; the caller owns them."""
+        """Placements (njoints, 12) and spatial Jacobian (nv, 6) at q (nq,), see `PosedBody`; the caller owns them."""
         ...
 
 

@@ -84,7 +84,9 @@ class _Probe:
             self.posed.append(body.at(q))
         self.points = np.array([body.landmarks(p) for p in self.posed])
         all_dofs = np.arange(body.nv)
-        axes, through = (np.array(x) for x in zip(*(axes_of(p.columns, all_dofs) for p in self.posed), strict=True))
+        axes, through = (
+            np.array(x) for x in zip(*(axes_of(p.spatial_jacobian, all_dofs) for p in self.posed), strict=True)
+        )
         self.axes, self.through = axes, through
         self.size = body_size(body)
         kinds = [body.model.joints[int(j)].shortname() for j in body.tree.dof_joint]

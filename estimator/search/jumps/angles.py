@@ -60,15 +60,15 @@ def times(factor, a):  # type: ignore[no-untyped-def]
 
 
 @jit
-def axes_of(columns, dofs):  # type: ignore[no-untyped-def]
+def axes_of(spatial_jacobian, dofs):  # type: ignore[no-untyped-def]
     """Unit axes and the points of them nearest to the world's origin [m] of revolute `dofs` (n,), (n, 3) each.
 
-    columns (nv, 6): see `PosedBody`.
+    spatial_jacobian (nv, 6): see `PosedBody`.
     """
     axes, through = np.empty((dofs.shape[0], 3)), np.empty((dofs.shape[0], 3))
     for k in range(dofs.shape[0]):
-        axes[k] = columns[dofs[k], 3:]
-        through[k] = cross(axes[k], columns[dofs[k], :3])
+        axes[k] = spatial_jacobian[dofs[k], 3:]
+        through[k] = cross(axes[k], spatial_jacobian[dofs[k], :3])
     return axes, through
 
 

@@ -54,7 +54,7 @@ def _turned_to(body: Body, sight: Sight, part: Part, targets: np.ndarray) -> Sig
     turn = _rotation(points - pivot, targets - pivot)
     if len(part.dofs) == 0:
         return moved_to(body, sight, _root_turned(sight.q, turn, pivot))
-    axes, through = axes_of(sight.columns, part.dofs)
+    axes, through = axes_of(sight.spatial_jacobian, part.dofs)
     lower, upper = body.tangent_bounds(sight.q)
     turns = np.zeros(len(part.dofs))
     rays = sight.rays[part.landmarks]
@@ -65,7 +65,7 @@ def _turned_to(body: Body, sight: Sight, part: Part, targets: np.ndarray) -> Sig
 def _pivot(sight: Sight, part: Part) -> np.ndarray:
     if len(part.dofs) == 0:
         return np.asarray(sight.points[part.landmarks].mean(axis=0))
-    return np.asarray(meeting_point(*axes_of(sight.columns, part.dofs)))
+    return np.asarray(meeting_point(*axes_of(sight.spatial_jacobian, part.dofs)))
 
 
 def _furthest(a: np.ndarray, b: np.ndarray) -> float:

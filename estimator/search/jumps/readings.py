@@ -19,13 +19,13 @@ SAME_PLACE = 0.01  # m; two readings that limits bring this near to each other a
 class Sight(NamedTuple):
     """A pose and the rays its landmarks are to stay on.
 
-    q (nq,); points (L, 3) [m]: its landmarks; columns (nv, 6): see `PosedBody`; eye (3,) [m]; rays (L, 3): unit vectors
-    from the eye, of the pose first looked at.
+    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `PosedBody`; eye (3,) [m]; rays (L, 3):
+    unit vectors from the eye, of the pose first looked at.
     """
 
     q: np.ndarray
     points: np.ndarray
-    columns: np.ndarray
+    spatial_jacobian: np.ndarray
     eye: np.ndarray
     rays: np.ndarray
 
@@ -44,13 +44,13 @@ def sight_of(body: Body, q: np.ndarray, camera: Camera) -> Sight:
     posed = body.at(q)
     points, eye = body.landmarks(posed), camera.centre_world
     rays = points - eye
-    return Sight(q, points, posed.columns, eye, rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None])
+    return Sight(q, points, posed.spatial_jacobian, eye, rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None])
 
 
 def moved_to(body: Body, sight: Sight, q: np.ndarray) -> Sight:
     """Another pose (nq,) that is to be on the same rays."""
     posed = body.at(q)
-    return sight._replace(q=q, points=body.landmarks(posed), columns=posed.columns)
+    return sight._replace(q=q, points=body.landmarks(posed), spatial_jacobian=posed.spatial_jacobian)
 
 
 def turned(body: Body, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def turned(body: Body, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray) -> np
 
 def limb_readings(body: Body, sight: Sight, limb: Limb, near: float = REACHED) -> list[Reading]:
     """What the limb can be on its rays: up to four readings that its joints reach within `near` [m]."""
-    axes, through = axes_of(sight.columns, limb.dofs)
+    axes, through = axes_of(sight.spatial_jacobian, limb.dofs)
     lower, upper = body.tangent_bounds(sight.q)
     points = sight.points[limb.landmarks]
     turns, errors, reached = np.zeros((4, len(limb.dofs))), np.zeros(4), np.zeros((4, 2, 3))

@@ -1,4 +1,4 @@
-"""What the particle trackers share: the energy of a frame at any pose, the first cloud, and its hypotheses."""
+"""What the particle trackers share: the energy of a frame at any pose, the first particle set, and its hypotheses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import PARTICLES, Origin
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import AS_DETECTED, ModeSearch
-from estimator.terms.term import Quadratic
+from estimator.terms.term import QuadraticModel
 from estimator.trackers.base import TrackState, carried, judged
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
@@ -38,7 +38,7 @@ class FrameEnergy:
             flows = self._evidence.followed_each([Past(self.body.at(m.q)) for m in before.modes])
             self._costs = [base.plus(flow) for flow in flows]
 
-    def at(self, q: np.ndarray, owner: int) -> Quadratic:
+    def at(self, q: np.ndarray, owner: int) -> QuadraticModel:
         """The energy at q (nq,), for a particle that came from hypothesis `owner`."""
         posed = self.body.at(q)
         cost = self._costs[owner]
@@ -60,7 +60,7 @@ class FrameEnergy:
         return np.array([self.at(one, int(k)).value for one, k in zip(q, owner, strict=True)])
 
 
-def first_cloud(
+def first_particle_set(
     search: ModeSearch, rng: np.random.Generator, observation: Observation, modes: int, count: int
 ) -> tuple[TrackState, FrameResult]:
     """State and result of the first frame; the states of its `count` particles are configurations (nq,).
@@ -82,7 +82,7 @@ def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarra
 
 @dataclass(frozen=True)
 class Summary:
-    """How a cloud becomes hypotheses. modes: at most so many. radius [m]: of a cluster, see `clusters`."""
+    """How a particle set becomes hypotheses. modes: at most so many. radius [m]: of a cluster, see `clusters`."""
 
     modes: int
     radius: float
@@ -96,33 +96,33 @@ class Summary:
 def summarised(
     search: ModeSearch,
     energy: FrameEnergy,
-    cloud: Particles,
+    particles: Particles,
     q: np.ndarray,
     before: Mixture,
     dt: float,
     summary: Summary,
 ) -> tuple[Mixture, np.ndarray]:
-    """The hypotheses of a cloud, and the one (N,) each particle belongs to.
+    """The hypotheses of a particle set, and the one (N,) each particle belongs to.
 
     A hypothesis is the mean of a cluster on the manifold, with its covariance (of rank below the cluster's count) and
     its share of the weights; clusters are told apart by the root mean square distance of their landmarks. A compact
-    cloud thus has one hypothesis, its mean, which is what the papers report. Energies and KKT residuals are those of
-    the means, which are not minima.
+    particle set thus has one hypothesis, its mean, which is what the papers report. Energies and KKT residuals are
+    those of the means, which are not minima.
 
     Parameters
     ----------
-    cloud: weights, and the hypothesis of `before` that each particle came from. q (N, nq): its configurations.
+    particles: weights, and the hypothesis of `before` that each particle came from. q (N, nq): its configurations.
     before: the mixture of the frame before, `dt` [s] ago.
     """
     body = search.body
     points = np.array([body.landmarks(body.at(one)).ravel() for one in q]) / np.sqrt(len(body.landmark_names))
-    label = clusters(points, cloud.weights, summary.radius, summary.modes)
+    label = clusters(points, particles.weights, summary.radius, summary.modes)
     modes, weights = [], []
     for k in range(int(label.max()) + 1):
         own = label == k
-        weight = cloud.weights[own]
+        weight = particles.weights[own]
         mean, covariance = mean_and_covariance(body, q[own], weight)
-        parent = int(np.argmax(np.bincount(cloud.owner[own], weights=weight)))
+        parent = int(np.argmax(np.bincount(particles.owner[own], weights=weight)))
         q_previous = before.modes[parent].q
         velocity = body.difference(q_previous, mean) / max(dt, 1e-3)
         origin = Origin(PARTICLES, q_previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
@@ -132,7 +132,7 @@ def summarised(
 
 
 def _mode(
-    search: ModeSearch, at: Quadratic, covariance: np.ndarray, parent: int, velocity: np.ndarray, origin: Origin
+    search: ModeSearch, at: QuadraticModel, covariance: np.ndarray, parent: int, velocity: np.ndarray, origin: Origin
 ) -> Mode:
     return Mode(
         q=at.posed.q,
