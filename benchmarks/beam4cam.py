@@ -15,7 +15,7 @@ from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
 from estimator.results.evaluation import Reference
 from humanoid.support.errors import InputError
-from kinemode import report
+from kinemode.terminal import report
 
 CAMERAS = ("cam01", "cam02", "cam03", "cam04")
 LEARNED = {"cam01": (102.0, 77.0), "cam02": (232.0, 126.0), "cam03": (124.0, 84.0), "cam04": (118.0, 83.0)}

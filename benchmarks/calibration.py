@@ -25,7 +25,7 @@ from benchmarks.calibration_levels import (
 from benchmarks.calibration_plot import write_reliability
 from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell
 from estimator.results.calibration import Calibration
-from kinemode import report
+from kinemode.terminal import report
 
 PLAIN = Calibration(
     covariance_scale=1.0, scale_spread=0.0, weight_temperature=1.0, prior_weight=1.0, limit_lean=1e-3, size_std=0.0

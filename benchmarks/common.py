@@ -21,7 +21,7 @@ from cyclopts import Parameter
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode.api import InputWarning
-from kinemode.render_files import made_folder
+from kinemode.rendering.files import made_folder
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

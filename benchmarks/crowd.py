@@ -21,7 +21,7 @@ from estimator.synthesis.motion import authored_motion
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.subject.subject import load_subject
-from kinemode import report
+from kinemode.terminal import report
 
 LIMIT = 5.0
 

@@ -17,7 +17,7 @@ from benchmarks.css_tables_jumps import SEARCHERS, WITHIN, Hunt, HuntTask, hunte
 from benchmarks.css_tables_minima import RULE, RowTask, Rule, Searches, distinct, known_problem, searched
 from benchmarks.css_tables_problem import Problem
 from humanoid.support.errors import InputError
-from kinemode import report
+from kinemode.terminal import report
 
 SCALES = (1.0, 4.0, 8.0)
 METHODS = ("CSS", "SS")

@@ -13,8 +13,9 @@ from cyclopts import Parameter
 from benchmarks.common import Several, save, start
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from estimator.results.evaluation import Reference
-from kinemode import demo, report
-from kinemode.progress import unreported
+from kinemode import demo
+from kinemode.terminal import report
+from kinemode.terminal.progress import unreported
 
 TARGET = 50.0
 

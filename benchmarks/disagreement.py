@@ -20,10 +20,11 @@ from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode import api, report
-from kinemode.declared import Declared
-from kinemode.inputs import load_inputs
-from kinemode.render_files import made_folder
+from kinemode import api
+from kinemode.inputs.declared import Declared
+from kinemode.inputs.load import load_inputs
+from kinemode.rendering.files import made_folder
+from kinemode.terminal import report
 
 FPS = 60.0
 LATE, LATE_FRAMES = ("cam02", "cam04"), 6

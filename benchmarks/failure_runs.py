@@ -12,7 +12,7 @@ from benchmarks.common import tell
 from benchmarks.scores import Outcome, outcome
 from benchmarks.sequences import Task, rendered, track_clip
 from estimator.tracking.registry import GROUPS, settings_for
-from kinemode.render_files import RenderedClip
+from kinemode.rendering.files import RenderedClip
 from kinemode.settings import choose
 
 CSS = "css"

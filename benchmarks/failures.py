@@ -16,8 +16,8 @@ from benchmarks.scores import FAR_MM, FAR_PX
 from benchmarks.sequences import FPS, Motion, Task
 from estimator.tracking.registry import GROUPS, TRACKERS
 from humanoid.support.errors import InputError
-from kinemode import report
 from kinemode.pictures import CUES, cue_choice
+from kinemode.terminal import report
 
 PAPER = {
     ("arm", CSS): "never",

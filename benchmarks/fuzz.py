@@ -19,8 +19,8 @@ from benchmarks.fuzz_judge import judge, prepare, write
 from benchmarks.fuzz_readers import READERS
 from benchmarks.fuzz_workers import limit_memory, verdicts
 from humanoid.support.errors import InputError
-from kinemode import report
-from kinemode.progress import reported
+from kinemode.terminal import report
+from kinemode.terminal.progress import reported
 
 _SHOWN = 40  # kinds of faults that are listed
 

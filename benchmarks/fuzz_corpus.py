@@ -22,8 +22,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.subject.subject import URDF_FOLDER, load_subject
 from kinemode.api import track
-from kinemode.progress import Progress
 from kinemode.settings import describe_settings
+from kinemode.terminal.progress import Progress
 
 Files = Mapping[str, bytes]
 SIZE = (64, 48)

@@ -28,7 +28,7 @@ from estimator.trackers.base import TrackState
 from humanoid.kinematics.body import Body
 from humanoid.shape.solids import solids_of
 from humanoid.subject.subject import load_subject
-from kinemode.clicks import clicks_from_page, load_clicks, no_clicks
+from kinemode.annotation.clicks import clicks_from_page, load_clicks, no_clicks
 from kinemode.settings import read_settings
 
 

@@ -32,7 +32,7 @@ from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import load_subject
-from kinemode import report
+from kinemode.terminal import report
 
 TARGET = 1e-5
 KKT_TARGET = 1e-6

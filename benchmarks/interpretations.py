@@ -35,7 +35,7 @@ from estimator.search.jumps import Flips
 from estimator.search.mode_search import ModeSearch
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode import report
+from kinemode.terminal import report
 
 SEARCHES, FRAME = 40, 1.0 / 15.0  # searches and seconds of a frame
 TARGET = 0.95

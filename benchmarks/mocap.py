@@ -18,9 +18,10 @@ from estimator.synthesis import DetectorSettings
 from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
-from kinemode import demo, report
+from kinemode import demo
 from kinemode.pictures import CUES
-from kinemode.render import render_clip
+from kinemode.rendering.clip import render_clip
+from kinemode.terminal import report
 
 DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")
 FPS = 30.0

@@ -28,7 +28,7 @@ from cyclopts import Parameter
 from benchmarks.common import Several, save, start
 from benchmarks.mode_search_duel import Contest, Duel, no_higher
 from benchmarks.mode_search_starts import KINDS, drawn, tracker_starts
-from kinemode import report
+from kinemode.terminal import report
 
 TARGET, SHARE = 10.0, 0.95
 DISTANCES = (0.05, 0.1, 0.2, 0.3, 0.5)  # standard deviation of every joint between truth and start [rad], root [rad, m]

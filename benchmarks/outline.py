@@ -22,7 +22,7 @@ from estimator.imaging.cues import CueReader, CueSettings, ImageCues
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import Surface, surface_of
-from kinemode import report
+from kinemode.terminal import report
 
 # part: landmarks at its ends (means of those given), where between them, and the width [m] above which it is not alone
 SECTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...], float, float]] = {

@@ -25,7 +25,7 @@ from estimator.terms.priors import Stabilisers
 from estimator.terms.term import Cost
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode import report
+from kinemode.terminal import report
 
 Errors = dict[str, dict[str, list[dict[str, TrackErrors]]]]
 """By clip and share of the prior: errors of every seed by trajectory."""

@@ -11,7 +11,7 @@ from benchmarks.scores import TrackErrors, trajectories
 from benchmarks.tracking import timed_track
 from estimator.results.evaluation import Reference
 from estimator.synthesis.mocap import load_mocap
-from kinemode.render import render_clip
+from kinemode.rendering.clip import render_clip
 
 
 @dataclass(frozen=True)

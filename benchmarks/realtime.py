@@ -29,8 +29,8 @@ from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode import report
-from kinemode.render import render_clip
+from kinemode.rendering.clip import render_clip
+from kinemode.terminal import report
 
 TARGET, WANTED, TARGET_RATIO = 15.0, 25.0, 1.7
 WARM_UP = 5  # frames in which kernels are loaded and hypotheses found

@@ -28,8 +28,9 @@ from benchmarks.resume_kills import (
     started,
 )
 from estimator.results.run_file import Run
-from kinemode import api, demo, report
-from kinemode.progress import unreported
+from kinemode import api, demo
+from kinemode.terminal import report
+from kinemode.terminal.progress import unreported
 
 SIGNALS = (  # and whether to all
     (signal.SIGTERM, False), (signal.SIGINT, True), (signal.SIGKILL, False), (signal.SIGTERM, True),

@@ -25,7 +25,7 @@ from estimator.results.evaluation import (
 from estimator.results.run_file import Run
 from estimator.smoothing import FixedLag
 from estimator.tracking.registry import make_tracker
-from kinemode.comparison_scores import FAR, FAR_PX, lost_frames
+from kinemode.comparison.scores import FAR, FAR_PX, lost_frames
 from kinemode.explain import run_settings
 
 FAR_MM = 1e3 * FAR

@@ -14,10 +14,10 @@ from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
 from estimator.synthesis.motion_keys import motion_named
-from kinemode import report
 from kinemode.pictures import CUES, cue_choice
-from kinemode.render import render_clip
-from kinemode.render_files import RenderedClip
+from kinemode.rendering.clip import render_clip
+from kinemode.rendering.files import RenderedClip
+from kinemode.terminal import report
 
 FPS = {"arm": 25.0, "pivot": 25.0, "turn_reach": 50.0}
 TARGET_MM = {"arm": 40.0, "pivot": 90.0, "turn_reach": 90.0}

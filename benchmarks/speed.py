@@ -27,9 +27,10 @@ from estimator.tracking.registry import GROUPS, make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
-from kinemode import demo, report
-from kinemode.inputs import load_inputs
-from kinemode.progress import unreported
+from kinemode import demo
+from kinemode.inputs.load import load_inputs
+from kinemode.terminal import report
+from kinemode.terminal.progress import unreported
 
 TARGET = 30.0
 

@@ -33,7 +33,7 @@ from estimator.terms.term import Cost, Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import load_subject
-from kinemode import report
+from kinemode.terminal import report
 
 TARGET = 0.2
 DAMPING = 1e-6

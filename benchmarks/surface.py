@@ -31,7 +31,7 @@ from estimator.terms.reprojection import pack_cameras
 from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import load_subject
-from kinemode import report
+from kinemode.terminal import report
 
 TARGET_MS = 1.0
 TARGET_NODES = 1000

@@ -12,7 +12,7 @@ from typing import Any
 from estimator.results.run_file import Run
 from humanoid.subject.subject import Subject
 from kinemode import api
-from kinemode.progress import Progress
+from kinemode.terminal.progress import Progress
 
 
 @dataclass(frozen=True)

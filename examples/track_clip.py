@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import kinemode as km
-from viz.preview import write_html
+from viz.preview.page import write_html
 
 
 def main(clip: str, keypoints: str, cameras: str | None = None) -> None:

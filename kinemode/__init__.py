@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.errors import InputError
     from kinemode.api import fit, open_run, track
-    from kinemode.comparison import compare
+    from kinemode.comparison.compare import compare
 
 __all__ = ["InputError", "Run", "Subject", "__version__", "compare", "fit", "load_subject", "open_run", "track"]
 
@@ -27,7 +27,7 @@ _HOME = {
     "InputError": "humanoid.support.errors",
     "Run": "estimator.results.run_file",
     "Subject": "humanoid.subject.subject",
-    "compare": "kinemode.comparison",
+    "compare": "kinemode.comparison.compare",
     "fit": "kinemode.api",
     "load_subject": "humanoid.subject.subject",
     "open_run": "kinemode.api",

@@ -8,8 +8,8 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from kinemode.interruption import RunInterrupted, interrupted_by_signals, is_interruption
-from kinemode.program import command
+from kinemode.terminal.interruption import RunInterrupted, interrupted_by_signals, is_interruption
+from kinemode.terminal.program import command
 
 BAD_INPUT = 2
 INTERNAL_ERROR = 1

@@ -29,16 +29,16 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode import __version__
-from kinemode.arguments import check_arguments, whole
-from kinemode.declared import Declared, Offsets, Rates, Sizes
 from kinemode.findings import findings
-from kinemode.inputs import Cameras, Inputs, load_inputs
-from kinemode.interruption import kept_if_interrupted
-from kinemode.named import Named, PathLike
-from kinemode.persons import Persons, plain
+from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes
+from kinemode.inputs.load import Cameras, Inputs, load_inputs
+from kinemode.inputs.named import Named, PathLike
+from kinemode.inputs.persons import Persons, plain
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
-from kinemode.progress import Reporter, unreported
+from kinemode.public.arguments import check_arguments, whole
 from kinemode.settings import Chosen, check_workers, choose
+from kinemode.terminal.interruption import kept_if_interrupted
+from kinemode.terminal.progress import Reporter, unreported
 
 FIT_CHOICES = ("auto", "proportions", "off")
 FitChoice = Literal["auto", "proportions", "off"]
@@ -118,7 +118,7 @@ def track(
     workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
         run is the same with any number.
         Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
-    progress: opens a progress report for each stage, such as `kinemode.progress.reported`; none by default.
+    progress: opens a progress report for each stage, such as `kinemode.terminal.progress.reported`; none by default.
 
     Raises
     ------

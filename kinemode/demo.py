@@ -16,12 +16,13 @@ from estimator.results.evaluation import Evaluation, Reference, evaluate
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
-from kinemode import api, report
-from kinemode.progress import Progress, Reporter, reported
-from kinemode.render_files import made_folder
-from viz.overlay import write_overlay
-from viz.preview import write_html
-from viz.sheet import write_sheet
+from kinemode import api
+from kinemode.rendering.files import made_folder
+from kinemode.terminal import report
+from kinemode.terminal.progress import Progress, Reporter, reported
+from viz.pictures.overlay import write_overlay
+from viz.pictures.sheet import write_sheet
+from viz.preview.page import write_html
 
 FPS = 30.0
 CAMERA = "front_right"  # the one that is tracked from

@@ -14,7 +14,7 @@ from estimator.imaging.cues import CueReader, CueSettings
 from estimator.trackers.base import startable
 from estimator.tracking.idle_settings import Idle
 from humanoid.support.errors import InputError
-from kinemode.inputs import Inputs
+from kinemode.inputs.load import Inputs
 
 CUES = ("edges", "flow", "silhouette")
 ENOUGH = 0.5  # share of frames with keypoints from which keypoints alone are tracked unless cues are asked for

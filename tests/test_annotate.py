@@ -25,10 +25,10 @@ from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_key
 from humanoid.subject.landmarks import COCO17, mirror_index
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.annotate import annotate
-from kinemode.annotate_server import AnnotationServer
-from kinemode.inputs import load_inputs
-from kinemode.landmark_guide import landmark_guide
+from kinemode.annotation.annotate import annotate
+from kinemode.annotation.landmark_guide import landmark_guide
+from kinemode.annotation.server import AnnotationServer
+from kinemode.inputs.load import load_inputs
 from tests.builders import body_of
 
 pytestmark = pytest.mark.filterwarnings("ignore:a folder of images has no frame rate")

@@ -19,7 +19,7 @@ from estimator.trackers.css import CssSettings
 from humanoid.support.errors import InputError
 from kinemode import api
 from kinemode.pictures import CUES, cue_choice
-from kinemode.render import RenderedClip
+from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 
 FRAMES = 5

@@ -17,8 +17,8 @@ from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import api
-from kinemode.named import named_paths
-from kinemode.progress import reported
+from kinemode.inputs.named import named_paths
+from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "track", "annotate", "render", "view", "overlay", "explain", "export", "evaluate", "settings", "subjects",

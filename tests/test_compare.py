@@ -19,14 +19,14 @@ from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
-from kinemode.comparison import Comparison, tracker_names
-from kinemode.comparison_files import plotted
-from kinemode.comparison_scores import FAR, FAR_PX, courses, lost_frames
-from kinemode.comparison_times import TrackTime
-from kinemode.progress import unreported
-from kinemode.render_files import RenderedClip
+from kinemode.comparison.compare import Comparison, tracker_names
+from kinemode.comparison.files import plotted
+from kinemode.comparison.scores import FAR, FAR_PX, courses, lost_frames
+from kinemode.comparison.times import TrackTime
+from kinemode.rendering.files import RenderedClip
+from kinemode.terminal.progress import unreported
 from tests.tiny_clip import QUICK, named, tiny_clip
-from viz.comparison import COLOURS, Curve, Panel, Plot, first_losses, write_plot
+from viz.pictures.plot import COLOURS, Curve, Panel, Plot, first_losses, write_plot
 
 NAMES = ("single-mode", "css", "gaussian-single-mode")
 SETTINGS = {"css": QUICK["css"], "cues": QUICK["cues"], "smooth": {"enabled": False}}

@@ -13,7 +13,7 @@ from estimator.formats.keypoints import load_keypoints
 from estimator.results.evaluation import Reference
 from humanoid.support.errors import InputError
 from kinemode import demo
-from kinemode.progress import unreported
+from kinemode.terminal.progress import unreported
 
 FRAMES = 5
 

@@ -22,10 +22,10 @@ from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
-from kinemode import report
 from kinemode.__main__ import main
 from kinemode.api import FindingWarning
 from kinemode.findings import findings, status_meanings
+from kinemode.terminal import report
 from tests.builders import body_of, camera_at
 from tests.tiny_clip import QUICK
 

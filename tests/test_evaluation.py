@@ -19,7 +19,7 @@ from estimator.synthesis import write_truth
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
-from kinemode import report
+from kinemode.terminal import report
 
 HIPS = [LIMB_JOINTS.index("left_hip"), LIMB_JOINTS.index("right_hip")]
 

@@ -23,7 +23,7 @@ from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.explain import explain
-from kinemode.render import RenderedClip
+from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 from viz import palette
 from viz.cue_pictures import LONGEST, cue_pictures

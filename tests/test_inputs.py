@@ -22,8 +22,8 @@ from estimator.sequences.clock_offsets import likely_offsets
 from estimator.sequences.resampling import at_places
 from estimator.sequences.timing import CameraClock, clip_clock, keypoint_clock, timeline
 from humanoid.support.errors import InputError
-from kinemode.declared import Declared
-from kinemode.inputs import Inputs, load_inputs
+from kinemode.inputs.declared import Declared
+from kinemode.inputs.load import Inputs, load_inputs
 from tests.builders import body_of, camera_at
 
 SIZE, COUNT, RATE = (160, 120), 60, 30.0

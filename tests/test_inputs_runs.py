@@ -17,10 +17,10 @@ from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.explain import cue_reader, explain, run_settings
-from kinemode.render import RenderedClip
+from kinemode.rendering.clip import RenderedClip
 from tests.test_api_cues import ARRAYS, stop_after
 from tests.tiny_clip import QUICK, tiny_clip
-from viz.overlay import write_overlay
+from viz.pictures.overlay import write_overlay
 from viz.scene import as_scene
 
 FRAMES, FIRST = 6, 2

@@ -23,10 +23,12 @@ from estimator.parallel.companion import _uninterrupted
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode import annotate, api, cli, program, report
+from kinemode import api, cli
+from kinemode.annotation import annotate
 from kinemode.demo import DemoClip, make_clip
-from kinemode.interruption import interrupted_by_signals, kept_if_interrupted
-from kinemode.progress import unreported
+from kinemode.terminal import program, report
+from kinemode.terminal.interruption import interrupted_by_signals, kept_if_interrupted
+from kinemode.terminal.progress import unreported
 
 
 def wait_for_ever(*_: Any, **__: Any) -> None:

@@ -14,8 +14,8 @@ import pytest
 
 from humanoid.support.errors import InputError
 from tests.test_viz import moving_scene
-from viz import live
 from viz.local_server import LocalServer
+from viz.preview import live
 
 PAGE = b"<!DOCTYPE html>" + b"x" * 40_000_000  # more than any socket takes at once
 

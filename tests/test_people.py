@@ -25,8 +25,8 @@ from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
-from kinemode.inputs import load_inputs
-from kinemode.persons import persons_of, plain
+from kinemode.inputs.load import load_inputs
+from kinemode.inputs.persons import persons_of, plain
 
 FRAMES, FPS = 40, 20.0
 Frames = list[list[tuple[int, Person]]]

@@ -14,7 +14,7 @@ import pytest
 from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from tests.test_viz import commands, moving_scene
-from viz.preview import page, write_html
+from viz.preview.page import page, write_html
 from viz.scene import Scene
 
 Open = Callable[..., None]

@@ -17,8 +17,8 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode import api, demo
-from kinemode.inputs import load_inputs
-from kinemode.progress import unreported
+from kinemode.inputs.load import load_inputs
+from kinemode.terminal.progress import unreported
 
 FRAMES = 24
 KILLS = (Moment(3), Moment(12, 0.01, signal.SIGTERM, to_all=True))  # far from the end: machines stall

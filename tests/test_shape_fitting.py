@@ -34,7 +34,7 @@ from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.superquadric import MIRROR, fault
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
-from kinemode.report import print_fit
+from kinemode.terminal.report import print_fit
 
 CAMERAS = tuple(camera_at(a, distance=3.2, focal=750.0, height=1.0, aim=(0.0, 0.0, 0.95)) for a in (15, 100))
 PROPORTIONS = {"left_knee_flexion": 1.04, "left_ankle_dorsiflexion": 0.98, "left_elbow_flexion": 1.04}

@@ -19,7 +19,7 @@ import kinemode
 from estimator.results.run_file import Run
 from kinemode import api
 from kinemode.demo import DemoClip, make_clip
-from kinemode.progress import unreported
+from kinemode.terminal.progress import unreported
 
 ROOT = Path(__file__).parent.parent
 

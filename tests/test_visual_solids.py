@@ -15,14 +15,14 @@ from humanoid import Body, InputError, load_subject
 from humanoid.subject.subject import subject_from_text
 from kinemode import __main__ as front
 from tests.test_viz import looking_camera, moving_scene, saved
-from viz import mesh_files
-from viz.decimation import simplified
-from viz.painter import BodyPainter, camera_view
 from viz.palette import SIDES
-from viz.solid import Solid, merged
-from viz.solids import body_solids, drawing_notes
-from viz.triangles import Triangles, creased, merged_vertices, oriented
-from viz.visual_solids import COARSE, FINE
+from viz.pictures.painter import BodyPainter, camera_view
+from viz.solids import mesh_files
+from viz.solids.body_solids import body_solids, drawing_notes
+from viz.solids.decimation import simplified
+from viz.solids.solid import Solid, merged
+from viz.solids.triangles import Triangles, creased, merged_vertices, oriented
+from viz.solids.visual_solids import COARSE, FINE
 
 DAE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><up_axis>Z_UP</up_axis></asset>

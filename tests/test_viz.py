@@ -26,15 +26,15 @@ from estimator.imaging.observation import Observation
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from humanoid import Body, InputError, load_subject
-from viz.live import serve
 from viz.local_server import LocalServer
-from viz.overlay import write_overlay
-from viz.painter import BodyPainter, camera_view
-from viz.preview import page, write_html
+from viz.pictures.overlay import write_overlay
+from viz.pictures.painter import BodyPainter, camera_view
+from viz.pictures.sheet import write_sheet
+from viz.preview.live import serve
+from viz.preview.page import page, write_html
 from viz.scene import Scene, as_scene, evenly
-from viz.sheet import write_sheet
-from viz.solid import merged, side_of
-from viz.solids import body_solids, skeleton
+from viz.solids.body_solids import body_solids, skeleton
+from viz.solids.solid import merged, side_of
 
 
 def looking_camera(name: str, eye: tuple[float, float, float], target: tuple[float, float, float]) -> Camera:
@@ -217,7 +217,7 @@ def test_preview_starts_no_process(tmp_path: Path) -> None:
         "import sys; sys.path.insert(0, sys.argv[1]); import subprocess, socket\n"
         "def never(*a, **k): raise AssertionError('started something')\n"
         "subprocess.Popen.__init__ = never; socket.socket.bind = never\n"
-        "from test_viz import moving_scene; from viz.preview import write_html\n"
+        "from test_viz import moving_scene; from viz.preview.page import write_html\n"
         "write_html(moving_scene(4), sys.argv[2])\n"
     )
     root = Path(__file__).parent

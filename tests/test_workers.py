@@ -29,7 +29,7 @@ from humanoid.kinematics.body import Body
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode.render import RenderedClip
+from kinemode.rendering.clip import RenderedClip
 from tests.builders import body_of, camera_at, observe
 from tests.tiny_clip import tiny_clip
 

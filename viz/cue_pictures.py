@@ -16,7 +16,7 @@ from estimator.prediction.prediction import Contours, Prediction
 from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
 from humanoid.support.errors import InputError
 from viz import palette
-from viz.solids import side_of
+from viz.solids.body_solids import side_of
 
 LONGEST = 1000  # longer side of the part of the picture that is shown [px]
 _HEADER = 30

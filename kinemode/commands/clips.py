@@ -99,8 +99,8 @@ def render(
         Also write the person's exact silhouettes.
     """
     from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
-    from kinemode.progress import reported
-    from kinemode.render import background_of, render_clip
+    from kinemode.rendering.clip import background_of, render_clip
+    from kinemode.terminal.progress import reported
 
     scene = SceneSettings(
         background=background or background_of(motion),
@@ -168,7 +168,7 @@ def annotate(
     no_browser
         Print the page's address and open nothing.
     """
-    from kinemode.annotate import annotate as annotate_clip
+    from kinemode.annotation.annotate import annotate as annotate_clip
 
     command = annotate_clip(
         clip,

@@ -39,7 +39,8 @@ def fit(
     out
         The URDF file to write.
     """
-    from kinemode import api, report
+    from kinemode import api
+    from kinemode.terminal import report
 
     fitted = api.fit(
         subject,
@@ -77,13 +78,13 @@ def subjects() -> None:
 
     Any other URDF is loaded by its path.
     """
-    from kinemode import report
+    from kinemode.terminal import report
 
     report.print_subjects()
 
 
 def trackers() -> None:
     """List the trackers that `track` and `compare` can use."""
-    from kinemode import report
+    from kinemode.terminal import report
 
     report.print_trackers()

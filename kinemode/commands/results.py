@@ -33,18 +33,18 @@ def view(run: Path, /, *, html: Path | None = None) -> None:
     opened = open_run(run)
     _say_how_it_is_drawn(opened)
     if html is None:
-        from viz.live import serve
+        from viz.preview.live import serve
 
         serve(opened)
     else:
-        from viz.preview import write_html
+        from viz.preview.page import write_html
 
         print(write_html(opened, html))
 
 
 def _say_how_it_is_drawn(run: Run) -> None:
     from kinemode.api import InputWarning
-    from viz.solids import drawing_notes
+    from viz.solids.body_solids import drawing_notes
 
     for note in drawing_notes(run.body):
         warnings.warn(note, InputWarning, stacklevel=2)
@@ -65,8 +65,8 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
         Name of one camera; all of them side by side unless given.
     """
     from kinemode.api import open_run
-    from kinemode.progress import reported
-    from viz.overlay import write_overlay
+    from kinemode.terminal.progress import reported
+    from viz.pictures.overlay import write_overlay
 
     opened = open_run(run)
     _say_how_it_is_drawn(opened)
@@ -95,10 +95,10 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
     hypothesis
         Its place in the frame, 0 for the heaviest; the one on the best path unless given.
     """
-    from kinemode import report
     from kinemode.api import open_run
     from kinemode.explain import explain as explain_frame
     from kinemode.findings import findings, status_meanings
+    from kinemode.terminal import report
     from viz.cue_pictures import write_cue_pictures
 
     opened = open_run(run)
@@ -150,8 +150,8 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
     """
     from estimator.results.evaluation import Reference
     from estimator.results.evaluation import evaluate as evaluate_run
-    from kinemode import report
     from kinemode.api import open_run
+    from kinemode.terminal import report
 
     opened = open_run(run)
     report.print_evaluation(evaluate_run(opened, Reference.load(reference)))

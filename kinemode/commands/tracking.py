@@ -69,8 +69,9 @@ def track(
     overwrite
         Replace the run file if there is one.
     """
-    from kinemode import api, report
-    from kinemode.progress import reported
+    from kinemode import api
+    from kinemode.terminal import report
+    from kinemode.terminal.progress import reported
 
     warnings.simplefilter("ignore", api.FindingWarning)  # `print_run` has them
     run = api.track(
@@ -144,9 +145,9 @@ def compare(
     overwrite
         Replace the runs that are there.
     """
-    from kinemode.comparison import compare as compare_trackers
-    from kinemode.comparison_report import print_comparison
-    from kinemode.progress import reported
+    from kinemode.comparison.compare import compare as compare_trackers
+    from kinemode.comparison.report import print_comparison
+    from kinemode.terminal.progress import reported
 
     compared = compare_trackers(
         subject,

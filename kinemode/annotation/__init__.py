@@ -1,0 +1,1 @@
+"""Clicking landmarks in the browser."""

@@ -1,0 +1,1 @@
+"""Several trackers on one clip: their runs, scores, table and plot."""

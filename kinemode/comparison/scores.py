@@ -1,0 +1,199 @@
+"""What can be said of several trackers' runs on one clip, frame by frame and over all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.imaging.observation import Observation
+from estimator.results.evaluation import Reference, evaluate_points, match_frames, mpjpe, shared_landmarks
+from estimator.results.run_file import Run
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.base import observable
+from estimator.tracking.registry import Settings, make_tracker
+from kinemode.comparison.times import TrackTime
+from kinemode.explain import cue_reader, run_settings
+from kinemode.terminal.progress import Progress
+
+FAR = 0.25
+FAR_PX = 15.0
+_NO_ERRORS = dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k_mpjpe"), float("nan"))
+
+
+@dataclass(frozen=True)
+class Course:
+    """One tracker along the clip: the best hypothesis of each of the T frames as it was tracked, without looking back.
+
+    time (T,) [s]. energy (T,): of its pose alone, under the one cost by which all trackers are compared; NaN where
+    nothing was observed. residual (T,): mean distance of its landmarks from the keypoints [px], NaN without keypoints.
+    error (T,): mean error of the compared landmarks, aligned as `estimator.results.evaluation.shared_landmarks` says
+    [m]. world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
+    camera where it is largest [px]; NaN unless reference and cameras share one world.
+    lost (T,) bool: by `lost_frames`, or, where no world is shared, by an error above `FAR`. Without a reference, or
+    where it knows nothing, all errors are NaN and no frame is lost. aligned: what is, in words.
+    """
+
+    time: np.ndarray
+    energy: np.ndarray
+    residual: np.ndarray
+    error: np.ndarray
+    world_error: np.ndarray
+    pixel_error: np.ndarray
+    lost: np.ndarray
+    aligned: str = ""
+
+    @property
+    def placed(self) -> bool:
+        """Whether a pose can be lost in the world and in the image, not only once aligned."""
+        return bool(np.isfinite(self.world_error).any())
+
+
+@dataclass(frozen=True)
+class TrackerScore:
+    """One tracker over the whole clip; NaN where there is nothing to tell.
+
+    frames: of the clip. fps: frames per second of tracking and smoothing. hard, unobserved: frames of that status.
+    energy, residual [px]: means of the `Course`. mpjpe, pa_mpjpe: of the best hypothesis of each frame as it was
+    tracked. best_of_k: MPJPE of that of a frame's K hypotheses nearest to the reference. final_mpjpe: of the trajectory
+    that the run ends with, the best path smoothed; the path alone where the tracker does not smooth. All errors in
+    metres.
+    first_lost: the first lost frame, None where none is. lost: how many are.
+    """
+
+    tracker: str
+    frames: int
+    fps: float
+    hard: int
+    unobserved: int
+    energy: float
+    residual: float
+    mpjpe: float
+    pa_mpjpe: float
+    best_of_k: float
+    final_mpjpe: float
+    first_lost: int | None
+    lost: int
+
+
+def scored(name: str, run: Run, course: Course, time: TrackTime, reference: Reference | None) -> TrackerScore:
+    """Sum a tracker up. Raises InputError where run and reference share too few joints."""
+    final, tracked = _NO_ERRORS, _NO_ERRORS
+    if reference is not None:
+        names, modes = run.body.landmark_names, run.mode_landmarks
+        final = evaluate_points(names, run.landmarks, modes, run.time, reference)
+        tracked = evaluate_points(names, modes[:, 0], modes, run.time, reference)
+    return TrackerScore(
+        tracker=name,
+        frames=len(run),
+        fps=time.rate(len(run)),
+        hard=int(np.sum(run.status == "hard")),
+        unobserved=int(np.sum(run.status == "unobserved")),
+        energy=_mean(course.energy),
+        residual=_mean(course.residual),
+        mpjpe=tracked["mpjpe"],
+        pa_mpjpe=tracked["pa_mpjpe"],
+        best_of_k=tracked["best_of_k_mpjpe"],
+        final_mpjpe=final["mpjpe"],
+        first_lost=int(run.index[course.lost.argmax()]) if course.lost.any() else None,
+        lost=int(course.lost.sum()),
+    )
+
+
+def courses(
+    runs: Mapping[str, Run], settings: Settings, reference: Reference | None, placed: bool, progress: Progress
+) -> dict[str, Course]:
+    """The course of every tracker; all have tracked one subject through the same frames.
+
+    settings: whose cost is compared. placed: whether reference and cameras share one world, so that a pose can be lost
+    in it and in the image; otherwise only with the hips aligned. progress: told of the frames looked at.
+    """
+    energies = _energies(runs, settings, progress)
+    return {name: _course(run, energies[name], reference, placed) for name, run in runs.items()}
+
+
+def _course(run: Run, energy: np.ndarray, reference: Reference | None, placed: bool) -> Course:
+    points = run.mode_landmarks[:, 0]
+    error, world, pixels = (np.full(len(run), np.nan) for _ in range(3))
+    lost, aligned = np.zeros(len(run), dtype=bool), ""
+    if reference is not None:
+        names, ours, theirs, root, aligned = shared_landmarks(run.body.landmark_names, reference.names)
+        frame = match_frames(run.time, reference.time, len(reference.points))
+        truth = np.full((len(run), len(names), 3), np.nan)
+        truth[frame[frame >= 0]] = reference.points[frame >= 0][:, theirs]
+        error = mpjpe(points[:, ours], truth, root)
+        if placed:
+            world = world_error(points[:, ours], truth)
+            pixels = pixel_error(points[:, ours], truth, run.header.cameras)
+        known = np.isfinite(truth).all(axis=(1, 2))
+        lost = known & ~(_within(world, pixels) if placed else error <= FAR)
+    return Course(run.time, energy, _residual(run), error, world, pixels, lost, aligned)
+
+
+def lost_frames(points: np.ndarray, truth: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """(T,) bool: where joints points (T, L, 3) are on average more than `FAR` from truth (T, L, 3) [m] in the world,
+    nothing aligned, or more than `FAR_PX` in the image of one of the cameras; a frame without a pose is lost."""
+    return ~_within(world_error(points, truth), pixel_error(points, truth, cameras))
+
+
+def world_error(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean distance (T,) of points (T, L, 3) from truth (T, L, 3), nothing aligned [m]; NaN where one is unknown."""
+    return np.asarray(np.linalg.norm(points - truth, axis=-1).mean(axis=-1))
+
+
+def pixel_error(points: np.ndarray, truth: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """Mean distance (T,) of the images of points from those of truth, both (T, L, 3) [m], in the camera where it is
+    largest [px]; NaN where one is unknown."""
+    apart = [np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1) for camera in cameras]
+    return np.asarray(np.max([one.mean(axis=-1) for one in apart], axis=0))
+
+
+def _within(world: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    return (world <= FAR) & (pixels <= FAR_PX)
+
+
+def _residual(run: Run) -> np.ndarray:
+    """Mean distance (T,) of the landmarks from the keypoints as they were detected [px]."""
+    pixels, seen = run.pixels[run.index], run.confidence[run.index] > 0.0
+    places = np.stack([camera.project(run.mode_landmarks[:, 0]) for camera in run.header.cameras], axis=1)
+    distance = np.linalg.norm(places - pixels, axis=-1)
+    counted = seen & np.isfinite(distance)
+    total, count = np.where(counted, distance, 0.0).sum(axis=(1, 2)), counted.sum(axis=(1, 2))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -> dict[str, np.ndarray]:
+    """Energy (T,) of each run's best hypotheses, frame by frame and without a past: trackers that pay for change are
+    not charged for it."""
+    run = next(iter(runs.values()))
+    search = make_tracker("css", run.body, settings).search
+    found = {name: np.full(len(run), np.nan) for name in runs}
+    with ExitStack() as stack:
+        reader = stack.enter_context(closing(cue_reader(run, run_settings(run)))) if run.header.cues else None
+        for t in range(len(run)):
+            observation = run.observation(t)
+            if reader is not None:
+                observation = replace(observation, cues=reader.at(t))
+            for name, one in runs.items():
+                if observable(observation) and np.isfinite(one.mode_q[t, 0]).all():
+                    found[name][t] = _energy(search, observation, one.mode_q[t, 0])
+            progress(t + 1, len(run))
+    return found
+
+
+def _energy(search: ModeSearch, observation: Observation, q: np.ndarray) -> float:
+    """Energy of q (nq,) in the better reading of a frame: keypoints, edges, outlines and priors."""
+    evidence, posed = search.evidence(observation, q), search.body.at(q)
+    assigned = [] if evidence is None else evidence.assigned(posed)
+    return min(
+        search.model.cost(r.term, image_terms=assigned).of(posed).value + r.penalty
+        for r in search.readings(observation)
+    )
+
+
+def _mean(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")

@@ -1,0 +1,87 @@
+"""What a user says of files that do not say it themselves: sizes, rates, offsets, and which part is meant."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from estimator.imaging.resolution import Size
+from humanoid.support.errors import InputError
+from kinemode.inputs.named import by_name, named_values, value_of
+
+Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
+Rates = float | str | Iterable[str] | Mapping[str, float] | None
+Offsets = str | Iterable[str] | Mapping[str, float] | None
+_SECONDS = "a number of seconds"
+_SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What `track`, `fit` and `compare` are told of their files, as the user writes it.
+
+    keypoint_size: width and height [px] of the pictures that the detector saw, as (540, 960) or "540x960".
+    fps: frames per second of the pictures of a folder, and of keypoint files that declare none beside a video.
+    offset: by camera, seconds that its first frame was taken after the moment 0 of the common clock.
+    keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
+    start, end: of the part that is tracked, on the common clock [s].
+    """
+
+    keypoint_size: Sizes = None
+    fps: Rates = None
+    offset: Offsets = None
+    start: float | None = None
+    end: float | None = None
+
+    def sizes(self, names: Iterable[str]) -> dict[str, Size]:
+        """Size of the pictures that each camera's detector saw, where it is given."""
+        return named_values(
+            self.keypoint_size, names, "--keypoint-size", _size, "width and height in whole pixels, as 1920x1080"
+        )
+
+    def rates(self, names: Iterable[str]) -> dict[str, float]:
+        """Frames per second, of the cameras for which they are given."""
+        return named_values(self.fps, names, "--fps", _rate, "frames per second, 0.5 to 2000")
+
+    def offsets(self, names: Iterable[str]) -> dict[str, float]:
+        """Seconds of each camera, 0 for those that are not given."""
+        names = list(names)
+        given = named_values(self.offset, names, "--offset", _seconds, _SECONDS)
+        if given and not by_name(self.offset):
+            raise InputError("--offset", "is for no camera", remedy=f"NAME=SECONDS; cameras: {', '.join(names)}")
+        return dict.fromkeys(names, 0.0) | given
+
+    def part(self) -> tuple[float | None, float | None]:
+        """`start` and `end`, checked."""
+        start, end = (
+            None if value is None else value_of(value, option, _seconds, _SECONDS)
+            for option, value in (("--start", self.start), ("--end", self.end))
+        )
+        if start is not None and end is not None and start > end:
+            raise InputError("--start", f"{start:g} s is after --end {end:g} s")
+        return start, end
+
+
+def _size(value: Any) -> Size:
+    found = _SIZE.fullmatch(value) if isinstance(value, str) else None
+    width, height = found.groups() if found else (() if isinstance(value, str) else value)
+    if not all(1 <= int(side) < 100_000 and int(side) == float(side) for side in (width, height)):
+        raise ValueError
+    return int(width), int(height)
+
+
+def _rate(value: Any) -> float:
+    rate = float(value)
+    if not 0.5 <= rate <= 2000.0:
+        raise ValueError
+    return rate
+
+
+def _seconds(value: Any) -> float:
+    seconds = float(value)
+    if not math.isfinite(seconds):
+        raise ValueError
+    return seconds

@@ -1,0 +1,147 @@
+"""Clips with known truth as files: videos, cameras, keypoints, the true motion, the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from estimator import synthesis
+from estimator.cameras.camera import Camera
+from estimator.formats.cameras import write_cameras
+from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
+from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.motion_keys import MOTIONS, KeyedMotion, motion_named
+from estimator.synthesis.plate import Place, place_of
+from estimator.synthesis.retarget import retarget
+from estimator.synthesis.settings import in_range
+from humanoid.kinematics.body import Body, points_in_world
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import Subject, load_subject
+from humanoid.subject.urdf_flesh import limb_capsule
+from humanoid.subject.urdf_reshape import mirror_parts
+from kinemode.rendering.files import RenderedClip, clip_files, made_folder, write_clip_keypoints, write_pictures
+from kinemode.terminal.progress import Reporter, unreported
+
+_FIXED_FLOOR = -1.1  # [m] of the floor under a body with a fixed trunk
+_GIRTHS = (0.5, 1.6)
+_FRAMING_STEP = 0.1  # [s] between the poses that the cameras are placed by
+
+
+def render_clip(
+    folder: str | Path,
+    motion: str | Path = "reach",
+    *,
+    subject: str | Subject | None = None,
+    proportions: Mapping[str, float] | None = None,
+    shape: Mapping[int | str, Sequence[float]] | None = None,
+    girth: float = 1.0,
+    scene: SceneSettings | None = None,
+    view: ViewSettings | None = None,
+    detector: DetectorSettings | None = None,
+    fps: float = 30.0,
+    seconds: float | None = None,
+    unit: float | None = None,
+    seed: int = 0,
+    videos: bool = True,
+    masks: bool = False,
+    progress: Reporter = unreported,
+) -> RenderedClip:
+    """Render a motion into a folder, made if it is not there; files of an earlier clip are replaced.
+
+    Parameters
+    ----------
+    motion: "reach", "arm", "pivot", "turn_reach" or a BVH file.
+    subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
+    proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
+    girth: factor on the cross-sections of its limbs, after all that.
+    scene, view, detector: looks, cameras and keypoint errors; unless given those that suit the motion.
+    fps: frames per second. seconds: only so much of the motion.
+    unit: metres in one unit of a BVH file, see `estimator.synthesis.mocap.load_mocap`.
+    seed: of the scene, the clothes, the sensor's noise and the keypoints' errors.
+    videos: False leaves the pictures out. masks: also write the body's exact silhouettes.
+
+    Raises
+    ------
+    InputError: a choice that does not exist, a body that the motion does not suit, a folder that cannot be written.
+    """
+    in_range("fps", fps, 1.0, 1000.0)
+    in_range("girth", girth, *_GIRTHS)
+    keyed = None if _is_file(motion) else motion_named(str(motion))
+    body = Body(_with_girth(_subject(subject, keyed, proportions, shape), girth))
+    q, times = _configurations(body, keyed, motion, fps, seconds, unit)
+    scene, view = scene or SceneSettings(background=background_of(motion)), view or ViewSettings()
+    if keyed and view.azimuth is None:
+        view = replace(view, azimuth=keyed.azimuth)
+    cameras, place = _framed(body, q, fps, view)
+    clip = clip_files(made_folder(Path(folder)), [c.name for c in cameras], scene, videos, masks)
+    write_cameras(clip.cameras, cameras)
+    synthesis.write_truth(clip.truth, body, q, times)
+    body.subject.write(clip.subject)
+    write_clip_keypoints(clip, body, q, cameras, detector or DetectorSettings(), np.random.default_rng((seed, 0)), fps)
+    if videos or masks:
+        renderer = synthesis.Renderer(body, cameras, np.random.default_rng((seed, 1)), scene, place)
+        with progress("rendering") as report:
+            write_pictures(clip, renderer, body, q, fps, seed, report)
+    return clip
+
+
+def background_of(motion: str | Path) -> str:
+    """The background that a motion is rendered before unless another is asked for; raises InputError."""
+    return "room" if _is_file(motion) else motion_named(str(motion)).background
+
+
+def _is_file(motion: str | Path) -> bool:
+    """Whether a motion is a file's; the authored ones go before files of their names."""
+    return str(motion) not in MOTIONS and (Path(motion).suffix.lower() == ".bvh" or Path(motion).exists())
+
+
+def _subject(
+    given: str | Subject | None,
+    keyed: KeyedMotion | None,
+    proportions: Mapping[str, float] | None,
+    shape: Mapping[int | str, Sequence[float]] | None,
+) -> Subject:
+    if isinstance(given, Subject):
+        subject = given
+    elif given is None:
+        subject = load_subject(keyed.subject if keyed else "human34", lock=keyed.lock if keyed else ())
+    else:
+        subject = load_subject(given)
+    subject = subject.scaled(proportions) if proportions else subject
+    return subject.reshaped(shape) if shape else subject
+
+
+def _with_girth(subject: Subject, girth: float) -> Subject:
+    """The subject with thicker or thinner limbs: parts with a capsule for their solid that come in pairs."""
+    mirror = mirror_parts([f.link for f in subject.flesh])
+    limbs = [k for k, f in enumerate(subject.flesh) if mirror[k] != k and limb_capsule(f) is not None]
+    if girth == 1.0:
+        return subject
+    return subject.reshaped({k: (subject.flesh[k].parameters * [girth, girth, *[1.0] * 7]).tolist() for k in limbs})
+
+
+def _configurations(
+    body: Body, keyed: KeyedMotion | None, motion: str | Path, fps: float, seconds: float | None, unit: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """q (T, nq) and its times (T,) [s]."""
+    mocap = None if keyed else load_mocap(motion, unit=unit)
+    longest = keyed.seconds if keyed else mocap.seconds  # type: ignore[union-attr]
+    if seconds is not None:
+        in_range("seconds", seconds, 1.0 / fps, longest)
+    times = np.arange(max(1, round(fps * (seconds or longest)))) / fps
+    if keyed:
+        return synthesis.authored_motion(body, times, keyed), times
+    assert mocap is not None
+    return retarget(body, mocap, times).q, times
+
+
+def _framed(body: Body, q: np.ndarray, fps: float, view: ViewSettings) -> tuple[tuple[Camera, ...], Place]:
+    """Cameras that see all of the motion, and the place it needs."""
+    surface = surface_of(body, nodes=500)
+    shown = q[:: max(1, round(_FRAMING_STEP * fps))]
+    points = np.array([points_in_world(body.at(one), surface.joint, surface.local) for one in shown])
+    floor = 0.0 if body.subject.base == "free" else _FIXED_FLOOR
+    return synthesis.framing_cameras(points, view), place_of(points, floor)

@@ -1,0 +1,207 @@
+"""What the commands print: summaries and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from estimator.fitting.lengths import Fit, ShapeFit
+from estimator.results.evaluation import LIMB_JOINTS, Evaluation
+from estimator.results.run_file import Run
+from estimator.results.shared_landmarks import CENTRED
+from estimator.tracking.registry import TRACKERS
+from humanoid.subject.subject import subject_names
+from kinemode.explain import Explanation
+from kinemode.findings import findings, status_counts, status_lines
+from kinemode.terminal.program import command
+
+
+def console() -> Console:
+    """Where tables go; plain and unwrapped when it is not a terminal."""
+    found = Console(highlight=False, markup=False)
+    return found if found.is_terminal else Console(highlight=False, markup=False, width=160)
+
+
+def table(title: str, *columns: str) -> Table:
+    """An empty table; every column but the first holds numbers."""
+    made = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for i, column in enumerate(columns):
+        made.add_column(column, justify="left" if i == 0 else "right")
+    return made
+
+
+def print_run(run: Run) -> None:
+    """Summary of a run, and what to do with it next."""
+    statuses = run.status.tolist()
+    seconds = float(run.time[-1] - run.time[0]) if len(run) else 0.0
+    limits = int(run.body.bounded_q.size)
+    deepest = _largest(run.mode_penetration)
+    lines = [
+        f"{len(run)} of {run.planned_count} frames ({seconds:.2f} s): {status_counts(statuses)}",
+        *(f"  {line}" for line in status_lines(statuses)),
+        f"subject {run.subject.name}: {run.body.nv} degrees of freedom, {limits} with limits;"
+        f" up to {run.hypothesis_count} hypotheses a frame",
+        f"deepest interpenetration {1000.0 * deepest:.1f} mm",
+        *(f"look into it: {sentence}" for sentence in findings(run)),
+        f"run file: {run.file}",
+        "",
+        "next:",
+    ]
+    video, values = (run.file.with_suffix(suffix) for suffix in (".mp4", ".csv"))
+    lines += [
+        f"  {command('view', run.file)}",
+        f"  {command('overlay', run.file, '--out', video)}",
+        f"  {command('export', run.file, '--format', 'csv', values)}",
+    ]
+    for line in lines:
+        console().print(line, soft_wrap=True)
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else 0.0
+
+
+def print_evaluation(result: Evaluation) -> None:
+    """What was compared, and the errors: of landmarks in millimetres, of joints in degrees or millimetres."""
+    out = console()
+    if result.joints:
+        _print_landmark_errors(result, out)
+    if result.angle_errors or result.slide_errors:
+        _print_coordinate_errors(result, out)
+    out.print(f"frames compared: {result.frames_compared}, without a counterpart: {result.frames_missing}")
+    out.print(f"frames beyond a joint limit: {result.violations}")
+    out.print(f"largest interpenetration: {millimetres(result.penetration)} mm")
+
+
+def _print_landmark_errors(result: Evaluation, out: Console) -> None:
+    limbs = set(result.joints) <= set(LIMB_JOINTS)
+    what = f"{len(result.joints)} {'limb joints' if limbs else 'shared landmarks'}"
+    made = table(f"errors of {what} [mm]", "measure", "best hypothesis", "best of K")
+    made.add_row(f"MPJPE ({result.aligned})", millimetres(result.mpjpe), millimetres(result.best_of_k_mpjpe))
+    made.add_row("PA-MPJPE", millimetres(result.pa_mpjpe), millimetres(result.best_of_k_pa_mpjpe))
+    joints = table(f"mean error of each, {result.aligned} [mm]", "joint" if limbs else "landmark", "error")
+    for name, error in result.per_joint.items():
+        joints.add_row(name.replace("_", " ") if limbs else name, millimetres(error))
+    out.print(made)
+    out.print(joints)
+    out.print("best hypothesis: the final trajectory, smoothed where the tracker smooths", soft_wrap=True)
+    out.print("best of K: the nearest of each frame's K hypotheses, as they were tracked", soft_wrap=True)
+    if result.aligned == CENTRED:
+        out.print("centred: the mean of the landmarks is moved to the origin, without hips to align", soft_wrap=True)
+
+
+def _print_coordinate_errors(result: Evaluation, out: Console) -> None:
+    made = table("mean absolute error of each joint", "joint", "best hypothesis")
+    for name, error in result.angle_errors.items():
+        made.add_row(name, "-" if not np.isfinite(error) else f"{error:.2f} deg")
+    for name, error in result.slide_errors.items():
+        made.add_row(name, "-" if not np.isfinite(error) else f"{1e3 * error:.1f} mm")
+    known = [e for e in result.angle_errors.values() if np.isfinite(e)]
+    if len(known) > 1:
+        made.add_section()
+        made.add_row(f"mean of {len(known)} turning joints", f"{np.mean(known):.2f} deg")
+    out.print(made)
+
+
+def print_statuses(statuses: Sequence[str]) -> None:
+    """How many frames there are of each status, and what to do about those that need it."""
+    console().print(f"frames: {status_counts(statuses)}")
+    print_lines(status_lines(statuses))
+
+
+def print_lines(lines: Sequence[str]) -> None:
+    """Sentences, a line each."""
+    for line in lines:
+        console().print(line, soft_wrap=True)
+
+
+def print_notes(notes: Sequence[str]) -> None:
+    """What a run was told about its input: a guessed camera, say, leaves only errors after a similarity meaningful."""
+    for note in notes:
+        console().print(f"note: {note}")
+
+
+def print_explanation(explanation: Explanation) -> None:
+    """A frame's energy in its parts, and their sum beside the stored one."""
+    e = explanation
+    title = f"energy of frame {e.frame}, hypothesis {e.hypothesis} ({e.weight:.0%} of the weight; {e.status})"
+    made = table(title, "term", "energy", "share", "features", "mean distance [sd]")
+    total = e.total
+    for part in e.parts:
+        made.add_row(
+            f"{part.camera}: {part.name}".removeprefix(": "),
+            f"{part.energy:.3f}",
+            f"{part.energy / total:.1%}" if total else "-",
+            "" if part.count is None else str(part.count),
+            f"{part.distance:.2f}" if np.isfinite(part.distance) else "",
+        )
+    made.add_section()
+    made.add_row("sum", f"{total:.3f}")
+    made.add_row("as the run has it", f"{e.stored:.3f}")
+    out = console()
+    out.print(made)
+    if e.origin is not None:
+        parent = f"; continues hypothesis {e.parent} of the frame before" if e.parent >= 0 else ""
+        out.print(f"searched as: {e.origin.family}{parent}")
+        if e.origin.price > 0.0:
+            out.print(f"flat price of the jump, paid by the weight and no part of the energy: {e.origin.price:g}")
+            out.print("the transition counts from the pose that it jumped to")
+    print_notes(e.notes)
+
+
+def print_subjects() -> None:
+    """The subjects that have a name."""
+    made = table("subjects by name; any other URDF by its path", "name", "degrees of freedom")
+    made.add_column("about")
+    for subject in subject_names():
+        made.add_row(subject.name, str(subject.dof), subject.about)
+    console().print(made)
+
+
+def print_trackers() -> None:
+    """The trackers by name."""
+    made = table("trackers by name", "name")
+    made.add_column("about")
+    for name, about in TRACKERS.items():
+        made.add_row(name, about)
+    console().print(made)
+
+
+def print_fit(fitted: Fit, out: object) -> None:
+    """Fitted proportions and flesh relative to the given subject."""
+    made = table("proportions relative to the given subject", "joint", "scale", "std")
+    for name, scale, std in zip(fitted.names, fitted.scales, fitted.std, strict=True):
+        made.add_row(name, f"{scale:.3f}", f"{std:.3f}")
+    console().print(made)
+    if fitted.shape is not None:
+        _print_shape(fitted.shape)
+    else:
+        console().print("flesh as given: it is fitted where edges or silhouettes show it")
+    used = len(fitted.frames)
+    console().print(f"fitted on {used} frame{'s' * (used != 1)}; subject written to {out}", soft_wrap=True)
+
+
+def _print_shape(shape: ShapeFit) -> None:
+    columns = "half-axis a", "half-axis b", "std", "taper of a", "taper of b", "std"
+    made = table("cross-sections relative to the given subject (tapers: change)", "part", *columns)
+    for part, (a, b), tapers, (girth, _, *of_tapers) in zip(
+        shape.parts, shape.factors, shape.tapers, shape.std, strict=True
+    ):
+        free = np.max(of_tapers) > 0.0
+        changes = [f"{t:+.3f}" for t in tapers] if free else ["", ""]
+        spread = f"{np.max(of_tapers):.3f}" if free else ""
+        made.add_row(part.replace("_", " "), f"{a:.3f}", f"{b:.3f}", f"{girth:.3f}", *changes, spread)
+    console().print(made)
+    frames = ("frame " if len(shape.frames) == 1 else "frames ") + ", ".join(map(str, shape.frames))
+    before, after = shape.agreement
+    found = "" if np.isnan(after) else f"; outline on the silhouettes {before:.0%} before, {after:.0%} after"
+    console().print(f"cross-sections from the pictures of {frames}{found}", soft_wrap=True)
+
+
+def millimetres(metres: float) -> str:
+    """A length in millimetres, a dash where it is unknown."""
+    return "-" if not np.isfinite(metres) else f"{1000.0 * metres:.1f}"

@@ -1,0 +1,140 @@
+"""The tracked body drawn over the video."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from estimator.media.film import check_film_name, write_film
+from estimator.results.run_file import Run
+from humanoid.support.errors import InputError
+from viz import palette
+from viz.pictures.painter import BodyPainter, CameraView, camera_view
+from viz.scene import Scene, as_scene
+from viz.solids.body_solids import side_of
+
+LONGEST = 960  # longer side of a camera's picture in the overlay [px]
+OPACITY = 0.62
+CONFIDENT = 0.3  # keypoints below are drawn hollow
+Progress = Callable[[int, int], None]
+
+
+def write_overlay(
+    run: Run | Scene,
+    path: str | Path,
+    *,
+    camera: str | None = None,
+    hypotheses: bool = True,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the overlay as .mp4, .webm or .gif; several cameras stand side by side.
+
+    camera: draw only this one. hypotheses: draw the others as thin skeletons, fainter the smaller their weight.
+    progress: called with (frames done, frames in all).
+    Raises InputError where the camera does not exist or the file cannot be written.
+    """
+    check_film_name(Path(path))
+    scene = as_scene(run)
+    chosen = chosen_cameras(scene, camera)
+    return write_film(path, _pictures(scene, chosen, hypotheses, progress), scene.rate)
+
+
+def _pictures(scene: Scene, chosen: list[int], hypotheses: bool, progress: Progress | None) -> Iterator[np.ndarray]:
+    """One picture an instant, the chosen cameras side by side."""
+    views = [camera_view(scene.cameras[c], LONGEST) for c in chosen]
+    painter = BodyPainter(scene.body)
+    rows = range(len(scene))
+    streams = [scene.images(c, rows) for c in chosen]
+    for t, *images in zip(rows, *streams, strict=True):
+        tiles = [
+            drawn(scene, painter, view, c, t, image, hypotheses=hypotheses)
+            for view, c, image in zip(views, chosen, images, strict=True)
+        ]
+        yield side_by_side(tiles)
+        if progress is not None:
+            progress(t + 1, len(scene))
+
+
+def chosen_cameras(scene: Scene, camera: str | None) -> list[int]:
+    """Indices of the cameras to draw."""
+    names = [c.name for c in scene.cameras]
+    if camera is None:
+        return list(range(len(names)))
+    if camera not in names:
+        raise InputError("camera", f"no camera is called {camera!r}", remedy=f"choose from {', '.join(names)}")
+    return [names.index(camera)]
+
+
+def drawn(
+    scene: Scene,
+    painter: BodyPainter,
+    view: CameraView,
+    camera: int,
+    t: int,
+    image: np.ndarray | None,
+    *,
+    hypotheses: bool = True,
+    caption: bool = True,
+) -> np.ndarray:
+    """One camera's picture at one instant with everything on it, (H, W, 3) uint8 BGR."""
+    canvas = reduced(image, view)
+    if scene.has_body(t):
+        painter.solid(canvas, view, scene.body.at(scene.q[t]), OPACITY if image is not None else 1.0)
+    if hypotheses:
+        _draw_others(scene, painter, view, t, canvas)
+    _draw_keypoints(scene, view, camera, t, canvas)
+    if caption:
+        _draw_caption(scene, painter, camera, t, canvas)
+    return canvas
+
+
+def reduced(image: np.ndarray | None, view: CameraView) -> np.ndarray:
+    """The camera's picture at the view's size, or a plain dark one."""
+    if image is None:
+        return palette.plain(*view.size)
+    return cv2.resize(image, view.size, interpolation=cv2.INTER_AREA)
+
+
+def side_by_side(tiles: list[np.ndarray]) -> np.ndarray:
+    """Pictures in a row, shorter ones padded below."""
+    height = max(tile.shape[0] for tile in tiles)
+    padded = [
+        cv2.copyMakeBorder(t, 0, height - t.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=palette.bgr(palette.PANEL))
+        for t in tiles
+    ]
+    return np.ascontiguousarray(np.concatenate(padded, axis=1))
+
+
+def _draw_others(scene: Scene, painter: BodyPainter, view: CameraView, t: int, canvas: np.ndarray) -> None:
+    mask = np.zeros(canvas.shape[:2], dtype=np.uint8)
+    for _, q, weight in scene.others(t):
+        # a hypothesis of little weight still has to be seen at all
+        painter.bones(mask, view, scene.body.at(q), min(1.0, 0.3 + 0.9 * weight))
+    palette.tint(canvas, mask, palette.HYPOTHESIS)
+
+
+def _draw_keypoints(scene: Scene, view: CameraView, camera: int, t: int, canvas: np.ndarray) -> None:
+    radius = max(1.6, max(view.size) / 420.0)
+    points = view.pixels(scene.pixels[t, camera])
+    for name, point, confidence in zip(scene.body.landmark_names, points, scene.confidence[t, camera], strict=True):
+        palette.dot(canvas, point, radius, palette.SIDES[side_of(name)], hollow=confidence < CONFIDENT)
+
+
+def _draw_caption(scene: Scene, painter: BodyPainter, camera: int, t: int, canvas: np.ndarray) -> None:
+    height, width = canvas.shape[:2]
+    size = 10.0
+    line = int(2.4 * size)
+    palette.shade(canvas, height - line, height)
+    baseline = height - line // 2 + int(size / 2)
+    x = palette.text(canvas, scene.cameras[camera].name, (10, baseline), size, palette.MUTED)
+    x = palette.text(canvas, f"{scene.label(camera, t)}   {scene.time[t]:.2f} s", (x + 14, baseline), size)
+    status = scene.status[t]
+    palette.text(canvas, status, (x + 14, baseline), size, palette.STATUS.get(status, palette.TEXT))
+    right = width - 10
+    for side in reversed([side for side in painter.sides if side != "trunk"]):
+        right -= palette.text_width(side, size)
+        palette.text(canvas, side, (right, baseline), size, palette.SIDES[side])
+        right -= 12

@@ -1,0 +1,1 @@
+"""The page in the browser: bodies, hypotheses, cameras, the video behind."""

@@ -1,0 +1,107 @@
+"""The cameras of the browser preview: a mark, the pictures as a rectangle in the world, and where to look from.
+
+Pictures beyond PICTURES over all cameras are left out; each instant then shows the last picture at or before it. They
+are reduced to PICTURE_LONGEST px, freed of lens distortion and JPEG-compressed.
+"""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import cv2
+import meshcat
+import meshcat.geometry as g
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from viz import palette
+from viz.preview.recorder import TexturedPlane, line_segments
+from viz.scene import Scene, evenly
+
+PICTURES = 240
+PICTURES_PER_CAMERA = 120
+PICTURE_LONGEST = 640
+_QUALITY = 72
+_MARK_DEPTH = 0.25  # size of the little pyramid that stands for a camera [m]
+
+
+def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], points: np.ndarray) -> dict[str, Any]:
+    """One camera's mark, picture and frustum; returns what the player has to know of it.
+
+    rows: the instants that are shown. points (N, 3): where bodies are in the world [m]; the picture stands behind them.
+    """
+    camera = scene.cameras[c]
+    node = root["cameras"][f"camera_{c}"]
+    node["mark"].set_object(line_segments(_pyramid(camera, _MARK_DEPTH), palette.TEXT))
+    depths = points @ camera.R_camera_world[2] + camera.t_camera_world[2]
+    far = max(1.0, float(depths.max()) + 0.6)
+    pictures, picture_of = _pictures(scene, c, rows)
+    if pictures:
+        material = g.MeshBasicMaterial(color=0xFFFFFF, side=0)
+        node["picture"].set_object(TexturedPlane(_corners(camera, far)), material)
+        node["frustum"].set_object(line_segments(_pyramid(camera, far), palette.GRID))
+    axes, centre = camera.R_camera_world, camera.centre_world
+    distance = max(0.5, float(axes[2] @ (points.mean(axis=0) - centre)))
+    sight = (_corners(camera, 1.0) - centre) @ axes.T
+    return {
+        "name": camera.name,
+        "node": f"camera_{c}",
+        "eye": centre.tolist(),
+        "target": (centre + distance * axes[2]).tolist(),
+        "up": (-axes[1]).tolist(),
+        # the view's middle is the principal point, so what is farther from it decides
+        "half_width": float(np.abs(sight[:, 0]).max()),
+        "half_height": float(np.abs(sight[:, 1]).max()),
+        "pictures": pictures,
+        "picture_of": picture_of,
+    }
+
+
+def _corners(camera: Camera, depth: float) -> np.ndarray:
+    """Corners of the picture at a depth, clockwise from the top left, in the world [m], (4, 3)."""
+    width, height = camera.image_size
+    corners = np.array([[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]])
+    rays = np.concatenate([corners, np.ones((4, 1))], axis=1) @ np.linalg.inv(camera.K).T
+    return (rays * depth - camera.t_camera_world) @ camera.R_camera_world
+
+
+def _pyramid(camera: Camera, depth: float) -> np.ndarray:
+    corners = _corners(camera, depth)
+    eye = camera.centre_world
+    pairs = [p for i in range(4) for p in (eye, corners[i], corners[i], corners[(i + 1) % 4])]
+    return np.array(pairs)
+
+
+def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[int]]:
+    """JPEG data addresses of one camera's pictures, and which of them each instant shows."""
+    if scene.frames[c] is None:
+        return [], []
+    wanted = min(PICTURES_PER_CAMERA, max(1, PICTURES // len(scene.cameras)))
+    chosen = evenly(len(rows), wanted)
+    pictures: list[str] = []
+    shown: list[int] = []
+    for i, image in zip(chosen, scene.images(c, [rows[i] for i in chosen]), strict=True):
+        if image is None:
+            break
+        pictures.append(_data_address(image, scene.cameras[c]))
+        shown.append(i)
+    if not pictures:
+        return [], []
+    last = np.searchsorted(shown, np.arange(len(rows)), side="right") - 1
+    return pictures, np.maximum(last, 0).tolist()
+
+
+def _data_address(image: np.ndarray, camera: Camera) -> str:
+    """The picture reduced, undistorted (so that it fits the flat plane) and compressed."""
+    scale = min(1.0, PICTURE_LONGEST / max(camera.image_size))
+    size = tuple(max(1, round(side * scale)) for side in camera.image_size)
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    if np.any(camera.distortion):
+        K = camera.K.copy()
+        K[:2, 2] = (K[:2, 2] + 0.5) * scale - 0.5
+        K[0, :2] *= scale
+        K[1, 1] *= scale
+        small = cv2.undistort(small, K, np.asarray(camera.distortion, dtype=np.float64))
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")

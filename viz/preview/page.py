@@ -1,0 +1,221 @@
+"""The browser preview: a run as a page to turn, play and scrub, drawn by meshcat's viewer.
+
+What a page leaves out, to stay below about 30 MB: instants beyond KEY_FRAMES (evenly spaced ones are kept), and what
+`viz.preview.cameras` says of pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import meshcat
+import meshcat.geometry as g
+import numpy as np
+import pinocchio as pin
+from meshcat.animation import Animation, AnimationClip
+
+from estimator.results.run_file import Run
+from humanoid.kinematics.body import Body
+from humanoid.support.atomic import replacing
+from viz import palette
+from viz.pictures.painter import BodyPainter
+from viz.preview.cameras import add_camera
+from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh, line_segments
+from viz.scene import Scene, as_scene, evenly
+from viz.solids.body_solids import body_solids
+from viz.solids.solid import Solid, merged, sides_among
+
+KEY_FRAMES = 600
+_NOTHING = 0.005  # a weight below would be written as 0 %
+_HOME_FOV = np.radians(38.0)
+
+
+def write_html(run: Run | Scene, path: str | Path) -> Path:
+    """Write a page that needs nothing else: no server, no network. Raises InputError where it cannot be written."""
+    with replacing(path) as temporary:
+        temporary.write_text(page(run), encoding="utf-8")
+    return Path(path)
+
+
+def page(run: Run | Scene) -> str:
+    """The preview as the text of one HTML page; starts no process."""
+    scene = as_scene(run)
+    rows = evenly(len(scene), KEY_FRAMES)
+    recorder = CommandRecorder()
+    root = meshcat.Visualizer(window=recorder)
+    painter = BodyPainter(scene.body)
+    stage = _Stage(scene, painter, rows)
+    _set_lights(root, stage)
+    _set_ground(root, stage)
+    animation = Animation(default_framerate=_key_rate(scene, rows))
+    parts = merged(body_solids(scene.body))
+    _add_bodies(root, animation, scene, rows, parts)
+    cameras = [add_camera(root, scene, c, rows, stage.points) for c in range(len(scene.cameras))]
+    root.set_animation(animation, play=True)
+    return recorder.page(f"{scene.body.subject.name} - kinemode", _player_data(scene, rows, stage, cameras, parts))
+
+
+class _Stage:
+    """Where the body moves: used to place the ground, the lights, the pictures and the first view."""
+
+    def __init__(self, scene: Scene, painter: BodyPainter, rows: list[int]) -> None:
+        bodies = [t for t in rows if scene.has_body(t)]
+        chosen = [bodies[i] for i in evenly(len(bodies), 60)]
+        vertices = [painter.vertices(scene.body.at(scene.q[t])) for t in chosen]
+        self.points = np.concatenate([v[:: max(1, len(v) // 200)] for v in vertices])
+        self.floor = min(float(v[:, 2].min()) for v in vertices)
+        low, high = np.quantile(self.points, 0.02, axis=0), np.quantile(self.points, 0.98, axis=0)
+        self.centre = (low + high) / 2.0
+        self.radius = max(0.3, 0.5 * float(np.linalg.norm(high - low)))
+        towards = scene.cameras[0].centre_world - self.centre if scene.cameras else np.array([1.0, 0.0, 0.0])
+        heading = np.arctan2(towards[1], towards[0]) + np.radians(35.0)
+        self.towards_home = np.array([np.cos(heading), np.sin(heading), 0.28])
+        self.towards_home /= np.linalg.norm(self.towards_home)
+
+    def eye(self) -> np.ndarray:
+        """Where the first view looks from [m], (3,)."""
+        return self.centre + self.towards_home * 1.05 * self.radius / np.sin(_HOME_FOV / 2.0)
+
+
+def _key_rate(scene: Scene, rows: list[int]) -> float:
+    """Keys are evenly spaced in the animation; the player's own table says when each of them was."""
+    return max(1.0, scene.rate * (len(rows) - 1) / max(1, len(scene) - 1))
+
+
+def _set_lights(root: meshcat.Visualizer, stage: _Stage) -> None:
+    for name, colour in (("top_color", palette.BACKGROUND), ("bottom_color", palette.PANEL)):
+        root["/Background"].set_property(name, [channel / 255.0 for channel in colour])
+    for name in ("/Grid", "/Axes", "/Lights/PointLightPositiveX"):
+        root[name].set_property("visible", False)
+    key = stage.centre + 4.0 * stage.towards_home + np.array([0.0, 0.0, 3.0])
+    lamp = root["/Lights/PointLightNegativeX/<object>"]
+    for name, value in (("position", key.tolist()), ("distance", 0.0), ("intensity", 0.45)):
+        lamp.set_property(name, value)
+    back = -stage.towards_home + np.array([0.0, 0.0, 0.8])
+    root["/Lights/FillLight/<object>"].set_property("position", (10.0 * back).tolist())
+    root["/Lights/FillLight/<object>"].set_property("intensity", 0.3)
+    root["/Lights/AmbientLight/<object>"].set_property("intensity", 0.52)
+
+
+def _set_ground(root: meshcat.Visualizer, stage: _Stage) -> None:
+    """Lines every half metre, level with the lowest foot."""
+    middle = np.round(stage.centre[:2] * 2.0) / 2.0
+    reach = np.arange(-3.0, 3.01, 0.5)
+    ends = [((x, -3.0), (x, 3.0)) for x in reach] + [((-3.0, y), (3.0, y)) for y in reach]
+    points = np.array([[middle[0] + x, middle[1] + y, stage.floor] for pair in ends for x, y in pair])
+    root["ground"].set_object(line_segments(points, palette.GRID))
+
+
+def _add_bodies(
+    root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int], parts: tuple[Solid, ...]
+) -> None:
+    _add_body(root["body"], animation, scene.body, parts, scene.q[rows], 1.0)
+    coarse = merged(replace(part, colour=palette.HYPOTHESIS) for part in body_solids(scene.body, coarse=True))
+    for k in range(scene.mode_q.shape[1]):
+        _add_body(root[f"hypothesis_{k}"], animation, scene.body, coarse, scene.mode_q[rows, k], 0.3)
+
+
+def _add_body(
+    node: meshcat.Visualizer,
+    animation: Animation,
+    body: Body,
+    parts: tuple[Solid, ...],
+    q: np.ndarray,
+    opacity: float,
+) -> None:
+    """A node per joint below `node`, with its meshes, and a position and a quaternion per instant (a missing one holds
+    still)."""
+    names = {part.joint: part.name for part in reversed(parts)}
+    moved = sorted(names)
+    positions, quaternions = _motion(body, q, moved)
+    for j, joint in enumerate(moved):
+        child = node[f"{joint}_{names[joint]}"]
+        for i, part in enumerate(part for part in parts if part.joint == joint):
+            child[str(i)].set_object(_mesh(part), _material(part, opacity))
+        child.set_transform(_matrix(positions[0, j], quaternions[0, j]))
+        tracks = {
+            "position": MotionTrack("position", "vector3", positions[:, j]),
+            "quaternion": MotionTrack("quaternion", "quaternion", quaternions[:, j]),
+        }
+        animation.clips[child.path] = AnimationClip(tracks, fps=animation.default_framerate)
+
+
+def _mesh(part: Solid) -> g.Geometry:
+    if part.normals is None:  # the viewer takes the means of the faces itself
+        return g.TriangularMeshGeometry(part.vertices, part.faces)
+    return ShadedMesh(part.vertices, part.normals, part.faces)
+
+
+def _material(part: Solid, opacity: float) -> g.Material:
+    """Front faces alone where the solid is closed: the far side of a translucent limb would show as dark bands."""
+    paint, side = palette.hexadecimal(part.paint), 0 if part.closed else 2
+    return g.MeshPhongMaterial(color=paint, opacity=opacity, shininess=18, side=side)
+
+
+def _motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (T, J, 3) [m] and quaternions xyzw (T, J, 4) of some joints; instants without q repeat the last."""
+    positions, quaternions = np.zeros((len(q), len(moved), 3)), np.zeros((len(q), len(moved), 4))
+    quaternions[..., 3] = 1.0
+    for t, configuration in enumerate(q):
+        if not np.isfinite(configuration).all():
+            if t > 0:
+                positions[t], quaternions[t] = positions[t - 1], quaternions[t - 1]
+            continue
+        posed = body.at(configuration)
+        positions[t] = posed.translations[moved]
+        quaternions[t] = [pin.Quaternion(np.ascontiguousarray(R)).coeffs() for R in posed.rotations[moved]]
+    return positions, quaternions
+
+
+def _matrix(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = pin.Quaternion(*quaternion[[3, 0, 1, 2]]).toRotationMatrix()
+    matrix[:3, 3] = position
+    return matrix
+
+
+def _player_data(
+    scene: Scene, rows: list[int], stage: _Stage, cameras: list[dict[str, Any]], parts: tuple[Solid, ...]
+) -> dict[str, Any]:
+    rate = _key_rate(scene, rows)
+    tangent = float(np.tan(_HOME_FOV / 2.0))
+    return {
+        "subject": scene.body.subject.name,
+        "time": [float(t) for t in np.round(scene.time[rows], 4)],
+        "key_time": [i / rate for i in range(len(rows))],
+        "index": [int(i) for i in scene.index[rows]],
+        "status": [scene.status[t] for t in rows],
+        "best": [int(k) for k in scene.path[rows]],
+        "weight": [[float(f"{w:.3g}") if np.isfinite(w) else None for w in row] for row in scene.mode_weight[rows]],
+        "cameras": cameras,
+        "home": {
+            "eye": stage.eye().tolist(),
+            "target": stage.centre.tolist(),
+            "up": [0.0, 0.0, 1.0],
+            "half_height": tangent,
+            "half_width": tangent,
+        },
+        "legend": _legend(scene, parts),
+        "nothing": _NOTHING,
+        "best_colour": _css(palette.GOOD),
+        "other_colour": _css(palette.HYPOTHESIS),
+        "status_colour": {name: _css(colour) for name, colour in palette.STATUS.items()},
+    }
+
+
+def _legend(scene: Scene, parts: tuple[Solid, ...]) -> list[tuple[str, str | None]]:
+    """Names and colours: of the sides that are told apart by colour, else one name for the body."""
+    sides = sides_among(part.side for part in parts if part.colour is None)
+    legend: list[tuple[str, str | None]] = [(side, _css(palette.SIDES[side])) for side in sides]
+    if not legend:
+        colours = {part.paint for part in parts}
+        legend = [("body", _css(colours.pop()))] if len(colours) == 1 else [("body in its own colours", None)]
+    if ((scene.mode_weight >= _NOTHING).sum(axis=1) > 1).any():
+        legend.append(("other hypotheses", _css(palette.HYPOTHESIS)))
+    return legend
+
+
+def _css(colour: palette.Rgb) -> str:
+    return f"#{palette.hexadecimal(colour):06x}"

@@ -1,0 +1,185 @@
+"""Meshes with fewer triangles: edges are shortened to points, those first that move the surface least.
+
+M. Garland and P. Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997, in passes over all
+faces instead of with a queue: a pass shortens the cheaper edges, each vertex once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from humanoid.support.compiled import jit
+from viz.solids.triangles import Triangles, across, compact, directed_edges, numbered, proper
+
+_RIM = 3.0  # weight of the rims of holes and of colours beside that of the surface
+_SHORT = 1e-4  # prefers short edges where all is flat
+_TURNED = 0.2  # cosine; a face may not turn by more
+_DETERMINED = 1e-6  # planes whose matrix has a smaller determinant have no single best place
+_SHARES = (0.3, 0.6, 1.0)  # of the faces, the cheaper ones, that a pass looks at; more where fewer bring nothing
+_FEWEST = 0.01  # of the faces that a pass has to remove
+
+
+def simplified(mesh: Triangles, most: int) -> Triangles:
+    """The mesh with about `most` triangles, or more where they cannot be had; labels keep their borders."""
+    vertices, faces, label = mesh.vertices.copy(), mesh.faces, mesh.label
+    quadrics, share = _quadrics(mesh), 0
+    while len(faces) > most and share < len(_SHARES):
+        cost, side = np.empty(len(faces)), np.empty(len(faces), dtype=np.int64)
+        _cheapest(vertices, quadrics, faces, cost, side)
+        limit = float(np.quantile(cost, _SHARES[share]))
+        order = np.argsort(faces.reshape(-1), kind="stable")
+        start = np.searchsorted(faces.reshape(-1)[order], np.arange(len(vertices) + 1))
+        before, faces = len(faces), faces.copy()
+        _pass(vertices, quadrics, faces, start, order // 3, cost, side, limit, len(faces) - most)
+        faces, label = proper(faces, label)
+        share = share + 1 if before - len(faces) < _FEWEST * before else 0
+    return compact(vertices, faces, label)
+
+
+def _quadrics(mesh: Triangles) -> np.ndarray:
+    """Sums of squared distances to the planes of the faces around every vertex, weighted by area, (V, 10).
+
+    The ten are the upper triangle of the symmetric 4 x 4 matrix, row by row.
+    """
+    normal = across(mesh.vertices, mesh.faces)
+    twice = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(twice, 1e-300)[:, None]
+    quadrics = np.zeros((len(mesh.vertices), 10))
+    for corner in mesh.faces.T:
+        _add_planes(quadrics, corner, normal, mesh.vertices[mesh.faces[:, 0]], twice / 2.0)
+    face, start, end = _rims(mesh)
+    along = mesh.vertices[end] - mesh.vertices[start]
+    wall = np.cross(along, normal[face])
+    wall /= np.maximum(np.linalg.norm(wall, axis=1), 1e-300)[:, None]
+    for corner in (start, end):
+        _add_planes(quadrics, corner, wall, mesh.vertices[start], _RIM * np.einsum("ni,ni->n", along, along))
+    return quadrics
+
+
+def _rims(mesh: Triangles) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Face, start and end of the sides of faces that no other face of the same label has, (S,) each."""
+    start, end = directed_edges(mesh)
+    face = np.repeat(np.arange(len(mesh.faces)), 3)
+    edge = numbered(np.stack([mesh.label[face], np.minimum(start, end), np.maximum(start, end)], axis=1))
+    _, inverse, count = np.unique(edge, return_inverse=True, return_counts=True)
+    rim = count[inverse] == 1
+    return face[rim], start[rim], end[rim]
+
+
+@jit
+def _add_planes(quadrics, corner, normal, point, weight):  # type: ignore[no-untyped-def]
+    """Add the quadrics of planes to those of vertices, in place."""
+    for n in range(len(corner)):
+        x, y, z = normal[n]
+        d = -(x * point[n, 0] + y * point[n, 1] + z * point[n, 2])
+        plane = (x, y, z, d)
+        k = 0
+        for i in range(4):
+            for j in range(i, 4):
+                quadrics[corner[n], k] += weight[n] * plane[i] * plane[j]
+                k += 1
+
+
+@jit
+def _error(q, x, y, z):  # type: ignore[no-untyped-def]
+    return (
+        x * (q[0] * x + 2.0 * (q[1] * y + q[2] * z + q[3]))
+        + y * (q[4] * y + 2.0 * (q[5] * z + q[6]))
+        + z * (q[7] * z + 2.0 * q[8])
+        + q[9]
+    )
+
+
+@jit
+def _place(q, a, b):  # type: ignore[no-untyped-def]
+    """Where an edge from a to b is shortened to, and what that costs: (cost, x, y, z)."""
+    length = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+    extra = _SHORT * length * length
+    c00, c01, c02 = q[4] * q[7] - q[5] * q[5], q[2] * q[5] - q[1] * q[7], q[1] * q[5] - q[2] * q[4]
+    determinant = q[0] * c00 + q[1] * c01 + q[2] * c02
+    if determinant > _DETERMINED * (q[0] + q[4] + q[7]) ** 3:
+        c11, c12, c22 = q[0] * q[7] - q[2] * q[2], q[1] * q[2] - q[0] * q[5], q[0] * q[4] - q[1] * q[1]
+        x = -(c00 * q[3] + c01 * q[6] + c02 * q[8]) / determinant
+        y = -(c01 * q[3] + c11 * q[6] + c12 * q[8]) / determinant
+        z = -(c02 * q[3] + c12 * q[6] + c22 * q[8]) / determinant
+        far = (x - a[0]) ** 2 + (y - a[1]) ** 2 + (z - a[2]) ** 2
+        if far < 4.0 * length:
+            return _error(q, x, y, z) + extra, x, y, z
+    best, x, y, z = _error(q, a[0], a[1], a[2]), a[0], a[1], a[2]
+    cost = _error(q, b[0], b[1], b[2])
+    if cost < best:
+        best, x, y, z = cost, b[0], b[1], b[2]
+    u, v, w = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+    cost = _error(q, u, v, w)
+    if cost < best:
+        best, x, y, z = cost, u, v, w
+    return best + extra, x, y, z
+
+
+@jit
+def _cheapest(vertices, quadrics, faces, cost, side):  # type: ignore[no-untyped-def]
+    """Of every face the edge that is shortened at the least cost, into side (F,), and that cost (F,)."""
+    for f in range(len(faces)):
+        cost[f] = np.inf
+        for k in range(3):
+            a, b = faces[f, k], faces[f, (k + 1) % 3]
+            found = _place(quadrics[a] + quadrics[b], vertices[a], vertices[b])[0]
+            if found < cost[f]:
+                cost[f], side[f] = found, k
+
+
+@jit
+def _folds(vertices, faces, around, low, high, moved, other, place):  # type: ignore[no-untyped-def]
+    """Whether a face around `moved` that stays turns over when that vertex goes to `place`."""
+    for at in range(low, high):
+        face = faces[around[at]]
+        if face[0] == other or face[1] == other or face[2] == other:
+            continue  # vanishes
+        k = 0 if face[0] == moved else (1 if face[1] == moved else 2)
+        u, v = vertices[face[(k + 1) % 3]], vertices[face[(k + 2) % 3]]
+        a, b, c = _normal(vertices[moved], u, v)
+        x, y, z = _normal(place, u, v)
+        if a * x + b * y + c * z < _TURNED * np.sqrt((a * a + b * b + c * c) * (x * x + y * y + z * z)):
+            return True
+    return False
+
+
+@jit
+def _normal(p, u, v):  # type: ignore[no-untyped-def]
+    """(u - p) x (v - p)."""
+    a, b, c = u[0] - p[0], u[1] - p[1], u[2] - p[2]
+    x, y, z = v[0] - p[0], v[1] - p[1], v[2] - p[2]
+    return b * z - c * y, c * x - a * z, a * y - b * x
+
+
+@jit
+def _pass(vertices, quadrics, faces, start, around, cost, side, limit, most):  # type: ignore[no-untyped-def]
+    """Shorten edges whose cost is at most `limit` until `most` faces have vanished; all in place.
+
+    start (V + 1,), around: the faces around every vertex, one after the other. A face that vanishes has two corners in
+    one.
+    """
+    touched = np.zeros(len(vertices), dtype=np.bool_)
+    gone = 0
+    for f in range(len(faces)):
+        if gone >= most:
+            break
+        a, b = faces[f, side[f]], faces[f, (side[f] + 1) % 3]
+        if cost[f] > limit or a == b or touched[a] or touched[b]:
+            continue
+        quadric = quadrics[a] + quadrics[b]
+        _, x, y, z = _place(quadric, vertices[a], vertices[b])
+        place = np.array([x, y, z])
+        if _folds(vertices, faces, around, start[a], start[a + 1], a, b, place):
+            continue
+        if _folds(vertices, faces, around, start[b], start[b + 1], b, a, place):
+            continue
+        vertices[a], quadrics[a] = place, quadric
+        touched[a] = touched[b] = True
+        for at in range(start[b], start[b + 1]):
+            g = around[at]
+            for k in range(3):
+                if faces[g, k] == a:
+                    gone += 1
+                if faces[g, k] == b:
+                    faces[g, k] = a

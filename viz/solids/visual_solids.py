@@ -1,0 +1,206 @@
+"""The visual geometry of a URDF as solids: its own shapes and colours, with only as many triangles as can be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+from humanoid.kinematics.body import Body
+from humanoid.shape.surface_hulls import vertex_normals
+from humanoid.support.errors import InputError
+from viz import palette
+from viz.palette import Rgb
+from viz.solids.decimation import simplified
+from viz.solids.mesh_files import ColouredMesh, MeshFile, mesh_file, read_mesh
+from viz.solids.solid import Solid, side_of
+from viz.solids.triangles import Triangles, compact, creased, merged_vertices, oriented
+from viz.solids.visual_shapes import Shape, shapes_of
+
+FINE, COARSE = 18_000, 5_000  # triangles of a whole body
+_FACETS = 24
+
+
+class VisualSolids(NamedTuple):
+    """solids: what can be drawn. bare: links whose meshes are missing and that have nothing to stand in for them."""
+
+    solids: tuple[Solid, ...]
+    bare: tuple[str, ...]
+
+
+class _Source(NamedTuple):
+    """What a shape's triangles are made from: all that they depend on."""
+
+    kind: str
+    size: tuple[float, ...]
+    file: MeshFile | None
+
+
+class _Piece(NamedTuple):
+    """Triangles of one colour in the frame of their shape."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    colour: Rgb | None
+    closed: bool
+
+
+def visual_solids(body: Body, *, coarse: bool = False) -> VisualSolids:
+    """A body's visual shapes, or where it has none its collision shapes, on their joints.
+
+    A link whose visual mesh is not where the URDF says gets its collision shapes instead. A URDF's material goes before
+    the colours of a mesh; a body without any colours is coloured by its sides. coarse: fewer triangles, enough for a
+    translucent hypothesis.
+
+    Raises
+    ------
+    InputError: a mesh cannot be read, or its coordinates are not finite; it names the file and the link.
+    """
+    shapes, bare = _shapes(body)
+    if not shapes:
+        return VisualSolids((), bare)
+    sources = [_source(shape) for shape in shapes]
+    for shape, source in zip(shapes, sources, strict=True):
+        _check(shape, source)
+    pieces = _lightened(tuple(sources), COARSE if coarse else FINE)
+    own = any(shape.colour or piece.colour for shape, found in zip(shapes, pieces, strict=True) for piece in found)
+    placed = [_placed(body, s, p, own) for s, found in zip(shapes, pieces, strict=True) for p in found]
+    return VisualSolids(tuple(placed), bare)
+
+
+def missing_meshes(body: Body) -> tuple[Shape, ...]:
+    """The visual meshes that are not, or not any more, where the URDF says."""
+    return tuple(shape for shape in shapes_of(body.subject, "visual") if _missing(shape))
+
+
+def _missing(shape: Shape) -> bool:
+    return shape.kind == "mesh" and mesh_file(shape.file) is None
+
+
+def _shapes(body: Body) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """What to draw, and the links that something should be drawn for but nothing is there."""
+    wanted = shapes_of(body.subject, "visual")
+    lost = {shape.link for shape in wanted if _missing(shape)}
+    if wanted and not lost:
+        return wanted, ()
+    collision = shapes_of(body.subject, "collision")
+    if not wanted:
+        return tuple(shape for shape in collision if _readable(shape)), ()
+    stand_ins = [shape for shape in collision if shape.link in lost and _readable(shape)]
+    bare = lost - {shape.link for shape in stand_ins}
+    return (*(shape for shape in wanted if not _missing(shape)), *stand_ins), tuple(sorted(bare))
+
+
+def _readable(shape: Shape) -> bool:
+    """A shape that only stands in for another may be left out silently."""
+    try:
+        _check(shape, _source(shape))
+    except InputError:
+        return False
+    return not _missing(shape)
+
+
+def _source(shape: Shape) -> _Source:
+    return _Source(shape.kind, shape.size, mesh_file(shape.file) if shape.kind == "mesh" else None)
+
+
+def _check(shape: Shape, source: _Source) -> None:
+    try:
+        if source.file is not None:
+            read_mesh(source.file)
+    except InputError as error:
+        raise InputError(error.source, error.problem, place=f"link {shape.link!r}", remedy=error.remedy) from error
+
+
+def _mesh(source: _Source) -> ColouredMesh:
+    """A shape's triangles in its own frame [m]."""
+    if source.file is not None:
+        mesh = read_mesh(source.file)
+        scale = np.array(source.size)
+        faces = mesh.triangles.faces if np.prod(scale) > 0.0 else mesh.triangles.faces[:, ::-1]  # mirrored: turned over
+        return ColouredMesh(Triangles(mesh.triangles.vertices * scale, faces, mesh.triangles.label), mesh.colours)
+    made = _primitive(source.kind, source.size)
+    faces = np.asarray(made.faces, dtype=np.int64)
+    triangles = Triangles(np.asarray(made.vertices), faces, np.zeros(len(faces), dtype=np.int64))
+    return ColouredMesh(merged_vertices(triangles), (None,))
+
+
+def _primitive(kind: str, size: tuple[float, ...]) -> trimesh.Trimesh:
+    if kind == "box":
+        return trimesh.creation.box(extents=size)
+    if kind == "sphere":
+        return trimesh.creation.uv_sphere(radius=size[0], count=[_FACETS // 2, _FACETS])
+    if kind == "cylinder":
+        return trimesh.creation.cylinder(radius=size[0], height=size[1], sections=_FACETS)
+    capsule = trimesh.creation.capsule(radius=size[0], height=size[1], count=[_FACETS, _FACETS])
+    capsule.vertices -= capsule.bounds.mean(axis=0)
+    return capsule
+
+
+@lru_cache(maxsize=16)
+def _lightened(sources: tuple[_Source, ...], most: int) -> tuple[tuple[_Piece, ...], ...]:
+    """Every source's triangles by colour, together about `most`; kept for this process."""
+    meshes = {source: _mesh(source) for source in sources}
+    light = _light(sources, most)
+    pieces = {source: _pieces(light[source], mesh.colours, oriented(mesh.triangles)) for source, mesh in meshes.items()}
+    return tuple(pieces[source] for source in sources)
+
+
+@lru_cache(maxsize=16)
+def _light(sources: tuple[_Source, ...], most: int) -> dict[_Source, Triangles]:
+    names = list(dict.fromkeys(sources))
+    # the coarse ones are made from the fine ones, which are there already
+    before = [_mesh(name).triangles for name in names] if most >= FINE else list(_light(sources, FINE).values())
+    whole = _together(before)
+    counts = {name: len(mesh.faces) for name, mesh in zip(names, before, strict=True)}
+    most = most * len(whole.faces) // sum(counts[source] for source in sources)  # what is used twice counts twice
+    return dict(zip(names, _apart(simplified(whole, most), before), strict=True))
+
+
+def _together(meshes: Sequence[Triangles]) -> Triangles:
+    """All in one, so that triangles stay where they show most; labels become different ones."""
+    vertices = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    labels = np.cumsum([0, *(int(mesh.label.max()) + 1 for mesh in meshes)])
+    return Triangles(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, vertices, strict=False)]),
+        np.concatenate([mesh.label + start for mesh, start in zip(meshes, labels, strict=False)]),
+    )
+
+
+def _apart(mesh: Triangles, before: Sequence[Triangles]) -> list[Triangles]:
+    """The opposite of `_together`; a mesh of which nothing is left stays as it was."""
+    labels = np.cumsum([0, *(int(one.label.max()) + 1 for one in before)])
+    found = []
+    for one, low, high in zip(before, labels, labels[1:], strict=False):
+        own = (mesh.label >= low) & (mesh.label < high)
+        found.append(compact(mesh.vertices, mesh.faces[own], mesh.label[own] - low) if own.any() else one)
+    return found
+
+
+def _pieces(mesh: Triangles, colours: Sequence[Rgb | None], closed: bool) -> tuple[_Piece, ...]:
+    sharp = creased(mesh)
+    normals = vertex_normals(sharp.vertices, sharp.faces)
+    pieces = []
+    for colour in dict.fromkeys(colours):
+        chosen = np.isin(sharp.label, [i for i, c in enumerate(colours) if c == colour])
+        if chosen.any():
+            used, faces = np.unique(sharp.faces[chosen], return_inverse=True)
+            pieces.append(_Piece(sharp.vertices[used], faces.reshape(-1, 3), normals[used], colour, closed))
+    return tuple(pieces)
+
+
+def _placed(body: Body, shape: Shape, piece: _Piece, own: bool) -> Solid:
+    frame = body.model.frames[body.model.getFrameId(shape.link, pin.FrameType.BODY)]
+    T_joint_shape = frame.placement * shape.T_link_shape
+    vertices = piece.vertices @ T_joint_shape.rotation.T + T_joint_shape.translation
+    normals = piece.normals @ T_joint_shape.rotation.T
+    colour = shape.colour or piece.colour or (palette.SIDES["trunk"] if own else None)
+    return Solid(
+        shape.link, int(frame.parentJoint), side_of(shape.link), vertices, piece.faces, colour, normals, piece.closed
+    )
