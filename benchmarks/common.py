@@ -18,10 +18,10 @@ import cyclopts
 import numpy as np
 from cyclopts import Parameter
 
+import kinemode as km
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
-from kinemode.api import InputWarning
-from kinemode.rendering.files import made_folder
+from kinemode.target import made_folder
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -41,7 +41,7 @@ def start(main: Callable[..., None]) -> None:
 
 
 def _quiet() -> None:
-    warnings.simplefilter("ignore", InputWarning)
+    warnings.simplefilter("ignore", km.InputWarning)
 
 
 def tell(text: str) -> None:

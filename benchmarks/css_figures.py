@@ -14,7 +14,7 @@ from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
 from estimator.optimise.seek import Seeker
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.atomic import replacing
-from kinemode.rendering.files import made_folder
+from kinemode.target import made_folder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
+import kinemode as km
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import beam_folder, save, start, tell, work_folder
 from estimator.media.clip import Clip
@@ -20,10 +21,9 @@ from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
-from kinemode import api
-from kinemode.inputs.declared import Declared
+from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
-from kinemode.rendering.files import made_folder
+from kinemode.target import made_folder
 from kinemode.terminal import report
 
 FPS = 60.0
@@ -81,7 +81,7 @@ def cut(clip: Path, out: Path) -> Path:
 
 
 def tracked(folder: Path, files: Files, out: Path, told: dict[str, Any]) -> Run:
-    return api.track(
+    return km.track(
         "human34", files.clips, cameras=folder / "calibration.json", keypoints=files.keypoints, cues="off", out=out,
         overwrite=True, **told,
     )  # fmt: skip
@@ -101,9 +101,8 @@ def said(folder: Path, files: Files) -> tuple[str, tuple[str, ...]]:
     """What a user who tells nothing is told: refused, warned or silent, and the messages."""
     try:
         found = load_inputs(
-            Body(load_subject("human34")), files.clips, files.keypoints, folder / "calibration.json", person="auto",
-            declared=Declared(),
-        )  # fmt: skip
+            Body(load_subject("human34")), InputFiles(files.clips, files.keypoints, folder / "calibration.json")
+        )
     except InputError as problem:
         return "refused", (str(problem),)
     return ("warned" if found.notes else "silent"), found.notes

@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+import kinemode as km
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, OBJ
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
@@ -21,7 +22,6 @@ from estimator.results.export import export
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
 from humanoid.subject.subject import URDF_FOLDER, load_subject
-from kinemode.api import track
 from kinemode.settings import describe_settings
 from kinemode.terminal.progress import Progress
 
@@ -29,7 +29,7 @@ Files = Mapping[str, bytes]
 SIZE = (64, 48)
 FRAMES = 3
 QUICK: dict[str, Any] = {"css": {"samples": 1, "flips": 0, "modes": 2, "budget": {"searches": 4}}}
-"""Settings that make a track short."""
+"""Settings that make a km.track short."""
 
 
 def corpus(subjects: Sequence[str] = ("arm8", "upper13")) -> dict[str, list[Files]]:
@@ -183,9 +183,9 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
         how: dict[str, Any] = {"keypoints": keypoints, "cameras": {"k": facing("k")}, "settings": QUICK, "fit": "off"}
-        run = track(name, None, **how, out=folder / f"{name}.run")
+        run = km.track(name, None, **how, out=folder / f"{name}.run")
         with suppress(KeyboardInterrupt):
-            track(name, None, **how, out=folder / "stopped.run", overwrite=True, progress=_stopping)
+            km.track(name, None, **how, out=folder / "stopped.run", overwrite=True, progress=_stopping)
         unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")

@@ -11,6 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 from rich.table import Table
 
+import kinemode as km
 from benchmarks.common import Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import timed_track
@@ -20,7 +21,6 @@ from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode import demo
 from kinemode.pictures import CUES
-from kinemode.rendering.clip import render_clip
 from kinemode.terminal import report
 
 DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")
@@ -63,7 +63,7 @@ def tracked(task: Task) -> dict[str, Outcome]:
     """Render, and track human34 in every condition, its lengths fitted."""
     name, longest = task.motion.stem, load_mocap(task.motion).seconds
     seconds = None if task.seconds is None else min(task.seconds, longest)
-    clip = render_clip(
+    clip = km.render(
         task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seconds=seconds, seed=task.clip_seed
     )
     tell(f"{name}: rendered")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import kinemode as km
 from benchmarks.common import tell
 from benchmarks.mocap import DETECTOR, FPS, person
 from benchmarks.scores import TrackErrors, trajectories
 from benchmarks.tracking import timed_track
 from estimator.results.evaluation import Reference
 from estimator.synthesis.mocap import load_mocap
-from kinemode.rendering.clip import render_clip
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Task:
 
 def tracked(task: Task) -> dict[str, dict[str, TrackErrors]]:
     """Errors by share of the prior and trajectory; the person has other lengths than human34, which is fitted."""
-    clip = render_clip(
+    clip = km.render(
         task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seed=task.seed, videos=False,
         seconds=min(task.seconds, load_mocap(task.motion).seconds),
     )  # fmt: skip

@@ -13,6 +13,7 @@ import numpy as np
 from cyclopts import Parameter
 from threadpoolctl import threadpool_limits
 
+import kinemode as km
 from benchmarks.common import Changes, Several, nested, save, spread, start, tell, work_folder
 from benchmarks.stopwatch import Stopwatch
 from estimator.cues.evidence import CameraEvidence
@@ -29,7 +30,6 @@ from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode.rendering.clip import render_clip
 from kinemode.terminal import report
 
 TARGET, WANTED, TARGET_RATIO = 15.0, 25.0, 1.7
@@ -127,7 +127,7 @@ def main(
 
 
 def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed: int) -> Job:
-    clip = render_clip(folder, "turn_reach", fps=fps, seconds=seconds, seed=1)
+    clip = km.render(folder, "turn_reach", fps=fps, seconds=seconds, seed=1)
     body, cameras = Body(load_subject(clip.subject)), load_cameras(clip.cameras)
     ((name, video),) = clip.videos.items()
     times = np.arange(round(seconds * fps)) / fps

@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from cyclopts import Parameter
 
+import kinemode as km
 from benchmarks.common import beam_folder, save, start, tell
 from benchmarks.resume_kills import (
     BEFORE_THE_FILE,
@@ -28,7 +29,7 @@ from benchmarks.resume_kills import (
     started,
 )
 from estimator.results.run_file import Run
-from kinemode import api, demo
+from kinemode import demo
 from kinemode.terminal import report
 from kinemode.terminal.progress import unreported
 
@@ -96,10 +97,10 @@ def ended_often(chain: Chain, out: Path, when: Sequence[Moment], whole: Run) -> 
         done.append(kill)
         if not kill.well:
             faults.append(f"{due(kill)}: {kill.fault}")
-        if kill.after and (where := first_difference(api.open_run(out), whole)):
+        if kill.after and (where := first_difference(km.open_run(out), whole)):
             faults.append(f"{due(kill)}: different {where}")
     finish(command(chain.inputs, out))
-    again = api.open_run(out)
+    again = km.open_run(out)
     different = differences(whole, again)
     if different:
         faults.append(f"the end is different {first_difference(whole, again)}: {', '.join(different)}")
@@ -170,7 +171,7 @@ def main(
         for i, chain in enumerate(chains(folder, frames, camera, data)):
             if chain.workers == 1:  # any number gives the same bits
                 pace = undisturbed_pace(command(chain.inputs, undisturbed), undisturbed)
-            whole = api.open_run(undisturbed)
+            whole = km.open_run(undisturbed)
             count = (kills + (0, 2, 3, 1)[i]) // 4
             found = ended_often(chain, folder / f"{i}.run", moments(rng, count, len(whole), pace), whole)
             rows.append((chain, *found))

@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
+import kinemode as km
 from benchmarks.common import Changes, Several, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
 from estimator.synthesis.motion_keys import motion_named
 from kinemode.pictures import CUES, cue_choice
-from kinemode.rendering.clip import render_clip
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 
@@ -48,7 +48,7 @@ class Task:
 def rendered(task: Task) -> RenderedClip:
     longest = motion_named(task.motion).seconds
     seconds = None if task.seconds is None else min(task.seconds, longest)
-    clip = render_clip(
+    clip = km.render(
         task.folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected
     )
     tell(f"{task.label}: rendered")

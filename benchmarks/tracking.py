@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import kinemode as km
 from estimator.results.run_file import Run
 from humanoid.subject.subject import Subject
-from kinemode import api
 from kinemode.terminal.progress import Progress
 
 
@@ -65,7 +65,7 @@ def timed_track(
         yield mark
 
     with suppress(_Enough):
-        api.track(
+        km.track(
             subject,
             clips,
             cameras=cameras,
@@ -82,7 +82,7 @@ def timed_track(
             progress=timed,
         )
     marks.append(_now())
-    run = api.open_run(out)
+    run = km.open_run(out)
     clock = [mark[0] for mark in marks]
     return run, Times(clock[1] - clock[0], clock[-2] - clock[1], clock[-1] - clock[-2], len(run), _cpu(marks))
 

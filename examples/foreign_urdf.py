@@ -11,10 +11,6 @@ from pathlib import Path
 import numpy as np
 
 import kinemode as km
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from humanoid import Body
 
 FRAMES, FPS = 30, 30.0
 
@@ -51,7 +47,7 @@ flag = {link = "lower", xyz = [0.1, 0.1, 0.2]}
 """
 
 
-def looking(name: str, eye: tuple[float, float, float]) -> Camera:
+def looking(name: str, eye: tuple[float, float, float]) -> km.Camera:
     """A level camera that looks at the arm."""
     forward = np.array([0.0, 0.0, 0.5]) - eye
     forward /= np.linalg.norm(forward)
@@ -59,7 +55,7 @@ def looking(name: str, eye: tuple[float, float, float]) -> Camera:
     right /= np.linalg.norm(right)
     R = np.stack([right, np.cross(forward, right), forward])
     K = np.array([[800.0, 0.0, 320.0], [0.0, 800.0, 240.0], [0.0, 0.0, 1.0]])
-    return Camera(name, (640, 480), K, np.zeros(5), R, -R @ np.array(eye))
+    return km.Camera(name, (640, 480), K, np.zeros(5), R, -R @ np.array(eye))
 
 
 def main() -> None:
@@ -69,19 +65,18 @@ def main() -> None:
         (here / "arm.urdf").write_text(ARM)
         (here / "arm.landmarks.toml").write_text(LANDMARKS)
         subject = km.load_subject(here / "arm.urdf")
-        body = Body(subject)
+        body = km.Body(subject)
         time = np.arange(FRAMES) / FPS
         truth = np.stack([0.8 * np.sin(3.0 * time), 0.5 + 0.3 * time, 1.0 - 0.8 * time], axis=1)
         points = np.array([body.landmarks(body.at(q)) for q in truth])
         cameras = [looking("a", (2.0, 1.0, 0.8)), looking("b", (0.5, -2.0, 1.0))]
-        write_cameras(here / "cameras.json", cameras)
         for camera in cameras:
             pixels = camera.project(points)
             seen = np.ones(pixels.shape[:2])
-            track = KeypointTrack("landmarks", body.landmark_names, pixels, seen, camera.image_size, FPS)
-            write_keypoints(here / f"{camera.name}.json", track)
+            track = km.KeypointTrack("landmarks", body.landmark_names, pixels, seen, camera.image_size, FPS)
+            km.write_keypoints(here / f"{camera.name}.json", track)
         keypoints = [here / "a.json", here / "b.json"]
-        run = km.track(subject, None, keypoints=keypoints, cameras=here / "cameras.json", out=here / "arm.run")
+        run = km.track(subject, None, keypoints=keypoints, cameras={c.name: c for c in cameras}, out=here / "arm.run")
         error = np.degrees(np.abs(run.q - truth))
         for name, worst in zip(body.q_names, error.max(axis=0), strict=True):
             print(f"{name:>5}: largest error {worst:.3f} deg")

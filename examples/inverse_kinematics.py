@@ -12,10 +12,6 @@ from pathlib import Path
 import numpy as np
 
 import kinemode as km
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from humanoid import Body
 
 BENDS = {
     "left_shoulder_elevation": 0.6,
@@ -25,7 +21,7 @@ BENDS = {
 }
 
 
-def known_pose(body: Body) -> np.ndarray:
+def known_pose(body: km.Body) -> np.ndarray:
     """A standing person with a few joints bent, q (nq,)."""
     q = body.clamp(np.zeros(body.nq))
     q[6] = 1.0  # the root's quaternion is xyzw
@@ -35,25 +31,27 @@ def known_pose(body: Body) -> np.ndarray:
     return body.clamp(q)
 
 
-def camera_in_front() -> Camera:
+def camera_in_front() -> km.Camera:
     """4 m in front of the person, who faces +x; x right, y down, z forward."""
     K = np.array([[1000.0, 0.0, 480.0], [0.0, 1000.0, 480.0], [0.0, 0.0, 1.0]])
     R_camera_world = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
-    return Camera("front", (960, 960), K, np.zeros(5), R_camera_world, -R_camera_world @ np.array([4.0, 0.0, 0.0]))
+    return km.Camera("front", (960, 960), K, np.zeros(5), R_camera_world, -R_camera_world @ np.array([4.0, 0.0, 0.0]))
 
 
 def main() -> None:
     """Project, recover, compare."""
     subject = km.load_subject("human34")
-    body, camera = Body(subject), camera_in_front()
+    body, camera = km.Body(subject), camera_in_front()
     truth = body.landmarks(body.at(known_pose(body)))
     pixels = camera.project(truth)[None]
-    track = KeypointTrack("landmarks", body.landmark_names, pixels, np.ones(pixels.shape[:2]), camera.image_size, 30.0)
+    track = km.KeypointTrack(
+        "landmarks", body.landmark_names, pixels, np.ones(pixels.shape[:2]), camera.image_size, 30.0
+    )
 
     with tempfile.TemporaryDirectory() as folder:
-        keypoints, cameras = Path(folder) / "front.json", Path(folder) / "cameras.json"
-        write_keypoints(keypoints, track)
-        write_cameras(cameras, [camera])
+        keypoints = Path(folder) / "front.json"
+        km.write_keypoints(keypoints, track)
+        cameras = {"front": camera}
         run = km.track(subject, None, keypoints=keypoints, cameras=cameras, fit="off", out=Path(folder) / "ik.run")
         print("hypothesis  weight  in the picture [px]  in space [mm]")
         for k, points in enumerate(run.mode_landmarks[0]):

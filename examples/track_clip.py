@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 import kinemode as km
-from viz.preview.page import write_html
 
 
 def main(clip: str, keypoints: str, cameras: str | None = None) -> None:
@@ -28,7 +27,7 @@ def main(clip: str, keypoints: str, cameras: str | None = None) -> None:
         # one number per hypothesis: where they differ, the picture alone does not tell
         others = np.degrees(run.mode_q[t, :, knee])
         print(f"{run.time[t]:6.2f} s  left knee {np.degrees(run.q[t, knee]):6.1f} deg  of {np.round(others, 1)}")
-    print(write_html(run, f"{name}.html"))
+    print(km.view(run, html=f"{name}.html"))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,15 @@
 """What is tracked: the subject, its body and its geometry. Knows no image."""
 
-from humanoid.kinematics.body import Body, PosedBody
-from humanoid.subject.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject, subject_names
-from humanoid.support.errors import InputError
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from humanoid.support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from humanoid.kinematics.body import Body, PosedBody
+    from humanoid.subject.subject import Flesh, Landmark, Proportion, Stabiliser, Subject, load_subject, subject_names
+    from humanoid.support.errors import InputError
 
 __all__ = [
     "Body",
@@ -16,3 +23,14 @@ __all__ = [
     "load_subject",
     "subject_names",
 ]
+
+# Pinocchio and numba take half a second to import, which those who need `humanoid.support` alone need not wait for.
+__getattr__ = lazy_names(
+    __name__,
+    dict.fromkeys(__all__, "humanoid.subject.subject")
+    | {
+        "Body": "humanoid.kinematics.body",
+        "InputError": "humanoid.support.errors",
+        "PosedBody": "humanoid.kinematics.body",
+    },
+)

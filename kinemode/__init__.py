@@ -4,43 +4,101 @@
 >>> subject = km.load_subject("human34")
 >>> run = km.track(subject, "walk.mp4", cameras="calibration.json", keypoints="walk.json", out="walk.run")
 >>> run.q, run.landmarks, run.mode_weight
+>>> km.overlay(run, "walk-overlay.mp4")
 """
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING
+
+from humanoid.support.lazy import lazy_names
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from estimator.cameras.camera import Camera
+    from estimator.formats.cameras import load_cameras, write_cameras
+    from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
+    from estimator.results.evaluation import Evaluation, Reference
     from estimator.results.run_file import Run
+    from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
+    from humanoid.kinematics.body import Body
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.errors import InputError
-    from kinemode.api import fit, open_run, track
-    from kinemode.comparison.compare import compare
-
-__all__ = ["InputError", "Run", "Subject", "__version__", "compare", "fit", "load_subject", "open_run", "track"]
+    from kinemode.notices import FindingWarning, InputWarning
+    from kinemode.public.clips import annotate, render
+    from kinemode.public.results import evaluate, export, open_run, overlay, view
+    from kinemode.public.tracking import compare, fit, track
+    from kinemode.terminal.progress import reported
 
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
-_HOME = {
+_MODULES = {
+    "Body": "humanoid.kinematics.body",
+    "Camera": "estimator.cameras.camera",
+    "DetectorSettings": "estimator.synthesis.settings",
+    "Evaluation": "estimator.results.evaluation",
+    "FindingWarning": "kinemode.notices",
     "InputError": "humanoid.support.errors",
+    "InputWarning": "kinemode.notices",
+    "KeypointTrack": "estimator.formats.keypoints",
+    "Reference": "estimator.results.evaluation",
     "Run": "estimator.results.run_file",
+    "SceneSettings": "estimator.synthesis.settings",
     "Subject": "humanoid.subject.subject",
-    "compare": "kinemode.comparison.compare",
-    "fit": "kinemode.api",
+    "ViewSettings": "estimator.synthesis.settings",
+    "annotate": "kinemode.public.clips",
+    "compare": "kinemode.public.tracking",
+    "evaluate": "kinemode.public.results",
+    "export": "kinemode.public.results",
+    "fit": "kinemode.public.tracking",
+    "load_cameras": "estimator.formats.cameras",
+    "load_keypoints": "estimator.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
-    "open_run": "kinemode.api",
-    "track": "kinemode.api",
+    "open_run": "kinemode.public.results",
+    "overlay": "kinemode.public.results",
+    "render": "kinemode.public.clips",
+    "reported": "kinemode.terminal.progress",
+    "track": "kinemode.public.tracking",
+    "view": "kinemode.public.results",
+    "write_cameras": "estimator.formats.cameras",
+    "write_keypoints": "estimator.formats.keypoints",
 }
 
+__all__ = [
+    "Body",
+    "Camera",
+    "DetectorSettings",
+    "Evaluation",
+    "FindingWarning",
+    "InputError",
+    "InputWarning",
+    "KeypointTrack",
+    "Reference",
+    "Run",
+    "SceneSettings",
+    "Subject",
+    "ViewSettings",
+    "__version__",
+    "annotate",
+    "compare",
+    "evaluate",
+    "export",
+    "fit",
+    "load_cameras",
+    "load_keypoints",
+    "load_subject",
+    "open_run",
+    "overlay",
+    "render",
+    "reported",
+    "track",
+    "view",
+    "write_cameras",
+    "write_keypoints",
+]
 
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module 'kinemode' has no attribute '{name}'; it has {', '.join(sorted(_HOME))}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
-    globals()[name] = value
-    return value
+
+__getattr__ = lazy_names(__name__, _MODULES)
 
 
 def __dir__() -> list[str]:

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from estimator import synthesis
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import write_keypoints
-from estimator.media.film import write_film
 from estimator.results.evaluation import Evaluation, Reference, evaluate
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
-from kinemode import api
-from kinemode.rendering.files import made_folder
+from kinemode.public.tracking import track
+from kinemode.rendering.files import RenderedClip
+from kinemode.rendering.shot import Draws, Shot, write_shot
+from kinemode.target import made_folder
 from kinemode.terminal import report
-from kinemode.terminal.progress import Progress, Reporter, reported
+from kinemode.terminal.progress import Reporter, reported
 from viz.pictures.overlay import write_overlay
 from viz.pictures.sheet import write_sheet
 from viz.preview.page import write_html
@@ -41,16 +39,6 @@ PROPORTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class DemoClip:
-    """Files of the built-in clip: a video and keypoints by camera name, the cameras, and the truth as a reference."""
-
-    videos: dict[str, Path]
-    keypoints: dict[str, Path]
-    cameras: Path
-    truth: Path
-
-
 def demo_subject() -> Subject:
     """The person in the clip: human34 with other proportions."""
     return load_subject("human34").scaled(PROPORTIONS)
@@ -63,57 +51,29 @@ def make_clip(
     frames: int | None = None,
     videos: bool = True,
     progress: Reporter = reported,
-) -> DemoClip:
+) -> RenderedClip:
     """Write the built-in clip into a folder: 3 s at 30 frames per second, two cameras.
 
     seed: of the room, the clothes and the errors of the keypoints. frames: only so many of the first.
     videos: False leaves the pictures out, where the keypoints are enough.
     Raises InputError where the folder cannot be written.
     """
-    folder = made_folder(Path(folder))
-    body = Body(demo_subject())
-    count = round(FPS * synthesis.MOTION_SECONDS) if frames is None else frames
-    times = np.arange(count) / FPS
+    body, cameras = Body(demo_subject()), synthesis.scene_cameras()
+    times = np.arange(round(FPS * synthesis.MOTION_SECONDS) if frames is None else frames) / FPS
     q = synthesis.authored_motion(body, times)
-    cameras = synthesis.scene_cameras()
-    names = [camera.name for camera in cameras]
-    clip = DemoClip(
-        {name: folder / f"{name}.mp4" for name in names} if videos else {},
-        {name: folder / f"{name}.json" for name in names},
-        folder / "cameras.json",
-        folder / "truth.npz",
-    )
-    write_cameras(clip.cameras, cameras)
-    synthesis.write_truth(clip.truth, body, q, times)
-    tracks = synthesis.keypoints(body, q, cameras, np.random.default_rng((seed, 0)), fps=FPS)
-    for name, track in zip(names, tracks, strict=True):
-        write_keypoints(clip.keypoints[name], track)
-    if videos:
-        with progress("rendering") as report_progress:
-            _render(clip, body, q, np.random.default_rng((seed, 1)), report_progress)
-    return clip
-
-
-def _render(clip: DemoClip, body: Body, q: np.ndarray, rng: np.random.Generator, progress: Progress) -> None:
-    cameras = synthesis.scene_cameras()
-    renderer = synthesis.Renderer(body, cameras, rng)
-    total = len(q) * len(cameras)
-    posed = [body.at(one) for one in q]
-
-    def picture(camera: int, t: int) -> np.ndarray:
-        progress(camera * len(q) + t + 1, total)
-        return renderer.frame(posed[t], camera, rng)
-
-    for c, camera in enumerate(cameras):
-        write_film(clip.videos[camera.name], (picture(c, t) for t in range(len(q))), FPS, fine=True)
+    scene = np.random.default_rng((seed, 1))
+    # the sensors' noise goes on where the scene's random numbers end: the clip stays the one of earlier versions
+    draws = Draws(np.random.default_rng((seed, 0)), scene, [scene] * len(cameras))
+    shot = Shot(body, q, times, FPS, cameras, synthesis.SceneSettings())
+    return write_shot(folder, shot, draws, synthesis.DetectorSettings(), videos=videos, progress=progress)
 
 
 def track_clip(
-    clip: DemoClip, out: str | Path, *, seed: int = 0, camera: str = CAMERA, progress: Reporter = reported
+    clip: RenderedClip, out: str | Path, *, seed: int = 0, camera: str = CAMERA, progress: Reporter = reported
 ) -> tuple[Run, float]:
     """Track the clip from one camera with the public interface; the run, and frames per second with the fit."""
     start = time.perf_counter()
-    run = api.track(
+    run = track(
         "human34",
         {camera: clip.videos[camera]} if clip.videos else None,
         cameras=clip.cameras,

@@ -21,13 +21,15 @@ import cv2
 import numpy as np
 import pytest
 
+import kinemode as km
 from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
 from humanoid.subject.landmarks import COCO17, mirror_index
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.annotation.annotate import annotate
+from kinemode.annotation.annotate import serve_annotation
 from kinemode.annotation.landmark_guide import landmark_guide
 from kinemode.annotation.server import AnnotationServer
+from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from tests.builders import body_of
 
@@ -89,7 +91,7 @@ def serve(clip: Path, tmp_path: Path) -> Iterator[Serve]:
         ready: queue.Queue[AnnotationServer] = queue.Queue()
         out, result = tmp_path / "clicks.json", []
         given = {"subject": "arm8", "out": out, "open_browser": False, "ready": ready.put, **options}
-        thread = threading.Thread(target=lambda: result.append(annotate(clip, **given)), daemon=True)
+        thread = threading.Thread(target=lambda: result.append(serve_annotation(clip, **given)), daemon=True)
         thread.start()
         started.append(Served(ready.get(timeout=30), thread, out, result))
         return started[-1]
@@ -203,7 +205,7 @@ def test_the_file_is_what_was_posted(serve: Serve, clip: Path) -> None:
     expected[0, 1:] = pixels
     np.testing.assert_array_equal(track.pixels, expected)
     np.testing.assert_array_equal(track.confidence, np.where(np.isnan(expected[..., 0]), 0.0, 1.0))
-    inputs = load_inputs(body_of("arm8"), {"front": clip}, {"front": served.out}, None, person="auto")
+    inputs = load_inputs(body_of("arm8"), InputFiles({"front": clip}, {"front": served.out}, None))
     np.testing.assert_array_equal(np.stack([o.pixels[0] for o in inputs.observations]), expected)
 
     clicked = {"2": {"neck": [7.25, 8.5, 1.0]}}  # edited further, also where a frame has one point only
@@ -231,7 +233,9 @@ def test_a_detectors_points_fill_only_frames_without_clicks(serve: Serve, tmp_pa
     detected = KeypointTrack("coco17", COCO17, pixels, confidence, (WIDTH, HEIGHT), 30.0)
     write_keypoints(tmp_path / "detected.json", detected, names=COCO17)
     with pytest.raises(InputError, match="has 3 of the subject's landmarks, at least 4"):
-        annotate(served_clip(tmp_path), subject="arm8", keypoints=tmp_path / "detected.json", out=tmp_path / "x.json")
+        km.annotate(
+            served_clip(tmp_path), subject="arm8", keypoints=tmp_path / "detected.json", out=tmp_path / "x.json"
+        )
 
     served = serve(subject="upper13")
     assert served.post({"frames": {"0": {"neck": [5.0, 6.0, 1.0]}}, "close": True})[0] == 200
@@ -282,9 +286,9 @@ def test_what_is_wrong_is_said_before_there_is_a_page(serve: Serve, clip: Path, 
     ]
     for options, expected in cases:
         with pytest.raises(InputError, match=expected):
-            annotate(clip, **{"subject": "arm8", "out": tmp_path / "c.json", "open_browser": False, **options})
+            km.annotate(clip, **{"subject": "arm8", "out": tmp_path / "c.json", "open_browser": False, **options})
     with pytest.raises(InputError, match="in use"):
-        annotate(clip, subject="arm8", out=tmp_path / "c.json", port=serve().server.server_address[1])
+        km.annotate(clip, subject="arm8", out=tmp_path / "c.json", port=serve().server.server_address[1])
 
 
 def test_landmarks_make_a_stick_figure() -> None:

@@ -24,7 +24,7 @@ from tests.tiny_clip import QUICK, named, tiny_clip
 
 FRAMES = 5
 ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "mode_velocity", "mode_family", "q", "path")
-pytestmark = pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run
 
 def track(clip: RenderedClip, **changes: Any) -> Run:
     given = {"subject": "human34", "fit": "off", "settings": QUICK, **named(clip), **changes}
-    return api.track(**given)
+    return kinemode.track(**given)
 
 
 def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,7 +178,7 @@ def test_what_the_reader_notes_is_passed_on(clip: RenderedClip, tmp_path: Path) 
     ((name, video),) = clip.videos.items()
     for i in range(2):
         cv2.imwrite(str(tmp_path / "two" / f"{i}.png"), Clip.open(video).frame(i))
-    with pytest.warns(api.InputWarning, match="the clip is too short, no background model"):
+    with pytest.warns(kinemode.InputWarning, match="the clip is too short, no background model"):
         run = track(clip, clips={name: tmp_path / "two"}, out=tmp_path / "a.run", cues="silhouette")
     assert any("too short" in note for note in run.header.notes)
 

@@ -39,10 +39,11 @@ ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
     given, told = ARGUMENTS[name]
+    (tmp_path / "empty.json").write_text("{}")  # arguments are looked at before files
     how: dict[str, Any] = {
         "subject": "arm8",
         "clips": None,
-        "keypoints": "none.json",
+        "keypoints": tmp_path / "empty.json",
         "out": tmp_path / "a.run",
     } | given
     if how["subject"] == "MODEL":

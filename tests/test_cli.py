@@ -18,6 +18,7 @@ from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.inputs.named import named_paths
+from kinemode.public import results
 from kinemode.terminal.progress import reported
 
 COMMANDS = (
@@ -179,7 +180,7 @@ def test_our_own_faults_are_said_to_be_ours(
     def broken(path: object) -> None:
         raise ZeroDivisionError("division\nby zero")
 
-    monkeypatch.setattr(api, "open_run", broken)
+    monkeypatch.setattr(results, "open_run", broken)
     assert front.main(["view", "a.run"]) == front.INTERNAL_ERROR
     said = capsys.readouterr().err
     assert said.startswith("internal error: ZeroDivisionError: division by zero; run with --debug")

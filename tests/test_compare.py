@@ -239,14 +239,14 @@ def test_an_interrupted_command_says_how_to_go_on(
     (keypoints,) = clip.keypoints.values()
     out = ["--out", str(tmp_path / "c"), "--subject", str(clip.subject), "--fit", "off", "--overwrite"]
     arguments = ["compare", "--trackers", "single-mode,css", "--keypoints", str(keypoints), *out]
-    track = api.track
+    track_subject = api.track_subject
 
-    def interrupted(*args: Any, tracker: str, **how: Any) -> Any:
-        if tracker == "css":
+    def interrupted(subject: Any, files: Any, wanted: api.Wanted) -> Any:
+        if wanted.tracker == "css":
             raise KeyboardInterrupt
-        return track(*args, tracker=tracker, **how)
+        return track_subject(subject, files, wanted)
 
-    monkeypatch.setattr(api, "track", interrupted)
+    monkeypatch.setattr(api, "track_subject", interrupted)
     assert front.main([a.removeprefix("single-mode,") for a in arguments]) == front.INTERRUPTED
     assert capsys.readouterr().err == "interrupted\n"
     assert front.main(arguments) == front.INTERRUPTED

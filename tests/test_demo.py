@@ -18,7 +18,7 @@ from kinemode.terminal.progress import unreported
 FRAMES = 5
 
 
-@pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
+@pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_demo_writes_and_measures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = demo.run_demo(tmp_path / "new" / "out", frames=FRAMES, progress=unreported)
     assert result.frames_compared == FRAMES

@@ -23,7 +23,6 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
 from kinemode.__main__ import main
-from kinemode.api import FindingWarning
 from kinemode.findings import findings, status_meanings
 from kinemode.terminal import report
 from tests.builders import body_of, camera_at
@@ -202,9 +201,9 @@ def track(folder: Path, subject: Subject, name: str) -> Run:
 
 
 def test_limits_that_contradict_the_person_are_told(crouching: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.warns(FindingWarning, match="in most frames: .*_knee") as caught:
+    with pytest.warns(km.FindingWarning, match="in most frames: .*_knee") as caught:
         run = track(crouching, knees_turned_round(load_subject("human34")), "turned.run")
-    sentence = next(str(w.message) for w in caught if isinstance(w.message, FindingWarning))
+    sentence = next(str(w.message) for w in caught if isinstance(w.message, km.FindingWarning))
     assert len(sentence) <= 500
     assert sentence in run.header.notes
     assert sentence in findings(run)
@@ -219,8 +218,8 @@ def test_a_landmark_on_the_wrong_link_is_told_and_the_right_one_not(
 ) -> None:
     subject = load_subject("human34")
     right = track(crouching, subject, "right.run")
-    assert [w for w in recwarn if w.category is FindingWarning] == []
+    assert [w for w in recwarn if w.category is km.FindingWarning] == []
     assert findings(right) == ()
     text = subject.urdf.replace('name="left_knee" link="left_shank"', 'name="left_knee" link="left_thigh"')
-    with pytest.warns(FindingWarning, match="left_knee"):
+    with pytest.warns(km.FindingWarning, match="left_knee"):
         track(crouching, subject_from_text(text, source="wrong.urdf"), "wrong.run")

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+import kinemode as km
 from estimator.formats.packing import pack, unpack
 from estimator.imaging.cues import CueReader
 from estimator.prediction.visibility import OUTER
@@ -21,7 +22,6 @@ from estimator.results.run_file import Run
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode import api
 from kinemode.explain import explain
 from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
@@ -44,10 +44,10 @@ def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[s
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return {
-            "keypoints": api.track(
+            "keypoints": km.track(
                 "human34", None, cameras=clip.cameras, keypoints=clip.keypoints, out=folder / "k.run", **both
             ),
-            "pictures": api.track("human34", **named(clip), masks=clip.masks, out=folder / "p.run", **both),
+            "pictures": km.track("human34", **named(clip), masks=clip.masks, out=folder / "p.run", **both),
         }
 
 
@@ -116,7 +116,7 @@ def jumping(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dic
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return {
-            name: api.track("human34", **how, settings=JUMPING, fit="off", out=folder / f"{name}.run")
+            name: km.track("human34", **how, settings=JUMPING, fit="off", out=folder / f"{name}.run")
             for name, how in seen.items()
         }
 
@@ -225,7 +225,7 @@ def test_frames_without_an_observation_of_their_own(clip: RenderedClip, tmp_path
     late = write_late(clip, tmp_path / "late.json")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        run = api.track(
+        run = km.track(
             "human34", None, cameras=clip.cameras, keypoints=late, fit="off", settings=QUICK, out=tmp_path / "l.run"
         )
     assert run.status.tolist() == ["unobserved", "tracked", "unobserved", "tracked"]

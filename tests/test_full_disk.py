@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kinemode as km
 from estimator.formats.keypoints import load_keypoints, write_keypoints
 from estimator.media.picture import WRITTEN, write_picture
 from estimator.results.run_file import Run, RunWriter
@@ -24,7 +25,6 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode import api
 from tests.conftest import ROOT
 from tests.test_run_file import header, state_of, walk
 from tests.tiny_clip import QUICK, tiny_clip
@@ -52,7 +52,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     keypoints.rename(folder / "keypoints.json")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        api.track(
+        km.track(
             "human34", None, cameras=clip.cameras, keypoints=folder / "keypoints.json", out=folder / "a.run",
             settings=QUICK, fit="off",
         )  # fmt: skip

@@ -23,6 +23,7 @@ from estimator.sequences.resampling import at_places
 from estimator.sequences.timing import CameraClock, clip_clock, keypoint_clock, timeline
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import Declared
+from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
 from tests.builders import body_of, camera_at
 
@@ -85,9 +86,7 @@ def files(folder: Path, tracks: dict[str, KeypointTrack]) -> dict[str, Path]:
 
 
 def load(folder: Path, tracks: dict[str, KeypointTrack], clips: Any = None, **told: Any) -> Inputs:
-    return load_inputs(
-        BODY, clips, files(folder / "k", tracks), CAMERAS, person="auto", declared=Declared(**told) if told else None
-    )
+    return load_inputs(BODY, InputFiles(clips, files(folder / "k", tracks), CAMERAS, declared=Declared(**told)))
 
 
 def stacked(inputs: Inputs) -> np.ndarray:
@@ -117,7 +116,7 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size says 160 x 120"):
         load(tmp_path, declared, keypoint_size=SIZE)
     alone = load_inputs(
-        BODY, None, files(tmp_path, {"a": unsaid["a"]}), None, person="auto", declared=Declared(keypoint_size=(80, 60))
+        BODY, InputFiles(None, files(tmp_path, {"a": unsaid["a"]}), declared=Declared(keypoint_size=(80, 60)))
     )
     assert alone.observations[0].cameras[0].image_size == (80, 60)
     with pytest.raises(InputError, match=r"disagree: keypoints 80 x 80"):
@@ -154,12 +153,12 @@ def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, f
 def test_a_calibration_of_another_size_is_scaled(tmp_path: Path, folder_clip: Path) -> None:
     write_cameras(tmp_path / "c.json", [resized_camera(CAMERAS["a"], (320, 240))])
     keypoints = files(tmp_path, {"a": SEEN["a"]})
-    found = load_inputs(BODY, {"a": folder_clip}, keypoints, tmp_path / "c.json", person="auto")
+    found = load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
     np.testing.assert_allclose(found.observations[0].cameras[0].K, CAMERAS["a"].K, atol=1e-9)
     assert told(found, "calibrated at 320 x 240, scaled to 160 x 120")
     write_cameras(tmp_path / "c.json", [replace(CAMERAS["a"], image_size=(160, 100))])
     with pytest.raises(InputError, match=r"c\.json: image sizes of 'a' disagree: camera 160 x 100, pictures 160 x 120"):
-        load_inputs(BODY, {"a": folder_clip}, keypoints, tmp_path / "c.json", person="auto")
+        load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
 
 
 def test_aspects() -> None:
@@ -286,16 +285,16 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
     write_cameras(tmp_path / "c.json", [CAMERAS["a"]])
 
     def loaded(clip: str, points: str, cameras: Path | None = None) -> Inputs:
-        return load_inputs(BODY, clip, points, cameras, person="auto")
+        return load_inputs(BODY, InputFiles(clip, points, cameras))
 
     found = loaded(str(folder_clip), str(keypoints))
     assert told(found, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
     assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are taken for")
     for wrong in (f"b={keypoints}", {"b": keypoints}):
         with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
-            load_inputs(BODY, str(folder_clip), wrong, None, person="auto")
+            load_inputs(BODY, InputFiles(str(folder_clip), wrong, None))
     with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
-        load_inputs(BODY, str(folder_clip), iter([f"b={keypoints}"]), None, person="auto")
+        load_inputs(BODY, InputFiles(str(folder_clip), iter([f"b={keypoints}"]), None))
     assert told(loaded(None, str(keypoints), tmp_path / "c.json"), "the camera 'a' of")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no camera 'b'"):
         loaded(None, f"b={keypoints}", tmp_path / "c.json")  # type: ignore[arg-type]
@@ -320,7 +319,7 @@ def test_somebody_else_in_every_camera_is_no_other_size(seed: int, tmp_path: Pat
 def test_the_real_clip_fits_itself(shared_data: Path) -> None:
     folder = shared_data / "beam4cam"
     keypoints = {name: folder / "keypoints" / f"{name}.json" for name in ("cam01", "cam02", "cam03", "cam04")}
-    found = load_inputs(BODY, None, keypoints, folder / "calibration.json", person="auto")
+    found = load_inputs(BODY, InputFiles(None, keypoints, folder / "calibration.json"))
     assert found.notes == ()
     assert all(frames is None for frames in found.frames)
     cameras, pixels = found.observations[0].cameras, stacked(found)
@@ -339,7 +338,7 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
     for i in range(0, COUNT, 2):
         flat = [v for point in SEEN["a"].pixels[i][:17].tolist() for v in (*point, 1.0)]
         (folder / f"a_{i:06d}_keypoints.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": flat}]}))
-    found = load_inputs(BODY, {"a": folder_clip}, {"a": folder}, CAMERAS, person="auto")
+    found = load_inputs(BODY, InputFiles({"a": folder_clip}, {"a": folder}, CAMERAS))
     assert [o.count > 0 for o in found.observations] == [i % 2 == 0 for i in range(COUNT)]
 
 

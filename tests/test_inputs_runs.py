@@ -15,7 +15,6 @@ from estimator.results.run_file import Run
 from estimator.results.run_header import RunHeader
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode import api
 from kinemode.explain import cue_reader, explain, run_settings
 from kinemode.rendering.clip import RenderedClip
 from tests.test_api_cues import ARRAYS, stop_after
@@ -25,7 +24,7 @@ from viz.scene import as_scene
 
 FRAMES, FIRST = 6, 2
 START = FIRST / 5.0  # the clip has 5 frames a second
-pytestmark = pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
 
 def track(clip: RenderedClip, out: Path, *, resume: bool = False, start: float = START) -> Run:
     few = {**QUICK, "smooth": {"enabled": False}}
-    return api.track(
+    return kinemode.track(
         "human34", clip.videos, cameras=clip.cameras, keypoints=clip.keypoints, masks=clip.masks, fit="off", out=out,
         cues="edges,silhouette", settings=few, resume=resume, start=start,
     )  # fmt: skip

@@ -25,7 +25,9 @@ from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api, cli
 from kinemode.annotation import annotate
-from kinemode.demo import DemoClip, make_clip
+from kinemode.demo import make_clip
+from kinemode.rendering.files import RenderedClip
+from kinemode.target import check_folder
 from kinemode.terminal import program, report
 from kinemode.terminal.interruption import interrupted_by_signals, kept_if_interrupted
 from kinemode.terminal.progress import unreported
@@ -125,12 +127,12 @@ def test_a_signal_waits_while_a_process_is_started(send: Callable[[int], None]) 
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> DemoClip:
+def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
     return make_clip(tmp_path_factory.mktemp("a clip"), frames=2, videos=False, progress=unreported)
 
 
 @pytest.fixture
-def track(clip: DemoClip, tmp_path: Path) -> list[str]:
+def track(clip: RenderedClip, tmp_path: Path) -> list[str]:
     """A command line that tracks two frames."""
     keypoints = next(iter(clip.keypoints.values()))
     line = ["track", "--keypoints", str(keypoints), "--cameras", str(clip.cameras), "--fit", "off", "--modes", "2"]
@@ -231,7 +233,7 @@ def test_what_is_suggested_can_be_pasted(
     assert parsed(line) == ["track", "walk=-walk.mp4", "--keypoints", "walk=-clicks.json", "--out", "./-walk.run"]
     folder = tmp_path / "a folder" / "b"
     with pytest.raises(InputError) as raised:
-        api._check_folder(folder / "a.run")
+        check_folder(folder / "a.run")
     subprocess.run(raised.value.remedy, shell=True, check=True)
     assert folder.is_dir()
 

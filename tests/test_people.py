@@ -25,6 +25,7 @@ from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
+from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.inputs.persons import persons_of, plain
 
@@ -242,18 +243,19 @@ def test_rays_are_what_projects_and_meet_where_they_came_from() -> None:
     assert np.isnan(used[0].directions(np.array([np.nan, 3.0]))).all()
 
 
-def test_whom_the_user_names() -> None:
+def test_the_person_that_the_user_names() -> None:
     names = ("cam01", "cam02")
     assert persons_of("auto", names) == persons_of(("auto",), names) == {"cam01": "auto", "cam02": "auto"}
     assert persons_of(2, names) == persons_of("2", names) == {"cam01": "2", "cam02": "2"}
     assert persons_of(["cam02=7"], names) == persons_of({"cam02": 7}, names) == {"cam01": "auto", "cam02": "7"}
+    assert persons_of(["1", "cam01=2"], names) == {"cam01": "2", "cam02": "1"}
     assert (plain(("auto",)), plain(3), plain({"cam01": 3})) == ("auto", 3, {"cam01": "3"})
     for given, problem in (
         ("cam03=1", "there is no camera 'cam03'.*cameras: cam01, cam02"),
         ({"left": 1}, "there is no camera 'left'"),
         (["cam01=1", "cam01=2"], "'cam01' is given 1 and 2"),
-        (["1", "cam01=2"], "'cam01' is given 1 and 2"),
-        ("cam01=", "names nobody"),
+        (["1", "2"], "'cam01' is given 1 and 2"),
+        ("cam01=", "'' cannot be used .auto, an id"),
     ):
         with pytest.raises(InputError, match=problem):
             persons_of(given, names)
@@ -269,8 +271,8 @@ def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
         everyone[name] = write_openpose(tmp_path / name, shown)
         shown = [[p for n, p in frame if n == who] for frame in frames]
         lone[name] = write_mmpose(tmp_path / f"{name}.json", shown)
-    chosen = load_inputs(body, None, everyone, cameras(), person="auto")
-    alone_there = load_inputs(body, None, lone, cameras(), person="auto")
+    chosen = load_inputs(body, InputFiles(None, everyone, cameras()))
+    alone_there = load_inputs(body, InputFiles(None, lone, cameras()))
     for ours, theirs in zip(chosen.observations, alone_there.observations, strict=True):
         np.testing.assert_array_equal(ours.pixels, theirs.pixels)
         np.testing.assert_array_equal(ours.confidence, theirs.confidence)
@@ -278,4 +280,4 @@ def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
     assert any("cam0, cam1, cam2 see the same person" in note for note in chosen.notes)
     assert not any("person" in note for note in alone_there.notes)
     with pytest.raises(InputError, match="there is no camera 'cam9'"):
-        load_inputs(body, None, everyone, cameras(), person="cam9=1")
+        load_inputs(body, InputFiles(None, everyone, cameras(), person="cam9=1"))

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+import kinemode as km
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
 from estimator.results.evaluation import Reference
@@ -16,8 +17,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.rendering.clip import RenderedClip, render_clip
-from kinemode.rendering.files import while_open
+from kinemode.rendering.files import RenderedClip, while_open
 
 SMALL = ViewSettings(count=2, image_size=(160, 120))
 EXACT = DetectorSettings(0.0, 0.0, 0.0)
@@ -27,7 +27,7 @@ EXACT = DetectorSettings(0.0, 0.0, 0.0)
 def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
     folder: Path = tmp_path_factory.mktemp("clip") / "new"
     scales = {"left_knee_flexion": 1.1}
-    return render_clip(folder, "pivot", proportions=scales, view=SMALL, detector=EXACT, fps=25, seconds=0.4, masks=True)
+    return km.render(folder, "pivot", proportions=scales, view=SMALL, detector=EXACT, fps=25, seconds=0.4, masks=True)
 
 
 def pictures(path: Path) -> list[np.ndarray]:
@@ -76,7 +76,7 @@ def test_the_person_is_where_plate_and_picture_differ(clip: RenderedClip) -> Non
 
 def test_the_body_is_the_one_that_was_asked_for(tmp_path: Path) -> None:
     own, shape = load_subject("human34"), {"torso": (0.12, 0.16, 0.22, 0.65, 0.85, 0.08, 0.18, 0.0, 0.0)}
-    made = render_clip(tmp_path, "reach", shape=shape, girth=1.1, view=SMALL, seconds=0.1, videos=False)
+    made = km.render(tmp_path, "reach", shape=shape, girth=1.1, view=SMALL, seconds=0.1, videos=False)
     for was, flesh in zip(own.flesh, load_subject(made.subject).flesh, strict=True):
         thick = 1.1 if flesh.link.endswith(("thigh", "shank", "arm")) else 1.0
         if flesh.link == "torso":
@@ -96,7 +96,7 @@ def test_the_shutter_is_open_around_the_frame() -> None:
 
 def test_the_same_seed_gives_the_same_files(clip: RenderedClip, tmp_path: Path) -> None:
     def made(seed: int) -> RenderedClip:
-        return render_clip(tmp_path / str(seed), "reach", view=SMALL, seconds=0.1, seed=seed, videos=False)
+        return km.render(tmp_path / str(seed), "reach", view=SMALL, seconds=0.1, seed=seed, videos=False)
 
     first = {p.name: p.read_bytes() for p in made(1).keypoints.values()}
     assert first == {p.name: p.read_bytes() for p in made(1).keypoints.values()}
@@ -140,10 +140,10 @@ def test_what_cannot_be_rendered_is_one_line(
 
 def test_a_fixed_floor_is_below_and_a_moving_background_has_no_plate(tmp_path: Path) -> None:
     scene = SceneSettings(background="moving")
-    before = render_clip(tmp_path, "reach", view=SMALL, fps=25, seconds=0.08, masks=True)
-    clip = render_clip(tmp_path, "reach", view=SMALL, scene=scene, fps=25, seconds=0.04, masks=True)
+    before = km.render(tmp_path, "reach", view=SMALL, fps=25, seconds=0.08, masks=True)
+    clip = km.render(tmp_path, "reach", view=SMALL, scene=scene, fps=25, seconds=0.04, masks=True)
     assert clip.plates == {}
     assert not before.plates["cam01"].exists()  # nothing of an earlier clip is left to be mistaken
     assert len(list(clip.masks["cam01"].iterdir())) == 1
     with pytest.raises(InputError, match="absent"):
-        render_clip(tmp_path, "reach", subject="absent.urdf")
+        km.render(tmp_path, "reach", subject="absent.urdf")

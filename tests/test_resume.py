@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kinemode as km
 from benchmarks.resume import Pace, differences, moments
 from benchmarks.resume_kills import BEFORE_THE_FILE, SOON, Moment, command, finish, frames_in, kill_at
 from estimator.fitting.lengths import fit_proportions
@@ -16,7 +17,8 @@ from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
-from kinemode import api, demo
+from kinemode import demo
+from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.terminal.progress import unreported
 
@@ -24,7 +26,7 @@ FRAMES = 24
 KILLS = (Moment(3), Moment(12, 0.01, signal.SIGTERM, to_all=True))  # far from the end: machines stall
 
 
-@pytest.mark.filterwarnings("ignore::kinemode.api.InputWarning")
+@pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_killed_twice(tmp_path: Path) -> None:
     """Without warning, and asked to end: with a helper, which ends too and holds no pipe open."""
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
@@ -39,14 +41,14 @@ def test_killed_twice(tmp_path: Path) -> None:
         assert killed.left == ()
         assert killed.lingered < SOON
         assert moment.wanted <= killed.after < FRAMES
-        assert not api.open_run(out).complete
+        assert not km.open_run(out).complete
         kept = killed.after
     finish(arguments)
     assert frames_in(out) == FRAMES
-    undisturbed = api.track(
+    undisturbed = km.track(
         "human34", None, cameras=clip.cameras, keypoints=keypoints, fit="off", out=tmp_path / "undisturbed.run"
     )
-    resumed = api.open_run(out)
+    resumed = km.open_run(out)
     assert differences(undisturbed, resumed) == []
     resumed.mode_q[-1, 0, 7] = np.nextafter(resumed.mode_q[-1, 0, 7], np.inf)
     assert differences(undisturbed, resumed) == ["mode_q"]  # the comparison can tell
@@ -68,7 +70,7 @@ def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     clip = demo.make_clip(tmp_path, videos=False, progress=unreported)
     subject = load_subject("human34")
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
-    observations = load_inputs(Body(subject), None, keypoints, clip.cameras, person="auto").observations
+    observations = load_inputs(Body(subject), InputFiles(None, keypoints, clip.cameras)).observations
     body = Body(fit_proportions(subject, observations).subject)
     states = [state for _, state in run(make_tracker("css", body), observations, 0)]
     for first in range(1, len(observations)):

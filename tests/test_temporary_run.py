@@ -18,14 +18,15 @@ import pytest
 import kinemode
 from estimator.results.run_file import Run
 from kinemode import api
-from kinemode.demo import DemoClip, make_clip
+from kinemode.demo import make_clip
+from kinemode.rendering.files import RenderedClip
 from kinemode.terminal.progress import unreported
 
 ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> DemoClip:
+def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
     return make_clip(tmp_path_factory.mktemp("clip"), frames=2, videos=False, progress=unreported)
 
 
@@ -36,9 +37,9 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def track(clip: DemoClip) -> Run:
+def track(clip: RenderedClip) -> Run:
     how: dict[str, Any] = {"tracker": "single-mode", "fit": "off", "settings": {"smooth": {"enabled": False}}}
-    return api.track("human34", None, keypoints=next(iter(clip.keypoints.values())), cameras=clip.cameras, **how)
+    return kinemode.track("human34", None, keypoints=next(iter(clip.keypoints.values())), cameras=clip.cameras, **how)
 
 
 def left(folder: Path) -> list[Path]:
@@ -46,7 +47,7 @@ def left(folder: Path) -> list[Path]:
     return list(folder.iterdir())
 
 
-def test_it_goes_with_the_last_that_looks_at_it(clip: DemoClip, temporary: Path) -> None:
+def test_it_goes_with_the_last_that_looks_at_it(clip: RenderedClip, temporary: Path) -> None:
     run = track(clip)
     assert run.file.is_file()
     again = kinemode.open_run(run.file)
@@ -58,7 +59,7 @@ def test_it_goes_with_the_last_that_looks_at_it(clip: DemoClip, temporary: Path)
 
 
 @pytest.mark.parametrize("copied", [lambda run: pickle.loads(pickle.dumps(run)), copy.deepcopy])
-def test_a_copy_has_its_own(clip: DemoClip, temporary: Path, copied: Callable[[Run], Run]) -> None:
+def test_a_copy_has_its_own(clip: RenderedClip, temporary: Path, copied: Callable[[Run], Run]) -> None:
     run = track(clip)
     q, other = run.q, copied(kinemode.open_run(run.file))
     assert other.file != run.file
@@ -69,7 +70,7 @@ def test_a_copy_has_its_own(clip: DemoClip, temporary: Path, copied: Callable[[R
     assert left(temporary) == []
 
 
-def test_a_run_that_is_kept_is_not_copied(clip: DemoClip, temporary: Path) -> None:
+def test_a_run_that_is_kept_is_not_copied(clip: RenderedClip, temporary: Path) -> None:
     run = track(clip)
     file = temporary / "a.run"
     file.write_bytes(run.file.read_bytes())
@@ -79,7 +80,7 @@ def test_a_run_that_is_kept_is_not_copied(clip: DemoClip, temporary: Path) -> No
     assert left(temporary) == [file]
 
 
-def test_a_failure_leaves_nothing(clip: DemoClip, temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_leaves_nothing(clip: RenderedClip, temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: Any, **__: Any) -> None:
         raise ZeroDivisionError
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import kinemode as km
 from estimator.synthesis import DetectorSettings, ViewSettings
-from kinemode.rendering.clip import RenderedClip, render_clip
+from kinemode.rendering.files import RenderedClip
 
 QUICK: dict[str, Any] = {"css": {"samples": 2, "flips": 0, "modes": 2}, "cues": {"working_size": 160}}
 """Changes to the settings that make a search short."""
@@ -17,7 +18,7 @@ def tiny_clip(folder: Path, *, frames: int = 5) -> RenderedClip:
     view = ViewSettings(image_size=(160, 120))
     detector = DetectorSettings(noise_px=0.6, outlier_fraction=0.0, missing_fraction=0.0)
     seconds = frames / 5.0
-    return render_clip(folder, "reach", view=view, detector=detector, fps=5.0, seconds=seconds, seed=3, masks=True)
+    return km.render(folder, "reach", view=view, detector=detector, fps=5.0, seconds=seconds, seed=3, masks=True)
 
 
 def named(clip: RenderedClip) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -70,11 +71,13 @@ class Renderer:
         settings: SceneSettings | None = None,
         place: Place = ORIGIN,
     ) -> None:
-        self.cameras, self.settings, self._place = tuple(cameras), settings or SceneSettings(), place
+        settings = settings or SceneSettings()
+        self.settings = replace(settings, background=settings.background or "room")
+        self.cameras, self._place = tuple(cameras), place
         self._surface = surface_of(body, nodes=_NODES)
         self.parts = self._surface.links
         self._face_part = self._surface.part[self._surface.faces[:, 0]]
-        clothes_rng, rng = rng.spawn(2)  # the room is the same whoever stands in it
+        clothes_rng, rng = rng.spawn(2)  # the room is the same, whichever person stands in it
         self._clothes = dressed(self._surface, clothes_rng)
         self._behind, self._before = built_scene(self.settings, self.cameras, place, rng)
         empty = 0.0 if self.settings.background == "black" else 90.0

@@ -23,7 +23,7 @@ class SceneSettings:
 
     background: "room" is cluttered; "pillar" a dark wall with a bright pillar and strong horizontal edges (as in CSS
         section 6.1); "black" is empty; "moving" is the room as a panning, shaking camera would show it, behind a
-        person who stays in the frame.
+        person who stays in the frame; None takes the one that suits the motion, a room where there is no motion.
     light_azimuth, light_elevation [deg]: where the light comes from, seen from the world's x axis to the left, and
         above the horizon. ambient, diffuse: brightness of surfaces turned away from it, and what is added facing it.
     shadow: share of the light that the body takes from the floor; 0 casts none.
@@ -38,7 +38,7 @@ class SceneSettings:
     InputError: a value outside its range.
     """
 
-    background: str = "room"
+    background: str | None = None
     light_azimuth: float = -29.0
     light_elevation: float = 59.0
     ambient: float = 0.5
@@ -53,7 +53,8 @@ class SceneSettings:
     shake: float = 1.5
 
     def __post_init__(self) -> None:
-        _chosen("background", self.background, BACKGROUNDS)
+        if self.background is not None:
+            _chosen("background", self.background, BACKGROUNDS)
         _chosen("occluder", self.occluder, OCCLUDERS)
         for name, (low, high) in _RANGES.items():
             in_range(name, getattr(self, name), low, high)

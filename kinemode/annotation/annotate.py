@@ -15,11 +15,11 @@ from kinemode.annotation.clicks import corrected_from, inside_only, load_clicks,
 from kinemode.annotation.landmark_guide import landmark_guide
 from kinemode.annotation.server import AnnotationServer
 from kinemode.annotation.session import Annotation
-from kinemode.api import InputWarning
+from kinemode.notices import InputWarning
 from kinemode.terminal.program import command
 
 
-def annotate(
+def serve_annotation(
     clip: str | Path,
     *,
     subject: str | Path | Subject = "human34",
@@ -31,26 +31,9 @@ def annotate(
     open_browser: bool = True,
     ready: Callable[[AnnotationServer], None] | None = None,
 ) -> str:
-    """Serve a page on which a person clicks the subject's landmarks, until the page is closed.
+    """What `kinemode.annotate` does once its arguments are known to be of the right kinds, and its files to be there.
 
-    Parameters
-    ----------
-    clip: a video or a folder of images.
-    subject: a loaded subject, a built-in name, or the path of a URDF.
-    frame: the frame shown first.
-    camera: name of the view, for the command that comes next; the clip's stem unless given.
-    keypoints: a detector's keypoint file, to be corrected: it fills the frames without a click.
-    out: the file the page saves to, as often as asked; what it holds already is edited further.
-    port: on 127.0.0.1; 0 takes a free one.
-    open_browser: whether the page is opened. ready: called with the server before it serves; its address is printed
-        unless this is given.
-
-    Returns the command that tracks from the clicks.
-
-    Raises
-    ------
-    InputError: whatever is wrong with what was given.
-    KeyboardInterrupt: on Ctrl-C, saying what there is by then.
+    ready: called with the server before it serves; its address is printed unless this is given.
     """
     session = _session(Path(clip), subject, frame, camera, keypoints, Path(out))
     try:
@@ -74,9 +57,6 @@ def _session(
     clip: Path, subject: str | Path | Subject, frame: int, camera: str | None, keypoints: str | Path | None, out: Path
 ) -> Annotation:
     """Everything is read and checked before there is a page."""
-    if out.is_dir() or not out.absolute().parent.is_dir():
-        problem = "is a folder, a file is needed" if out.is_dir() else "its folder does not exist"
-        raise InputError(out, problem, remedy="--out FILE.json")
     if camera is not None and not camera.strip():
         raise InputError("camera", "the name is empty")
     loaded = subject if isinstance(subject, Subject) else load_subject(subject)
@@ -95,7 +75,7 @@ def _session(
         start = corrected_from(start, keypoints)
     start = inside_only(start)
     for note in (*opened.report.notes, *start.notes):
-        warnings.warn(note, InputWarning, stacklevel=3)
+        warnings.warn(note, InputWarning, stacklevel=4)
     name = camera or (clip.name if clip.is_dir() else clip.stem)
     return Annotation(opened, guide, start, frame, name, out, _next(clip, camera, loaded, out))
 

@@ -98,31 +98,25 @@ def render(
     masks
         Also write the person's exact silhouettes.
     """
-    from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
-    from kinemode.rendering.clip import background_of, render_clip
-    from kinemode.terminal.progress import reported
+    import kinemode as km
 
-    scene = SceneSettings(
-        background=background or background_of(motion),
-        occluder=occluder,
-        noise=noise,
-        shutter=shutter,
-        lens_blur=lens_blur,
+    scene = km.SceneSettings(
+        background=background, occluder=occluder, noise=noise, shutter=shutter, lens_blur=lens_blur
     )
-    render_clip(
+    km.render(
         out,
         motion,
         subject=subject,
         girth=girth,
         scene=scene,
-        view=ViewSettings(count=cameras, azimuth=azimuth),
-        detector=DetectorSettings(keypoint_noise, outliers, missing),
+        view=km.ViewSettings(count=cameras, azimuth=azimuth),
+        detector=km.DetectorSettings(keypoint_noise, outliers, missing),
         fps=fps,
         seconds=seconds,
         unit=unit,
         seed=seed,
         masks=masks,
-        progress=reported,
+        progress=km.reported,
     )
     print(out)
 
@@ -168,9 +162,9 @@ def annotate(
     no_browser
         Print the page's address and open nothing.
     """
-    from kinemode.annotation.annotate import annotate as annotate_clip
+    import kinemode as km
 
-    command = annotate_clip(
+    command = km.annotate(
         clip,
         subject=subject,
         frame=frame,

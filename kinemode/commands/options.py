@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
-Whom = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
+Ids = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
 Flag = Annotated[bool, Parameter(negative="")]
 
 
@@ -29,8 +29,9 @@ class InputOptions:
     background
         Pictures of the empty scene; learned from the clip unless given.
     person
-        Which of several people: auto (one camera: the largest, then continuity; several: whom they see together), an
-        id of the keypoint files, or CAMERA=ID for some cameras; the others then take whoever fits them.
+        Which of several people: auto (one camera: the largest, then continuity; several: the person they see
+        together), an id of the keypoint files, or CAMERA=ID for some cameras; the others then take the person that
+        fits them.
     keypoint_size
         [NAME=]WxH of the pictures that the detector saw, as 960x540, where the keypoint files do not say it.
     fps
@@ -48,7 +49,7 @@ class InputOptions:
     keypoints: Files = None
     mask: Files = None
     background: Files = None
-    person: Whom = ("auto",)
+    person: Ids = ("auto",)
     keypoint_size: Files = None
     fps: Files = None
     offset: Files = None

@@ -39,10 +39,9 @@ def fit(
     out
         The URDF file to write.
     """
-    from kinemode import api
-    from kinemode.terminal import report
+    import kinemode as km
 
-    fitted = api.fit(
+    fitted = km.fit(
         subject,
         clips,
         **files.arguments(),
@@ -50,6 +49,8 @@ def fit(
         seed=seed,
         out=out,
     )
+    from kinemode.terminal import report
+
     report.print_fit(fitted, out)
 
 

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from estimator.results.run_file import Run
+from typing import Literal
 
 Format = Literal["npz", "csv", "trc", "mot"]
 
@@ -28,26 +24,11 @@ def view(run: Path, /, *, html: Path | None = None) -> None:
     html
         Write a self-contained page here and start nothing.
     """
-    from kinemode.api import open_run
+    import kinemode as km
 
-    opened = open_run(run)
-    _say_how_it_is_drawn(opened)
-    if html is None:
-        from viz.preview.live import serve
-
-        serve(opened)
-    else:
-        from viz.preview.page import write_html
-
-        print(write_html(opened, html))
-
-
-def _say_how_it_is_drawn(run: Run) -> None:
-    from kinemode.api import InputWarning
-    from viz.solids.body_solids import drawing_notes
-
-    for note in drawing_notes(run.body):
-        warnings.warn(note, InputWarning, stacklevel=2)
+    page = km.view(run, html=html)
+    if page is not None:
+        print(page)
 
 
 def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
@@ -64,15 +45,9 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     camera
         Name of one camera; all of them side by side unless given.
     """
-    from kinemode.api import open_run
-    from kinemode.terminal.progress import reported
-    from viz.pictures.overlay import write_overlay
+    import kinemode as km
 
-    opened = open_run(run)
-    _say_how_it_is_drawn(opened)
-    with reported("overlay") as progress:
-        written = write_overlay(opened, out, camera=camera, progress=progress)
-    print(written)
+    print(km.overlay(run, out, camera=camera, progress=km.reported))
 
 
 def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: int | None = None) -> None:
@@ -95,13 +70,14 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
     hypothesis
         Its place in the frame, 0 for the heaviest; the one on the best path unless given.
     """
-    from kinemode.api import open_run
+    import kinemode as km
+
+    opened = km.open_run(run)
     from kinemode.explain import explain as explain_frame
     from kinemode.findings import findings, status_meanings
     from kinemode.terminal import report
     from viz.cue_pictures import write_cue_pictures
 
-    opened = open_run(run)
     explanation = explain_frame(opened, frame, hypothesis)
     report.print_explanation(explanation)
     report.print_lines([*status_meanings([explanation.status]), *findings(opened, frame)])
@@ -125,11 +101,9 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     format
         npz, csv, trc or mot; the file's ending unless given.
     """
-    from estimator.results import export as formats
-    from kinemode.api import open_run
+    import kinemode as km
 
-    formats.export(open_run(run), file, format)
-    print(file)
+    print(km.export(run, file, format=format))
 
 
 def evaluate(run: Path, /, *, reference: Path) -> None:
@@ -148,12 +122,12 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
         npz of `kinemode export`, truth.npz of `kinemode render`, npz with points (T, L, 3) in metres, names and fps,
         trc (landmarks) or mot (joint angles).
     """
-    from estimator.results.evaluation import Reference
-    from estimator.results.evaluation import evaluate as evaluate_run
-    from kinemode.api import open_run
+    import kinemode as km
+
+    result = km.evaluate(run, reference)
     from kinemode.terminal import report
 
-    opened = open_run(run)
-    report.print_evaluation(evaluate_run(opened, Reference.load(reference)))
+    report.print_evaluation(result)
+    opened = km.open_run(run)
     report.print_statuses(opened.status.tolist())
     report.print_notes(opened.header.notes)

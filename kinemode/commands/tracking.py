@@ -69,12 +69,10 @@ def track(
     overwrite
         Replace the run file if there is one.
     """
-    from kinemode import api
-    from kinemode.terminal import report
-    from kinemode.terminal.progress import reported
+    import kinemode as km
 
-    warnings.simplefilter("ignore", api.FindingWarning)  # `print_run` has them
-    run = api.track(
+    warnings.simplefilter("ignore", km.FindingWarning)  # `print_run` has them
+    run = km.track(
         subject,
         clips,
         **files.arguments(),
@@ -88,8 +86,10 @@ def track(
         resume=resume,
         overwrite=overwrite,
         workers=workers,
-        progress=reported,
+        progress=km.reported,
     )
+    from kinemode.terminal import report
+
     report.print_run(run)
 
 
@@ -145,11 +145,9 @@ def compare(
     overwrite
         Replace the runs that are there.
     """
-    from kinemode.comparison.compare import compare as compare_trackers
-    from kinemode.comparison.report import print_comparison
-    from kinemode.terminal.progress import reported
+    import kinemode as km
 
-    compared = compare_trackers(
+    compared = km.compare(
         subject,
         clips,
         trackers=trackers,
@@ -163,6 +161,8 @@ def compare(
         out=out,
         resume=resume,
         overwrite=overwrite,
-        progress=reported,
+        progress=km.reported,
     )
+    from kinemode.comparison.report import print_comparison
+
     print_comparison(compared)

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from threadpoolctl import threadpool_limits
 
 from estimator.results.evaluation import Reference
 from estimator.results.run_file import Run
-from humanoid.subject.subject import load_subject
+from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode import api
 from kinemode.comparison.files import write_comparison
 from kinemode.comparison.scores import Course, TrackerScore, courses, scored
 from kinemode.comparison.times import TimeFile
-from kinemode.inputs.named import Named, PathLike
-from kinemode.public.arguments import check_arguments
-from kinemode.rendering.files import made_folder
+from kinemode.inputs.files import InputFiles
+from kinemode.inputs.named import PathLike
+from kinemode.notices import InputWarning
 from kinemode.settings import choose_for_all, read_settings
+from kinemode.target import check_unasked, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
-from kinemode.terminal.progress import Reporter, unreported
 
 
 @dataclass(frozen=True)
@@ -41,75 +41,52 @@ class Comparison:
     plot: Path
 
 
-def compare(
-    subject: api.SubjectLike,
-    clips: Named,
-    *,
+def compare_trackers(
+    loaded: Subject,
+    files: InputFiles,
     trackers: str | Iterable[str],
-    out: PathLike,
-    reference: PathLike | None = None,
-    cameras: api.Cameras = None,
-    modes: int | None = None,
-    settings: Mapping[str, Any] | PathLike | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
-    progress: Reporter | None = None,
-    **how: Any,
+    wanted: api.Wanted,
+    reference: Reference | PathLike | None = None,
 ) -> Comparison:
-    """Track one clip with several trackers and compare them; the subject is fitted once, for all of them.
+    """What `kinemode.compare` does once its arguments are known to be of the right kinds, and its files to be there.
 
-    Parameters
-    ----------
-    subject, clips, cameras, modes, settings, progress, how: as `kinemode.track` takes them; `how` is whatever else it
-        takes of keypoints, cues, masks, background, seed, fit, person, keypoint_size, fps, offset, start and end.
-    trackers: names, or one text with commas between them.
-    out: folder, made if it is not there, for the runs (NAME.run) and for compare.csv, compare.json and compare.png.
-    reference: known 3D landmarks (see `kinemode.evaluate`); in the world of `cameras` where these are given.
-    resume: go on with the runs that are there. overwrite: replace them.
-
-    Raises
-    ------
-    InputError: as `track` does; an unknown tracker; runs that are there, unasked.
+    wanted: how each is to track; its `out` is the folder of all.
     """
-    check_arguments(
-        subject=subject, clips=clips, trackers=trackers, out=out, reference=reference, cameras=cameras, modes=modes,
-        settings=settings, resume=resume, overwrite=overwrite, progress=progress, fit=how.get("fit", "auto"),
-        workers=how.get("workers", 1),
-    )  # fmt: skip
-    names = tracker_names(trackers)
-    tracked = subject if isinstance(subject, api.Subject) else load_subject(subject)
-    fits = how.get("fit", "auto") != "off" and api.is_built_in(tracked)
-    files = {name: Path(out) / f"{name}.run" for name in names}
-    order = sorted(names, key=lambda n: not files[n].exists())  # runs that are there say who the person is
+    names, out = tracker_names(trackers), Path(cast(PathLike, wanted.out))
+    runs_at = {name: out / f"{name}.run" for name in names}
+    order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
     # whatever is wrong with the settings is said before the first is tracked
-    chosen = choose_for_all(order, settings, modes, how.pop("workers", 1), fits)
-    truth = None if reference is None else Reference.load(reference)
-    folder = made_folder(Path(out))
-    _check_runs(files.values(), resume, overwrite)
-    report = progress or unreported
-    times = TimeFile(folder / "times.json")
+    fits = wanted.fit != "off" and api.is_built_in(loaded)
+    chosen = choose_for_all(order, wanted.settings, wanted.modes, wanted.workers, fits)
+    truth = Reference.load(reference) if isinstance(reference, (str, Path)) else reference
+    made_folder(out)
+    remedy = "--resume goes on with the runs that are there, --overwrite replaces them"
+    check_unasked(list(runs_at.values()), wanted.resume, wanted.overwrite, remedy)
+    times = TimeFile(out / "times.json")
     runs: dict[str, Run] = {}
 
-    def tracked_frames() -> int | None:
+    def frames_so_far() -> int | None:
         return sum(map(len, runs.values())) if runs else None
 
     for name in order:
-        if overwrite or not files[name].exists():
+        if wanted.overwrite or not runs_at[name].exists():
             times.clear(name)
-        with kept_if_interrupted(tracked_frames), warnings.catch_warnings():
+        with kept_if_interrupted(frames_so_far), warnings.catch_warnings():
             if runs:  # the input is the same: what is odd about it has been said
-                warnings.simplefilter("ignore", api.InputWarning)
+                warnings.simplefilter("ignore", InputWarning)
             own, count, workers = chosen[name]
-            runs[name] = api.track(
-                tracked, clips, tracker=name, cameras=cameras, modes=count, settings=own, out=files[name],
-                resume=resume, overwrite=overwrite, workers=workers, progress=times.clocked(name, report), **how,
-            )  # fmt: skip
-        tracked = runs[name].subject  # fitted now, and not again
+            progress = times.clocked(name, wanted.progress)
+            how = replace(
+                wanted, tracker=name, modes=count, settings=own, workers=workers, out=runs_at[name], progress=progress
+            )
+            runs[name] = api.track_subject(loaded, files, how)
+        loaded = runs[name].subject  # fitted now, and not again
     runs = {name: runs[name] for name in names}
-    with kept_if_interrupted(tracked_frames), threadpool_limits(limits=1), report("comparing") as looked:
-        found = courses(runs, read_settings("css", settings, modes), truth, cameras is not None, looked)
-    scores = tuple(scored(name, runs[name], found[name], times.of(name), truth) for name in names)
-    return Comparison(scores, found, runs, *write_comparison(folder, scores, found))
+    with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:
+        settings = read_settings("css", wanted.settings, wanted.modes)
+        by_name = courses(runs, settings, truth, files.cameras is not None, looked)
+    scores = tuple(scored(name, runs[name], by_name[name], times.of(name), truth) for name in names)
+    return Comparison(scores, by_name, runs, *write_comparison(out, scores, by_name))
 
 
 def tracker_names(given: str | Iterable[str]) -> tuple[str, ...]:
@@ -119,14 +96,3 @@ def tracker_names(given: str | Iterable[str]) -> tuple[str, ...]:
     if not names:
         raise InputError("trackers", "none is named", remedy="their names with commas between them")
     return names
-
-
-def _check_runs(files: Iterable[Path], resume: bool, overwrite: bool) -> None:
-    present = next((file for file in files if file.exists()), None)
-    if present is None:
-        return
-    if resume and overwrite:
-        raise InputError(present, "cannot be resumed and overwritten", remedy="choose one")
-    if not (resume or overwrite):
-        remedy = "--resume goes on with the runs that are there, --overwrite replaces them"
-        raise InputError(present, "exists already", remedy=remedy)

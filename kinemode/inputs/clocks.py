@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 from estimator.formats.keypoints import KeypointTrack
 from estimator.media.clip import DEFAULT_FPS, Clip
@@ -14,9 +13,11 @@ from kinemode.inputs.named import by_name
 
 
 def clocks_of(
-    tracks: Mapping[str, KeypointTrack], clips: Mapping[str, Path], told: Declared
+    tracks: Mapping[str, KeypointTrack], clips: Mapping[str, Clip], told: Declared
 ) -> tuple[dict[str, CameraClock], list[str]]:
     """The clock of each camera, in the order of the tracks, and notes on what had to be assumed.
+
+    clips: opened; none where there are keypoints alone.
 
     Raises
     ------
@@ -29,10 +30,11 @@ def clocks_of(
     notes: list[str] = []
     used = set()
     for name, track in tracks.items():
-        clip, rate = Clip.open(clips[name]), track.fps
+        clip, rate = clips[name], track.fps
         remedy = "correct fps in the keypoint file" if rate else "write their fps into the keypoint file"
         if not clip.rate_known and (rates.get(name) or rate):
-            clip = Clip.open(clips[name], fps=rates.get(name) or rate)
+            clip = Clip.open(clip.path, fps=rates.get(name) or rate)
+            clip.close()  # its report opens it again
             used.add(name)
             if name not in rates:
                 remedy = f"say the pictures' rate: --fps {name}=RATE"
@@ -42,9 +44,8 @@ def clocks_of(
             remedy = f"say the keypoints' rate: --fps {name}=RATE"
             used.add(name)
         notes += [f"{name}: {note}" for note in clip.report.notes]
-        clocks[name], found = clip_clock(name, track, clip.report, rate, offsets[name], remedy)
-        clip.close()
-        notes += found
+        clocks[name], of_lengths = clip_clock(name, track, clip.report, rate, offsets[name], remedy)
+        notes += of_lengths
     _refuse_unused(rates, used, told)
     return clocks, notes
 

@@ -6,11 +6,13 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from estimator.imaging.resolution import Size
 from humanoid.support.errors import InputError
 from kinemode.inputs.named import by_name, named_values, value_of
+
+if TYPE_CHECKING:
+    from estimator.imaging.resolution import Size
 
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
@@ -66,8 +68,10 @@ class Declared:
 
 
 def _size(value: Any) -> Size:
-    found = _SIZE.fullmatch(value) if isinstance(value, str) else None
-    width, height = found.groups() if found else (() if isinstance(value, str) else value)
+    if isinstance(value, str):
+        written = _SIZE.fullmatch(value)
+        value = written.groups() if written else ()
+    width, height = value
     if not all(1 <= int(side) < 100_000 and int(side) == float(side) for side in (width, height)):
         raise ValueError
     return int(width), int(height)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,12 +25,15 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
 from kinemode.inputs.declared import Declared
 from kinemode.inputs.doubts import checked_agreement
-from kinemode.inputs.named import Named, PathLike, chosen_names, kept, matched, named_paths
-from kinemode.inputs.persons import Persons, persons_of
+from kinemode.inputs.files import BACKGROUND, CLIP, KEYPOINTS, MASK, InputFiles
+from kinemode.inputs.named import chosen_names, matched, named_paths
+from kinemode.inputs.persons import persons_of
 from kinemode.terminal.program import command
 
+if TYPE_CHECKING:
+    from kinemode.inputs.files import Cameras
+
 KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
-Cameras = PathLike | Mapping[str, Camera] | None
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,7 @@ class Inputs:
     """What there is to track.
 
     observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
-    notes: what the user should hear of.
+    notes: what the user should know of the input.
     masks, backgrounds (C): of each camera where they are given, see `estimator.imaging.cues.CueReader`.
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     """
@@ -50,53 +55,58 @@ class Inputs:
     frames: tuple[np.ndarray | None, ...] = ()
 
 
-def load_inputs(
-    body: Body,
-    clips: Named,
-    keypoints: Named,
-    cameras: Cameras,
-    *,
-    person: Persons,
-    masks: Named = None,
-    backgrounds: Named = None,
-    declared: Declared | None = None,
-) -> Inputs:
+def load_inputs(body: Body, files: InputFiles) -> Inputs:
     """Read everything a body is tracked from; of the pictures only what there is of them.
 
     Raises InputError: no keypoints, files without a partner, no camera for one of several clips, too few masks, sizes
     or times that contradict each other.
     """
-    told = declared or Declared()
-    clips, keypoints, masks, backgrounds = map(kept, (clips, keypoints, masks, backgrounds))
-    clip_files, keypoint_files = named_paths(clips, "clip"), named_paths(keypoints, "keypoint file")
+    told, known = files.declared, _KnownCameras.of(files.cameras)
+    clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     if not keypoint_files:
         raise _no_keypoints(clip_files)
-    keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(keypoints, "keypoint file"))
+    keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(files.keypoints, KEYPOINTS))
     mask_files, background_files = (
-        matched(clip_files, named_paths(given, what), what, "clip", chosen=chosen_names(given, what), every=False)
-        for given, what in ((masks, "mask"), (backgrounds, "background"))
+        matched(clip_files, named_paths(given, what), what, CLIP, chosen=chosen_names(given, what), every=False)
+        for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND))
     )
-    persons = persons_of(person, keypoint_files)
+    persons = persons_of(files.person, keypoint_files)
     people = {name: load_people(path) for name, path in keypoint_files.items()}
-    named = chosen_names(clips, "clip") | chosen_names(keypoints, "keypoint file")
-    sizes = {name: _picture_size(path) for name, path in clip_files.items()}
-    outlines = {name: file.track_of({}) for name, file in people.items()}  # sizes, rates and lengths, but nobody yet
-    _, used, _ = _one_size(outlines, sizes, cameras, named, told)
-    clocks, clock_notes = clocks_of(outlines, clip_files, told)
+    named = chosen_names(files.clips, CLIP) | chosen_names(files.keypoints, KEYPOINTS)
+    with ExitStack() as stack:
+        opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
+        sizes = {name: clip.image_size for name, clip in opened.items()}
+        # sizes, rates and lengths, but nobody's points yet
+        outlines = {name: file.track_of({}) for name, file in people.items()}
+        _, used, _ = _one_size(outlines, sizes, known, named, told)
+        clocks, clock_notes = clocks_of(outlines, opened, told)
     times = {name: clock.offset + clock.keypoints for name, clock in clocks.items()}
-    tracks, who = subject_tracks(people, _as_detected(outlines, used, told), persons, times)
-    tracks, used, fit_notes = _one_size(tracks, sizes, cameras, named, told)
-    notes += who
+    tracks, choice_notes = subject_tracks(people, _as_detected(outlines, used, told), persons, times)
+    tracks, used, size_notes = _one_size(tracks, sizes, known, named, told)
     line = timeline(clocks).cut(*told.part())
+    notes += choice_notes
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
-    notes += [*fit_notes, *clock_notes, *notes_on_time(clocks, line)]
+    notes += [*size_notes, *clock_notes, *notes_on_time(clocks, line)]
     for name, path in mask_files.items():
         _check_masks(path, int(line.frames[name].max()) + 1)
     observations = _observations(body, tracks, used, line, clocks)
     notes += checked_agreement(observations, tracks, {n: clock.offset for n, clock in clocks.items()}, told)
-    by_camera = (tuple(files.get(name) for name in tracks) for files in (clip_files, mask_files, background_files))
+    by_camera = (tuple(paths.get(name) for name in tracks) for paths in (clip_files, mask_files, background_files))
     frames = tuple(_unlike_instants(line.frames.get(name)) for name in tracks)
     return Inputs(observations, line.times, next(by_camera), tuple(notes), next(by_camera), next(by_camera), frames)
+
+
+class _KnownCameras(NamedTuple):
+    """The cameras that are given, by name, None for none; source: the file they are from, for errors."""
+
+    cameras: Mapping[str, Camera] | None
+    source: str = "cameras"
+
+    @staticmethod
+    def of(given: Cameras) -> _KnownCameras:
+        if given is None or isinstance(given, Mapping):
+            return _KnownCameras(given)
+        return _KnownCameras(load_cameras(given), str(given))
 
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
@@ -111,17 +121,11 @@ def _of_clips(
     """The keypoint file of each clip, by the clip's name, and a note where a name had to be guessed."""
     if not clips:
         return keypoints, []
-    found = matched(clips, keypoints, "keypoint file", "clip", chosen=chosen)
-    if set(found) == set(keypoints):
-        return found, []
-    ((name, path),) = found.items()
-    return found, [f"the keypoints {path} are taken for the clip {clips[name]}, which is called otherwise"]
-
-
-def _picture_size(path: Path) -> Size:
-    clip = Clip.open(path)
-    clip.close()
-    return clip.image_size
+    files = matched(clips, keypoints, KEYPOINTS, CLIP, chosen=chosen)
+    if set(files) == set(keypoints):
+        return files, []
+    ((name, path),) = files.items()
+    return files, [f"the keypoints {path} are taken for the clip {clips[name]}, which is called otherwise"]
 
 
 def _check_masks(path: Path, count: int) -> None:
@@ -136,21 +140,20 @@ def _check_masks(path: Path, count: int) -> None:
 def _one_size(
     tracks: Mapping[str, KeypointTrack],
     pictures: Mapping[str, Size],
-    cameras: Cameras,
+    known: _KnownCameras,
     named: frozenset[str],
     told: Declared,
 ) -> tuple[dict[str, KeypointTrack], dict[str, Camera], list[str]]:
     """Tracks and cameras at the size of the clips, or of the cameras where there are none; and notes."""
     sizes = _detector_sizes(tracks, told)
-    found, notes = _cameras(tracks, {n: pictures.get(n) or sizes[n] for n in tracks}, cameras, named)
-    source = "cameras" if cameras is None or isinstance(cameras, Mapping) else str(cameras)
+    cameras, notes = _cameras(tracks, {n: pictures.get(n) or sizes[n] for n in tracks}, known, named)
     scaled = {}
     for name, track in tracks.items():
-        picture = pictures.get(name) or found[name].image_size
-        found[name], of_camera = fitted_camera(found[name], picture, source)
+        picture = pictures.get(name) or cameras[name].image_size
+        cameras[name], of_camera = fitted_camera(cameras[name], picture, known.source)
         scaled[name], of_track = fitted_track(name, track, sizes[name], picture)
         notes += [*of_camera, *of_track]
-    return scaled, found, notes
+    return scaled, cameras, notes
 
 
 def _as_detected(
@@ -168,20 +171,18 @@ def _detector_sizes(tracks: Mapping[str, KeypointTrack], told: Declared) -> dict
 
 
 def _cameras(
-    tracks: Mapping[str, KeypointTrack], sizes: Mapping[str, Size | None], given: Cameras, named: frozenset[str]
+    tracks: Mapping[str, KeypointTrack], sizes: Mapping[str, Size | None], known: _KnownCameras, named: frozenset[str]
 ) -> tuple[dict[str, Camera], list[str]]:
     """Camera of each track by the track's name; the one camera of a single clip is guessed where nothing is given."""
-    if given is not None:
-        known = given if isinstance(given, Mapping) else load_cameras(given)
-        source = "cameras" if isinstance(given, Mapping) else given
-        alone = len(tracks) == len(known) == 1
-        found = {name: _choose(name, known, source, alone=alone and name not in named) for name in tracks}
+    if known.cameras is not None:
+        alone = len(tracks) == len(known.cameras) == 1
+        chosen = {name: _choose(name, known, alone=alone and name not in named) for name in tracks}
         notes = [
-            f"the camera {camera.name!r} of {source} is taken for {name!r}, there being no other"
-            for name, camera in found.items()
-            if name not in known
+            f"the camera {camera.name!r} of {known.source} is taken for {name!r}, there being no other"
+            for name, camera in chosen.items()
+            if name not in known.cameras
         ]
-        return found, notes
+        return chosen, notes
     if len(tracks) > 1:
         problem = f"several views ({', '.join(tracks)}) need their placements"
         raise InputError("cameras", problem, remedy="give a camera file: JSON with K, distortion, R and t of each")
@@ -195,13 +196,14 @@ def _cameras(
     return {name: guessed_camera(name, size)}, [note]
 
 
-def _choose(name: str, cameras: Mapping[str, Camera], source: PathLike, *, alone: bool) -> Camera:
+def _choose(name: str, known: _KnownCameras, *, alone: bool) -> Camera:
+    cameras = known.cameras or {}
     if name in cameras:
         return cameras[name]
     if alone:
         return next(iter(cameras.values()))
     remedy = f"cameras: {', '.join(cameras)}; choose with NAME=PATH"
-    raise InputError(str(source), f"there is no camera {name!r}", remedy=remedy)
+    raise InputError(known.source, f"there is no camera {name!r}", remedy=remedy)
 
 
 def _observations(

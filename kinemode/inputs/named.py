@@ -19,15 +19,15 @@ def named_paths(given: Named, what: str) -> dict[str, Path]:
 
     Raises InputError, calling the files `what`, where a name is empty or used twice or a file does not exist.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for name, path, _ in _pairs(given, what):
         if not path.exists():
             raise InputError(path, f"no such {what}")
-        if name in found:
+        if name in files:
             remedy = "give names: NAME=" + str(path)
-            raise InputError(path, f"{what} {found[name]} has the name {name!r} too", remedy=remedy)
-        found[name] = path
-    return found
+            raise InputError(path, f"{what} {files[name]} has the name {name!r} too", remedy=remedy)
+        files[name] = path
+    return files
 
 
 def kept(given: Named) -> Named:
@@ -98,21 +98,22 @@ def named_values(
 
     Raises
     ------
-    InputError: no such camera, no value, two values for one camera.
+    InputError: no such camera, no value, two values for one camera or for all.
     """
     names = list(names)
-    found: dict[str, Value] = {}
-    own: dict[str, Value] = {}
-    for name, value in _named_values(given):
-        made = value_of(value, option, read, needed)
-        if name is None:
-            found = dict.fromkeys(names, made)
-            continue
-        if name not in names:
-            raise InputError(option, f"there is no camera {name[:_SHOWN]!r}", remedy=f"cameras: {', '.join(names)}")
-        if own.setdefault(name, made) != made:
-            raise InputError(option, f"camera {name!r} is given {own[name]} and {made}", remedy="choose one")
-    return found | own
+    for_all: dict[str, Value] = {}
+    by_camera: dict[str, Value] = {}
+    for camera, text in named_pairs(given):
+        value = value_of(text, option, read, needed)
+        if camera is not None and camera not in names:
+            remedy = f"cameras: {', '.join(names)}"
+            raise InputError(option, f"there is no camera {camera[:_SHOWN]!r}", remedy=remedy)
+        values, cameras = (for_all, names) if camera is None else (by_camera, [camera])
+        for name in cameras:
+            if values.setdefault(name, value) != value:
+                problem = f"camera {name!r} is given {str(values[name])[:_SHOWN]} and {str(value)[:_SHOWN]}"
+                raise InputError(option, problem, remedy="choose one")
+    return for_all | by_camera
 
 
 def value_of(value: Any, option: str, read: Callable[[Any], Value], needed: str) -> Value:
@@ -125,17 +126,18 @@ def value_of(value: Any, option: str, read: Callable[[Any], Value], needed: str)
 
 def by_name(given: Any) -> bool:
     """Whether every value is for a camera that is named."""
-    return all(name is not None for name, _ in _named_values(given))
+    return all(name is not None for name, _ in named_pairs(given))
 
 
-def _named_values(given: Any) -> list[tuple[str | None, Any]]:
+def named_pairs(given: Any) -> list[tuple[str | None, Any]]:
+    """Values with the name that each is given for, None for all: the texts of a list one by one, a mapping by name."""
     if given is None:
         return []
     if isinstance(given, Mapping):
         return [(str(name), value) for name, value in given.items()]
-    texts = isinstance(given, (list, tuple)) and all(isinstance(text, str) for text in given)
+    several = isinstance(given, (list, tuple, set, frozenset)) and all(isinstance(text, str) for text in given)
     pairs: list[tuple[str | None, Any]] = []
-    for one in given if texts else [given]:
-        name, separator, value = one.partition("=") if isinstance(one, str) else ("", "", one)
-        pairs.append((name, value) if separator else (None, one))
+    for value in given if several else [given]:
+        name, separator, text = value.partition("=") if isinstance(value, str) else ("", "", value)
+        pairs.append((name, text) if separator else (None, value))
     return pairs

@@ -1,23 +1,23 @@
-"""What the functions of the front door are given, checked: one line says what is taken where something else came."""
+"""What the functions of the front door are given, checked: one line says what is taken where something else came.
+
+Nothing is imported to check against: a value cannot be of a class whose module was never imported.
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from estimator.cameras.camera import Camera
-from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError, misplaced, shown
 
 _MOST = 2**63 - 1
 
 
 def check_arguments(**given: Any) -> None:
-    """Check arguments by their names, as `kinemode.track`, `fit`, `compare` and `open_run` call them.
+    """Check arguments by the names that the functions of the front door give them.
 
     Raises
     ------
@@ -39,8 +39,29 @@ def whole(name: str, value: Any, low: int) -> int:
     return number
 
 
+def choice(name: str, value: Any, choices: tuple[str, ...]) -> None:
+    """Raise InputError unless a text is one of the choices."""
+    check_arguments(**{name: value})
+    if value not in choices:
+        raise InputError(name, f"{value!r} is unknown", remedy=f"one of {', '.join(choices)}")
+
+
+def _of(module: str, name: str) -> Callable[[Any], bool]:
+    """Whether a value is of a class, told by its module and name."""
+
+    def fits(value: Any) -> bool:
+        imported = sys.modules.get(module)
+        return imported is not None and isinstance(value, getattr(imported, name))
+
+    return fits
+
+
 def _path(value: Any) -> bool:
     return isinstance(value, (str, Path)) and bool(str(value)) and "\0" not in str(value)
+
+
+def _to_open(value: Any) -> bool:
+    return _path(value) or isinstance(value, os.PathLike)
 
 
 def _paths(value: Any) -> bool:
@@ -65,11 +86,11 @@ def _texts(value: Any) -> bool:
 
 
 def _whole(value: Any) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return (isinstance(value, int) and not isinstance(value, bool)) or _of("numpy", "integer")(value)
 
 
 def _flag(value: Any) -> bool:
-    return isinstance(value, (bool, np.bool_))
+    return isinstance(value, bool) or _of("numpy", "bool_")(value)
 
 
 def _person(value: Any) -> bool:
@@ -83,8 +104,24 @@ def _persons(value: Any) -> bool:
 
 
 def _cameras(value: Any) -> bool:
-    named = isinstance(value, Mapping) and bool(value) and all(isinstance(c, Camera) for c in value.values())
+    named = (
+        isinstance(value, Mapping)
+        and bool(value)
+        and all(map(_of("estimator.cameras.camera", "Camera"), value.values()))
+    )
     return value is None or _path(value) or named
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, float) or _whole(value) or _of("numpy", "floating")(value)
+
+
+def _factors(value: Any) -> bool:
+    return isinstance(value, Mapping)
+
+
+def _either(*kinds: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: any(fits(value) for fits in kinds)
 
 
 def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
@@ -92,11 +129,15 @@ def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
 
 _FILES = (_paths, "a path, a list of paths, or a mapping of names to paths")
+_FLAG = (_flag, "True or False")
+_WHOLE = (_whole, "a whole number")
+_MAYBE_NUMBER = (_or_none(_number), "a number")
+_SUBJECT = _either(_of("humanoid.subject.subject", "Subject"), _path)
+_SUBJECT_TAKEN = "a subject from load_subject, a built-in name, or the path of a URDF"
+_RUN = _either(_of("estimator.results.run_reader", "Run"), _to_open)
 _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "subject": (
-        lambda value: isinstance(value, Subject) or _path(value),
-        "a subject from load_subject, a built-in name, or the path of a URDF",
-    ),
+    "subject": (_SUBJECT, _SUBJECT_TAKEN),
+    "body": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
     "clips": _FILES,
     "keypoints": _FILES,
     "masks": _FILES,
@@ -112,13 +153,40 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "fit": (_text, "a text"),
     "person": (_persons, '"auto", a number, the id of a person, or a mapping of camera names to them'),
     "modes": (_or_none(_whole), "a whole number"),
-    "seed": (_whole, "a whole number"),
-    "workers": (_whole, "a whole number"),
-    "resume": (_flag, "True or False"),
-    "overwrite": (_flag, "True or False"),
-    "progress": (_or_none(callable), "a reporter such as kinemode.terminal.progress.reported"),
-    "path": (lambda value: _path(value) or isinstance(value, os.PathLike), "the path of a run file"),
-    "out": (_or_none(lambda value: _path(value) or isinstance(value, os.PathLike)), "the path of a file to write"),
-    "reference": (_or_none(_path), "the path of an .npz or .trc file"),
+    "seed": _WHOLE,
+    "workers": _WHOLE,
+    "frame": _WHOLE,
+    "port": _WHOLE,
+    "resume": _FLAG,
+    "overwrite": _FLAG,
+    "open_browser": _FLAG,
+    "videos": _FLAG,
+    "with_masks": _FLAG,
+    "progress": (_or_none(callable), "a reporter such as kinemode.reported"),
+    "path": (_to_open, "the path of a run file"),
+    "run": (_RUN, "a run, or the path of a run file"),
+    "out": (_or_none(_to_open), "the path of a file to write"),
+    "file": (_to_open, "the path of a file to write"),
+    "html": (_or_none(_to_open), "the path of a file to write"),
+    "folder": (_to_open, "the path of a folder to write into"),
+    "clip": (_path, "the path of a video or of a folder of images"),
+    "clicks": (_or_none(_path), "the path of a keypoint file"),
+    "camera": (_or_none(_text), "the name of a camera"),
+    "format": (_or_none(_text), "a text"),
+    "joints": (_or_none(_texts), "names of landmarks"),
+    "motion": (_path, "the name of a motion, or the path of a BVH file"),
+    "proportions": (_or_none(_factors), "a mapping of joints to scales"),
+    "shape": (_or_none(_factors), "a mapping of parts to nine parameters each"),
+    "girth": (_number, "a number"),
+    "fps": (_number, "a number"),
+    "seconds": _MAYBE_NUMBER,
+    "unit": _MAYBE_NUMBER,
+    "scene": (_or_none(_of("estimator.synthesis.settings", "SceneSettings")), "kinemode.SceneSettings"),
+    "view": (_or_none(_of("estimator.synthesis.settings", "ViewSettings")), "kinemode.ViewSettings"),
+    "detector": (_or_none(_of("estimator.synthesis.settings", "DetectorSettings")), "kinemode.DetectorSettings"),
+    "reference": (
+        _or_none(_either(_of("estimator.results.evaluation", "Reference"), _path)),
+        "a kinemode.Reference, or the path of an .npz, .trc or .mot file",
+    ),
 }
 """By argument: whether a value is of a kind that is taken, and what to say of those that are."""

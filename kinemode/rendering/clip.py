@@ -10,7 +10,6 @@ import numpy as np
 
 from estimator import synthesis
 from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import MOTIONS, KeyedMotion, motion_named
@@ -22,7 +21,8 @@ from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
-from kinemode.rendering.files import RenderedClip, clip_files, made_folder, write_clip_keypoints, write_pictures
+from kinemode.rendering.files import RenderedClip
+from kinemode.rendering.shot import Draws, Shot, write_shot
 from kinemode.terminal.progress import Reporter, unreported
 
 _FIXED_FLOOR = -1.1  # [m] of the floor under a body with a fixed trunk
@@ -34,7 +34,7 @@ def render_clip(
     folder: str | Path,
     motion: str | Path = "reach",
     *,
-    subject: str | Subject | None = None,
+    subject: str | Path | Subject | None = None,
     proportions: Mapping[str, float] | None = None,
     shape: Mapping[int | str, Sequence[float]] | None = None,
     girth: float = 1.0,
@@ -49,46 +49,29 @@ def render_clip(
     masks: bool = False,
     progress: Reporter = unreported,
 ) -> RenderedClip:
-    """Render a motion into a folder, made if it is not there; files of an earlier clip are replaced.
-
-    Parameters
-    ----------
-    motion: "reach", "arm", "pivot", "turn_reach" or a BVH file.
-    subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
-    proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
-    girth: factor on the cross-sections of its limbs, after all that.
-    scene, view, detector: looks, cameras and keypoint errors; unless given those that suit the motion.
-    fps: frames per second. seconds: only so much of the motion.
-    unit: metres in one unit of a BVH file, see `estimator.synthesis.mocap.load_mocap`.
-    seed: of the scene, the clothes, the sensor's noise and the keypoints' errors.
-    videos: False leaves the pictures out. masks: also write the body's exact silhouettes.
-
-    Raises
-    ------
-    InputError: a choice that does not exist, a body that the motion does not suit, a folder that cannot be written.
-    """
+    """What `kinemode.render` does once its arguments are known to be of the right kinds."""
     in_range("fps", fps, 1.0, 1000.0)
     in_range("girth", girth, *_GIRTHS)
     keyed = None if _is_file(motion) else motion_named(str(motion))
     body = Body(_with_girth(_subject(subject, keyed, proportions, shape), girth))
     q, times = _configurations(body, keyed, motion, fps, seconds, unit)
-    scene, view = scene or SceneSettings(background=background_of(motion)), view or ViewSettings()
+    scene, view = scene or SceneSettings(), view or ViewSettings()
+    scene = replace(scene, background=scene.background or _background_of(motion))
     if keyed and view.azimuth is None:
         view = replace(view, azimuth=keyed.azimuth)
     cameras, place = _framed(body, q, fps, view)
-    clip = clip_files(made_folder(Path(folder)), [c.name for c in cameras], scene, videos, masks)
-    write_cameras(clip.cameras, cameras)
-    synthesis.write_truth(clip.truth, body, q, times)
-    body.subject.write(clip.subject)
-    write_clip_keypoints(clip, body, q, cameras, detector or DetectorSettings(), np.random.default_rng((seed, 0)), fps)
-    if videos or masks:
-        renderer = synthesis.Renderer(body, cameras, np.random.default_rng((seed, 1)), scene, place)
-        with progress("rendering") as report:
-            write_pictures(clip, renderer, body, q, fps, seed, report)
-    return clip
+    draws = Draws(
+        np.random.default_rng((seed, 0)),
+        np.random.default_rng((seed, 1)),
+        [np.random.default_rng((seed, 2, c)) for c in range(len(cameras))],
+    )
+    shot = Shot(body, q, times, fps, cameras, scene, place)
+    return write_shot(
+        folder, shot, draws, detector or DetectorSettings(), videos=videos, masks=masks, progress=progress
+    )
 
 
-def background_of(motion: str | Path) -> str:
+def _background_of(motion: str | Path) -> str:
     """The background that a motion is rendered before unless another is asked for; raises InputError."""
     return "room" if _is_file(motion) else motion_named(str(motion)).background
 
@@ -99,7 +82,7 @@ def _is_file(motion: str | Path) -> bool:
 
 
 def _subject(
-    given: str | Subject | None,
+    given: str | Path | Subject | None,
     keyed: KeyedMotion | None,
     proportions: Mapping[str, float] | None,
     shape: Mapping[int | str, Sequence[float]] | None,

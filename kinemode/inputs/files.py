@@ -1,0 +1,60 @@
+"""The files that a body is tracked from, as the user names them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from humanoid.support.errors import InputError
+from kinemode.inputs.declared import Declared
+from kinemode.inputs.named import Named, PathLike, kept, named_paths
+
+if TYPE_CHECKING:
+    from estimator.cameras.camera import Camera
+    from kinemode.inputs.persons import Persons
+
+    Cameras = PathLike | Mapping[str, Camera] | None
+
+CLIP, KEYPOINTS, MASK, BACKGROUND = "clip", "keypoint file", "mask", "background"
+
+
+@dataclass(frozen=True)
+class InputFiles:
+    """Clips, keypoint files, cameras, masks and backgrounds, and what the files do not say themselves.
+
+    clips, keypoints, masks, backgrounds: paths, `[NAME=]PATH` texts or mappings by name, None for none; iterators are
+    read once, here. cameras: the path of a camera file, or cameras by name. person: see
+    `kinemode.inputs.persons.persons_of`.
+    """
+
+    clips: Named = None
+    keypoints: Named = None
+    cameras: Cameras = None
+    masks: Named = None
+    backgrounds: Named = None
+    person: Persons = "auto"
+    declared: Declared = Declared()  # noqa: RUF009, it is frozen
+
+    def __post_init__(self) -> None:
+        for name in ("clips", "keypoints", "masks", "backgrounds"):
+            object.__setattr__(self, name, kept(getattr(self, name)))
+
+    def check(self) -> None:
+        """Raise InputError where a file does not exist: no library has to be loaded to say so."""
+        for given, what in (
+            (self.clips, CLIP),
+            (self.keypoints, KEYPOINTS),
+            (self.masks, MASK),
+            (self.backgrounds, BACKGROUND),
+        ):
+            named_paths(given, what)
+        if isinstance(self.cameras, (str, Path)):
+            check_exists(self.cameras)
+
+
+def check_exists(path: PathLike) -> None:
+    """Raise InputError where there is no such file or folder."""
+    if not Path(path).exists():
+        raise InputError(path, "there is no such file")

@@ -1,0 +1,121 @@
+"""`render` and `annotate`: clips with known truth, and keypoints by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kinemode.inputs.files import check_exists
+from kinemode.inputs.named import PathLike
+from kinemode.public.arguments import check_arguments, whole
+from kinemode.target import check_folder
+from kinemode.terminal.progress import Reporter, unreported
+
+if TYPE_CHECKING:
+    from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
+    from humanoid.subject.subject import Subject
+    from kinemode.rendering.files import RenderedClip
+
+
+def render(
+    folder: PathLike,
+    motion: PathLike = "reach",
+    *,
+    subject: Subject | PathLike | None = None,
+    proportions: Mapping[str, float] | None = None,
+    shape: Mapping[int | str, Sequence[float]] | None = None,
+    girth: float = 1.0,
+    scene: SceneSettings | None = None,
+    view: ViewSettings | None = None,
+    detector: DetectorSettings | None = None,
+    fps: float = 30.0,
+    seconds: float | None = None,
+    unit: float | None = None,
+    seed: int = 0,
+    videos: bool = True,
+    masks: bool = False,
+    progress: Reporter | None = None,
+) -> RenderedClip:
+    """Render a motion into a folder, made if it is not there; files of an earlier clip are replaced.
+
+    Parameters
+    ----------
+    motion: "reach", "arm", "pivot", "turn_reach" or a BVH file.
+    subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
+    proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
+    girth: factor on the cross-sections of its limbs, after all that.
+    scene, view, detector: looks, cameras and keypoint errors (`kinemode.SceneSettings`, `ViewSettings`,
+        `DetectorSettings`); unless given those that suit the motion.
+    fps: frames per second. seconds: only so much of the motion.
+    unit: metres in one unit of a BVH file, where it is known (see `estimator.synthesis.mocap.load_mocap`).
+    seed: of the scene, the clothes, the sensor's noise and the keypoints' errors.
+    videos: False leaves the pictures out. masks: also write the body's exact silhouettes.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    Returns the paths of the files: videos, keypoints, cameras, the true motion, the body (see `RenderedClip`).
+
+    Raises
+    ------
+    InputError: a choice that does not exist, a body that the motion does not suit, a folder that cannot be written.
+    """
+    check_arguments(
+        folder=folder, motion=motion, body=subject, proportions=proportions, shape=shape, girth=girth, scene=scene,
+        view=view, detector=detector, fps=fps, seconds=seconds, unit=unit, videos=videos, with_masks=masks,
+        progress=progress,
+    )  # fmt: skip
+    seed = whole("seed", seed, 0)
+    if Path(motion).suffix.lower() == ".bvh":
+        check_exists(motion)
+    from kinemode.rendering.clip import render_clip
+
+    return render_clip(
+        folder, motion, subject=subject, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,
+        detector=detector, fps=fps, seconds=seconds, unit=unit, seed=seed, videos=videos, masks=masks,
+        progress=progress or unreported,
+    )  # fmt: skip
+
+
+def annotate(
+    clip: PathLike,
+    *,
+    subject: Subject | PathLike = "human34",
+    frame: int = 0,
+    camera: str | None = None,
+    keypoints: PathLike | None = None,
+    out: PathLike = "clicks.json",
+    port: int = 0,
+    open_browser: bool = True,
+) -> str:
+    """Serve a page on which a person clicks the subject's landmarks, until the page is closed.
+
+    Parameters
+    ----------
+    clip: a video or a folder of images.
+    subject: a loaded subject, a built-in name, or the path of a URDF.
+    frame: the frame shown first.
+    camera: name of the view, for the command that comes next; the clip's stem unless given.
+    keypoints: a detector's keypoint file, to be corrected: it fills the frames without a click.
+    out: the file the page saves to, as often as asked; what it holds already is edited further.
+    port: on 127.0.0.1; 0 takes a free one. open_browser: whether the page is opened; its address is printed.
+
+    Returns the command that tracks from the clicks.
+
+    Raises
+    ------
+    InputError: whatever is wrong with what was given.
+    KeyboardInterrupt: on Ctrl-C, saying what there is by then.
+    """
+    check_arguments(
+        clip=clip, subject=subject, frame=frame, camera=camera, clicks=keypoints, file=out, port=port,
+        open_browser=open_browser,
+    )  # fmt: skip
+    for path in (clip, *([] if keypoints is None else [keypoints])):
+        check_exists(path)
+    check_folder(Path(out))
+    from kinemode.annotation.annotate import serve_annotation
+
+    return serve_annotation(
+        clip, subject=subject, frame=frame, camera=camera, keypoints=keypoints, out=out, port=port,
+        open_browser=open_browser,
+    )  # fmt: skip

@@ -1,0 +1,146 @@
+"""`open_run`, and what is done with a run: looked at, drawn over the video, exported, measured."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kinemode.inputs.files import check_exists
+from kinemode.inputs.named import PathLike
+from kinemode.notices import InputWarning
+from kinemode.public.arguments import check_arguments
+from kinemode.terminal.progress import Reporter, unreported
+
+if TYPE_CHECKING:
+    from estimator.results.evaluation import Evaluation, Reference
+    from estimator.results.run_reader import Run
+
+    RunLike = Run | PathLike
+
+
+def open_run(path: PathLike) -> Run:
+    """Open a run file, finished or still being written; raises InputError where it is none."""
+    check_arguments(path=path)
+    _check_run(path)
+    from estimator.results.run_file import Run
+
+    return Run.open(path)
+
+
+def view(run: RunLike, *, html: PathLike | None = None, port: int = 0, open_browser: bool = True) -> Path | None:
+    """Look at a run in the browser: bodies, hypotheses, cameras, the video behind.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file, finished or still being written: then reload the page to see more.
+    html: write one self-contained page there, return its path and start nothing. Without it the page is served on this
+        machine alone until Ctrl-C, and None is returned.
+    port: on 127.0.0.1; 0 takes a free one. open_browser: whether the page is opened; its address is printed.
+
+    Raises
+    ------
+    InputError: no run, one without a pose to show, a page that cannot be written, a port that cannot be used.
+    """
+    check_arguments(run=run, html=html, port=port, open_browser=open_browser)
+    opened = _opened(run)
+    _note_how_it_is_drawn(opened)
+    if html is not None:
+        from viz.preview.page import write_html
+
+        return write_html(opened, Path(html))
+    from viz.preview.live import serve
+
+    serve(opened, port=port, open_browser=open_browser)
+    return None
+
+
+def overlay(run: RunLike, file: PathLike, *, camera: str | None = None, progress: Reporter | None = None) -> Path:
+    """Write the video with the body drawn over it, and return its path.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file.
+    file: ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).
+    camera: the name of one; all of them side by side unless given.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    Raises
+    ------
+    InputError: no run, no such camera, another ending, a file that cannot be written.
+    """
+    check_arguments(run=run, file=file, camera=camera, progress=progress)
+    opened = _opened(run)
+    _note_how_it_is_drawn(opened)
+    from viz.pictures.overlay import write_overlay
+
+    with (progress or unreported)("overlay") as report:
+        return write_overlay(opened, Path(file), camera=camera, progress=report)
+
+
+def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
+    """Write a run for other programs, and return the file's path. The file is there whole or not at all.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file; one that is not finished is exported as far as it goes.
+    format: "npz", everything (see `estimator.results.export.export_arrays` for names, shapes and units); "csv", joint
+        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim. What the
+        file's ending says unless given.
+
+    Raises
+    ------
+    InputError: no run, an unknown format, a file that cannot be written.
+    """
+    check_arguments(run=run, file=file, format=format)
+    opened = _opened(run)
+    from estimator.results import export as formats
+
+    return formats.export(opened, Path(file), format)
+
+
+def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[str] | None = None) -> Evaluation:
+    """Compare a run with known landmarks [m] and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file.
+    reference: a `kinemode.Reference`, or a file: npz of `export`, truth.npz of `render`, npz with points (T, L, 3) in
+        metres, names and fps, trc (landmarks) or mot (joint angles).
+    joints: the landmarks to compare; unless given the twelve limb joints, or all that both have where fewer than three
+        are limb joints.
+
+    Raises
+    ------
+    InputError: no run, no reference, nothing that both have.
+    """
+    check_arguments(run=run, reference=reference, joints=joints)
+    _check_run(run)
+    if isinstance(reference, (str, Path)):
+        check_exists(reference)
+    opened = _opened(run)
+    from estimator.results import evaluation
+
+    truth = evaluation.Reference.load(reference) if isinstance(reference, (str, Path)) else reference
+    return evaluation.evaluate(opened, truth, joints=joints)
+
+
+def _check_run(run: RunLike) -> None:
+    """Raise InputError where a path is no run file's, before everything that reads runs is loaded."""
+    if isinstance(run, (str, os.PathLike)):
+        from estimator.results.run_store import check
+
+        check(Path(run))
+
+
+def _opened(run: RunLike) -> Run:
+    return open_run(run) if isinstance(run, (str, os.PathLike)) else run
+
+
+def _note_how_it_is_drawn(run: Run) -> None:
+    from viz.solids.body_solids import drawing_notes
+
+    for note in drawing_notes(run.body):
+        warnings.warn(note, InputWarning, stacklevel=3)

@@ -1,0 +1,232 @@
+"""`track`, `fit` and `compare`: arguments and files are checked before the libraries that do the work are loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from humanoid.support.errors import misplaced
+from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes
+from kinemode.inputs.files import InputFiles, check_exists
+from kinemode.inputs.named import Named, PathLike
+from kinemode.public.arguments import check_arguments, choice, whole
+from kinemode.target import Target, check_folder
+from kinemode.terminal.progress import Reporter, unreported
+
+if TYPE_CHECKING:
+    from estimator.fitting.lengths import Fit
+    from estimator.results.run_reader import Run
+    from humanoid.subject.subject import Subject
+    from kinemode.comparison.compare import Comparison
+    from kinemode.inputs.files import Cameras
+    from kinemode.inputs.persons import Persons
+
+    SubjectLike = Subject | PathLike
+
+FIT_CHOICES = ("auto", "proportions", "off")
+
+
+def track(
+    subject: SubjectLike,
+    clips: Named,
+    *,
+    cameras: Cameras = None,
+    keypoints: Named = None,
+    cues: str | Iterable[str] = "auto",
+    masks: Named = None,
+    background: Named = None,
+    tracker: str = "css",
+    modes: int | None = None,
+    seed: int = 0,
+    fit: str = "auto",
+    out: PathLike | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    person: Persons = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    offset: Offsets = None,
+    start: float | None = None,
+    end: float | None = None,
+    settings: Mapping[str, Any] | PathLike | None = None,
+    workers: int = 1,
+    progress: Reporter | None = None,
+) -> Run:
+    """Track a subject through one clip, or several synchronised ones, into a run file.
+
+    Parameters
+    ----------
+    subject: a loaded subject, a built-in name, or the path of a URDF.
+    clips: paths or `NAME=PATH` texts of videos or folders of images, or a mapping by name; none where the keypoints
+        are enough. The name picks the camera, and is the file's stem by default.
+    cameras: camera file, or cameras by name; the one camera of a single clip is guessed without it.
+    keypoints: 2D keypoint files, given as the clips are; with cues those of one frame will do, tracking begins there.
+    cues: what is taken from the pictures: "off", or some of "edges", "flow" and "silhouette", as names or separated by
+        commas; "auto" takes them all where there are clips and less than half of the frames have keypoints.
+    masks, background: for the silhouette, given as the clips are: a video or folder of masks, white on the person; a
+        picture of the empty scene. Without them the background is learned from the clip.
+    tracker, modes: name of the tracker and how many hypotheses it keeps; unless given as many as its settings say, for
+        which each tracker has its own default. A single-mode tracker keeps one.
+    settings: nested changes to the tracker's settings (see `estimator.tracking.registry`), or a TOML file of them as
+        `kinemode settings` writes it. Those of cost, search and cues also reach the fit, which tracks with css.
+    seed: equal seeds give equal runs.
+    fit: "auto" fits an unchanged built-in subject to the person from the first frames: proportions from the keypoints,
+        and where edges or silhouettes are looked at the flesh too (CSS section 5); any other subject is taken as
+        measured. "proportions" leaves the flesh as it is, "off" every subject.
+    out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
+    resume: go on with `out` if it is there. overwrite: replace it.
+    person: which of several people in the keypoint files: "auto" or an id, for all cameras, or by camera as a mapping
+        or as CAMERA=ID texts. Cameras left to "auto" take the person that fits the others.
+    keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
+        not the clip's: (540, 960), or by name.
+    fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
+    offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
+    start, end: track from here to here [s], both included.
+    workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
+        run is the same with any number.
+        Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
+    progress: opens a progress report for each stage, such as `kinemode.reported`; none by default.
+
+    Raises
+    ------
+    InputError: whatever is wrong with what was given, a changed setting without effect included.
+    """
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        background=background, tracker=tracker, modes=modes, out=out, resume=resume, overwrite=overwrite,
+        person=person, settings=settings, workers=workers, progress=progress,
+    )  # fmt: skip
+    seed = whole("seed", seed, 0)
+    choice("fit", fit, FIT_CHOICES)
+    told = Declared(keypoint_size, fps, offset, start, end)
+    files = InputFiles(clips, keypoints, cameras, masks, background, person, told)
+    files.check()
+    _check_settings(settings)
+    if out is not None:
+        Target(Path(out), resume, overwrite).check()
+    loaded = loaded_subject(subject)
+    from kinemode import api
+
+    wanted = api.Wanted(
+        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported
+    )
+    return api.track_subject(loaded, files, wanted)
+
+
+def fit(
+    subject: SubjectLike,
+    clips: Named,
+    *,
+    cameras: Cameras = None,
+    keypoints: Named = None,
+    cues: str | Iterable[str] = "auto",
+    masks: Named = None,
+    background: Named = None,
+    seed: int = 0,
+    person: Persons = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    offset: Offsets = None,
+    start: float | None = None,
+    end: float | None = None,
+    out: PathLike | None = None,
+) -> Fit:
+    """Fit a subject to the person in the first frames of a clip; `out` is written as a URDF that loads again.
+
+    Proportions are fitted to the keypoints, and where edges or silhouettes are looked at the flesh to them. The
+    arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
+    """
+    check_arguments(
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        background=background, person=person, out=out,
+    )  # fmt: skip
+    seed = whole("seed", seed, 0)
+    told = Declared(keypoint_size, fps, offset, start, end)
+    files = InputFiles(clips, keypoints, cameras, masks, background, person, told)
+    files.check()
+    if out is not None:
+        check_folder(Path(out))
+    loaded = loaded_subject(subject)
+    from kinemode import api
+
+    return api.fit_person(loaded, files, cues, seed, out)
+
+
+def compare(
+    subject: SubjectLike,
+    clips: Named,
+    *,
+    trackers: str | Iterable[str],
+    out: PathLike,
+    reference: PathLike | None = None,
+    cameras: Cameras = None,
+    keypoints: Named = None,
+    cues: str | Iterable[str] = "auto",
+    masks: Named = None,
+    background: Named = None,
+    modes: int | None = None,
+    seed: int = 0,
+    fit: str = "auto",
+    resume: bool = False,
+    overwrite: bool = False,
+    person: Persons = "auto",
+    keypoint_size: Sizes = None,
+    fps: Rates = None,
+    offset: Offsets = None,
+    start: float | None = None,
+    end: float | None = None,
+    settings: Mapping[str, Any] | PathLike | None = None,
+    workers: int = 1,
+    progress: Reporter | None = None,
+) -> Comparison:
+    """Track one clip with several trackers and compare them; the subject is fitted once, for all of them.
+
+    Parameters
+    ----------
+    trackers: names, or one text with commas between them.
+    out: folder, made if it is not there, for the runs (NAME.run) and for compare.csv, compare.json and compare.png.
+    reference: known 3D landmarks (see `kinemode.evaluate`); in the world of `cameras` where these are given.
+    resume: go on with the runs that are there. overwrite: replace them.
+
+    All others are those of `track`.
+
+    Raises
+    ------
+    InputError: as `track` does; an unknown tracker; runs that are there, unasked.
+    """
+    check_arguments(
+        subject=subject, clips=clips, trackers=trackers, out=out, reference=reference, cameras=cameras,
+        keypoints=keypoints, cues=cues, masks=masks, background=background, modes=modes, resume=resume,
+        overwrite=overwrite, person=person, settings=settings, workers=workers, progress=progress,
+    )  # fmt: skip
+    if out is None:
+        raise misplaced("out", out, "the path of a folder")
+    seed = whole("seed", seed, 0)
+    choice("fit", fit, FIT_CHOICES)
+    told = Declared(keypoint_size, fps, offset, start, end)
+    files = InputFiles(clips, keypoints, cameras, masks, background, person, told)
+    files.check()
+    _check_settings(settings)
+    if isinstance(reference, (str, Path)):
+        check_exists(reference)
+    loaded = loaded_subject(subject)
+    from kinemode import api
+    from kinemode.comparison.compare import compare_trackers
+
+    wanted = api.Wanted(
+        cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported
+    )
+    return compare_trackers(loaded, files, trackers, wanted, reference)
+
+
+def loaded_subject(subject: SubjectLike) -> Subject:
+    """A subject as it is, or loaded from its name or path; raises InputError where there is none."""
+    from humanoid.subject.subject import Subject, load_subject
+
+    return subject if isinstance(subject, Subject) else load_subject(subject)
+
+
+def _check_settings(settings: Mapping[str, Any] | PathLike | None) -> None:
+    if isinstance(settings, (str, Path)):
+        check_exists(settings)

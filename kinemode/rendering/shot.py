@@ -1,0 +1,117 @@
+"""A motion before cameras, written as the files of a clip: the one renderer of clips."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator import synthesis
+from estimator.cameras.camera import Camera
+from estimator.formats.cameras import write_cameras
+from estimator.formats.keypoints import write_keypoints
+from estimator.media.film import write_film
+from estimator.media.picture import write_picture
+from estimator.synthesis import DetectorSettings, SceneSettings
+from estimator.synthesis.plate import ORIGIN, Place
+from humanoid.kinematics.body import Body, PosedBody
+from kinemode.rendering.files import RenderedClip, clip_files
+from kinemode.target import made_folder
+from kinemode.terminal.progress import Progress, Reporter, unreported
+
+
+class Shot(NamedTuple):
+    """What is filmed: q (T, nq) of a body at times (T,) [s], `fps` frames per second, by cameras in a place."""
+
+    body: Body
+    q: np.ndarray
+    times: np.ndarray
+    fps: float
+    cameras: tuple[Camera, ...]
+    scene: SceneSettings
+    place: Place = ORIGIN
+
+
+class Draws(NamedTuple):
+    """Where the random numbers are from: of the keypoints' errors, of room and clothes, of each camera's sensor."""
+
+    keypoints: np.random.Generator
+    scene: np.random.Generator
+    sensors: Sequence[np.random.Generator]
+
+
+def write_shot(
+    folder: str | Path,
+    shot: Shot,
+    draws: Draws,
+    detector: DetectorSettings,
+    *,
+    videos: bool = True,
+    masks: bool = False,
+    progress: Reporter = unreported,
+) -> RenderedClip:
+    """Write cameras, truth, body, keypoints, and the pictures as far as they are asked for; see `kinemode.render`.
+
+    Raises InputError where the folder cannot be written.
+    """
+    body, q = shot.body, shot.q
+    clip = clip_files(made_folder(Path(folder)), [c.name for c in shot.cameras], shot.scene, videos, masks)
+    write_cameras(clip.cameras, shot.cameras)
+    synthesis.write_truth(clip.truth, body, q, shot.times)
+    body.subject.write(clip.subject)
+    _write_keypoints(clip, shot, detector, draws.keypoints)
+    if videos or masks:
+        renderer = synthesis.Renderer(body, shot.cameras, draws.scene, shot.scene, shot.place)
+        with progress("rendering") as report:
+            _write_pictures(clip, renderer, shot, draws.sensors, report)
+    return clip
+
+
+def _write_keypoints(clip: RenderedClip, shot: Shot, detector: DetectorSettings, rng: np.random.Generator) -> None:
+    """The detector's keypoints with errors drawn from `rng`, and the exact first frame."""
+    noisy = synthesis.keypoints(
+        shot.body, shot.q, shot.cameras, rng, noise_px=detector.noise_px, outlier_fraction=detector.outlier_fraction,
+        missing_fraction=detector.missing_fraction, fps=shot.fps,
+    )  # fmt: skip
+    exact = synthesis.first_frame(shot.body, shot.q, shot.cameras, shot.fps)
+    for camera, track, first in zip(shot.cameras, noisy, exact, strict=True):
+        write_keypoints(clip.keypoints[camera.name], track)
+        write_keypoints(clip.first_frame[camera.name], first)
+
+
+def _write_pictures(
+    clip: RenderedClip,
+    renderer: synthesis.Renderer,
+    shot: Shot,
+    sensors: Sequence[np.random.Generator],
+    progress: Progress,
+) -> None:
+    """Videos, plates and masks, as far as the clip has them; sensors: the noise of each camera's."""
+    body, q, cameras = shot.body, shot.q, shot.cameras
+    opened = [while_open(body, q, t, renderer.settings) for t in range(len(q))]
+    for c, camera in enumerate(cameras):
+        if camera.name in clip.plates:
+            write_picture(clip.plates[camera.name], renderer.plate(c))
+
+        def picture(t: int, c: int = c) -> np.ndarray:
+            progress(c * len(q) + t + 1, len(cameras) * len(q))
+            return renderer.frame(opened[t], c, sensors[c], t / shot.fps)
+
+        if camera.name in clip.videos:
+            write_film(clip.videos[camera.name], map(picture, range(len(q))), shot.fps, fine=True)
+        if camera.name in clip.masks:
+            for t in range(len(q)):
+                mask = renderer.maps(body.at(q[t]), c).mask
+                write_picture(clip.masks[camera.name] / f"{t:05d}.png", np.where(mask, 255, 0).astype(np.uint8))
+
+
+def while_open(body: Body, q: np.ndarray, t: int, scene: SceneSettings) -> list[PosedBody]:
+    """The body while the shutter is open for frame t: half of that time before the frame's instant, half after."""
+    if scene.shutter == 0.0 or scene.sub_frames == 1:
+        return [body.at(q[t])]
+    before = body.difference(q[t], q[max(t - 1, 0)])
+    after = body.difference(q[t], q[min(t + 1, len(q) - 1)])
+    shares = scene.shutter * (np.arange(scene.sub_frames) + 0.5) / scene.sub_frames - 0.5 * scene.shutter
+    return [body.at(body.integrate(q[t], s * after if s > 0.0 else -s * before)) for s in shares]

@@ -1,0 +1,57 @@
+"""Where a result goes: checked before an hour of work, not after."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from humanoid.support.errors import InputError
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a run goes, and what becomes of one that is there.
+
+    resume: it is gone on with. overwrite: it is replaced.
+    """
+
+    path: Path
+    resume: bool = False
+    overwrite: bool = False
+
+    @property
+    def resumed(self) -> bool:
+        """Whether there is a run to go on with."""
+        return self.resume and self.path.exists()
+
+    def check(self) -> None:
+        """Raise InputError where the file cannot be written, or is there unasked."""
+        check_folder(self.path)
+        check_unasked([self.path], self.resume, self.overwrite, "--resume goes on with it, --overwrite replaces it")
+
+
+def check_unasked(paths: list[Path], resume: bool, overwrite: bool, remedy: str) -> None:
+    """Raise InputError, with the remedy, where one of the files is there and it is not said what becomes of it."""
+    present = next((path for path in paths if path.exists()), None)
+    if resume and overwrite:
+        raise InputError(present or paths[0], "cannot be resumed and overwritten", remedy="choose one")
+    if present is not None and not (resume or overwrite):
+        raise InputError(present, "exists already", remedy=remedy)
+
+
+def check_folder(path: Path) -> None:
+    """Raise InputError where a file cannot be put: its folder is missing, or it is a folder itself."""
+    if path.is_dir():
+        raise InputError(path, "is a folder, a file is needed")
+    if not path.absolute().parent.is_dir():
+        raise InputError(path, "its folder does not exist", remedy=f"mkdir -p {shlex.quote(str(path.parent))}")
+
+
+def made_folder(folder: Path) -> Path:
+    """The folder, made if it is not there; raises InputError where that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be made: {error.strerror}", remedy="name a folder of your own") from None
+    return folder
