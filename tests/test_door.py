@@ -1,0 +1,94 @@
+"""The front door: what it is made of, that nothing else is needed, and that nothing heavy stands behind it."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import kinemode as km
+from benchmarks.starting import FILE, LINES
+
+ROOT = Path(__file__).resolve().parent.parent
+HEAVY = {
+    "coal", "cv2", "matplotlib", "meshcat", "networkx", "numba", "numpy", "pinocchio", "proxsuite", "scipy", "trimesh",
+    "yourdfpy",
+}  # fmt: skip
+STANDARD = set(sys.stdlib_module_names) | {"__future__"}
+# what says that a subject is missing lists those of example-robot-data, whose module loads Pinocchio (and that coal)
+ALLOWED = {"track, no such subject": {"coal", "numpy", "pinocchio"}}
+
+_LOADED = """
+import json, sys
+{code}
+print()
+print(json.dumps(sorted({{name.partition(".")[0] for name in sys.modules}})))
+"""
+_COMMAND = """
+from kinemode.__main__ import main
+assert main({line!r}) == {expected}
+"""
+
+
+def heavy_modules(code: str, folder: Path) -> set[str]:
+    """Heavy libraries that a program loads."""
+    done = subprocess.run(
+        [sys.executable, "-c", _LOADED.format(code=code)], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return HEAVY & set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_a_heavy_module_would_be_seen(tmp_path: Path) -> None:
+    assert {"numba", "numpy", "pinocchio"} <= heavy_modules("import kinemode; kinemode.Body", tmp_path)
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_nothing_heavy_is_loaded_to_say_that_a_file_is_missing(name: str, tmp_path: Path) -> None:
+    (tmp_path / FILE).write_text("{}")
+    line = LINES[name]
+    code = line[1] if line[0] == "-c" else _COMMAND.format(line=list(line), expected=0 if line == ("--help",) else 2)
+    assert heavy_modules(code, tmp_path) <= ALLOWED.get(name, set())
+
+
+def test_every_public_name_is_there() -> None:
+    for name in km.__all__:
+        assert getattr(km, name) is not None, name
+    assert set(km._MODULES) | {"__version__"} == set(km.__all__)
+    with pytest.raises(AttributeError, match=r"no attribute .trak.; it has .*track"):
+        km.trak  # noqa: B018
+
+
+def imported(path: Path) -> set[str]:
+    """The packages that a file imports."""
+    packages = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            packages |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            packages.add("." * node.level + (node.module or ""))
+    return packages
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_examples_need_the_door_alone(path: Path) -> None:
+    """kinemode itself, no module of it, numpy and the standard library."""
+    inner = {name for name in imported(path) if name.partition(".")[0] not in STANDARD}
+    assert inner <= {"kinemode", "numpy"}
+
+
+def test_an_import_from_within_would_be_seen(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text("import kinemode.api\nfrom estimator.cameras import camera\nimport numpy as np")
+    assert imported(tmp_path / "a.py") == {"kinemode.api", "estimator.cameras", "numpy"}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "kinemode" / "commands").glob("*.py")), ids=lambda path: path.stem)
+def test_commands_have_no_second_way(path: Path) -> None:
+    """Commands call the door; beside it only what prints, and what has no public name."""
+    inner = {name for name in imported(path) if name.partition(".")[0] in ("humanoid", "estimator", "viz", "kinemode")}
+    printing = {"kinemode", "kinemode.terminal", "kinemode.comparison.report", "kinemode.commands.options"}
+    unnamed = {"kinemode.demo", "kinemode.explain", "kinemode.findings", "kinemode.settings", "viz.cue_pictures"}
+    assert inner <= printing | unnamed
