@@ -17,7 +17,6 @@ from kinemode import __main__ as front
 from tests.test_viz import looking_camera, moving_scene, saved
 from viz.palette import SIDES
 from viz.pictures.painter import BodyPainter, camera_view
-from viz.solids import mesh_files
 from viz.solids.body_solids import body_solids, drawing_notes
 from viz.solids.decimation import simplified
 from viz.solids.solid import Solid, merged
@@ -178,8 +177,8 @@ def test_a_leaf_without_its_mesh_is_a_ball(tmp_path: Path) -> None:
 
 def test_meshes_are_read_once_and_anew_when_they_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
-    load = mesh_files.trimesh.load
-    monkeypatch.setattr(mesh_files.trimesh, "load", lambda path, **k: (read.append(path), load(path, **k))[1])
+    load = trimesh.load
+    monkeypatch.setattr(trimesh, "load", lambda path, **k: (read.append(path), load(path, **k))[1])
     urdf = arm(tmp_path, mesh(box_stl(tmp_path / "a.stl")))
     for coarse in (False, True, False):
         drawn(urdf, coarse=coarse)

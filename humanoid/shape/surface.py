@@ -11,6 +11,7 @@ import pinocchio as pin
 from humanoid.kinematics.body import Body
 from humanoid.shape.flesh_nodes import Nodes, even_nodes, flesh_normals, flesh_points, surface_area
 from humanoid.shape.solids import Geometry
+from humanoid.shape.surface_hulls import HullPart, hull_nodes, hull_parts
 from humanoid.subject.subject import Flesh
 from humanoid.support.errors import InputError
 
@@ -53,7 +54,7 @@ def surface_of(body: Body, nodes: int = 1000, geometry: Geometry = "auto") -> Su
         if not body.subject.flesh:
             raise InputError(body.subject.source, "has no flesh", remedy='add <flesh> to its links, or geometry="auto"')
         return flesh_surface(body, spread_nodes(body.subject.flesh, nodes))
-    return _hull_surface(body, geometry, nodes)
+    return _hull_surface(hull_parts(body, geometry), nodes)
 
 
 def spread_nodes(flesh: Sequence[Flesh], nodes: int) -> list[Nodes]:
@@ -81,10 +82,7 @@ def flesh_surface(body: Body, nodes: Sequence[Nodes], flesh: Sequence[Flesh] | N
     return _joined([f.link for f in flesh], joints, convex, local, normal, [n.faces for n in nodes])
 
 
-def _hull_surface(body: Body, geometry: Geometry, nodes: int) -> Surface:
-    from humanoid.shape.surface_hulls import hull_nodes, hull_parts  # slow to import: trimesh makes the hulls
-
-    parts = hull_parts(body, geometry)
+def _hull_surface(parts: Sequence[HullPart], nodes: int) -> Surface:
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * sum(p.area for p in parts) / nodes)
     for _ in range(_ROUNDS):
         found = [hull_nodes(p, spacing) for p in parts]

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import trimesh
 
 from humanoid.kinematics.body import Body
 from humanoid.shape.flesh_nodes import even_nodes, flesh_points
@@ -72,6 +71,8 @@ def _solids(body: Body, geometry: Geometry) -> tuple[Solid, ...]:
 
 
 def _part(solid: Solid) -> HullPart:
+    import trimesh  # slow to import, and only needed for URDFs without flesh
+
     hull = trimesh.Trimesh(_corners(solid.geometry), process=False).convex_hull
     points = np.asarray(hull.vertices) @ solid.rotation.T + solid.translation
     mean = points.mean(axis=0)
@@ -93,6 +94,8 @@ def _part(solid: Solid) -> HullPart:
 
 def _corners(shape: coal.CollisionGeometry) -> np.ndarray:
     """Points (N, 3) whose convex hull is the shape, or nearly so where it is round."""
+    import trimesh
+
     if isinstance(shape, coal.ConvexBase):
         return np.array([shape.point(i) for i in range(shape.num_points)])
     if isinstance(shape, coal.Box):
@@ -103,6 +106,8 @@ def _corners(shape: coal.CollisionGeometry) -> np.ndarray:
 
 
 def _round_corners(shape: coal.CollisionGeometry) -> np.ndarray:
+    import trimesh
+
     sphere = np.asarray(trimesh.creation.uv_sphere(radius=1.0, count=[24, 48]).vertices)
     if isinstance(shape, coal.Capsule):
         ends = np.where(sphere[:, 2:] < 0.0, -shape.halfLength, shape.halfLength)

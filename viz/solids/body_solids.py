@@ -11,6 +11,7 @@ from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.flesh import flesh_meshes, solid_mesh
 from humanoid.subject.subject import Flesh
 from viz.solids.solid import Side, Solid, side_of
+from viz.solids.visual_solids import missing_meshes, visual_solids
 
 _BALL = 0.03  # radius of what stands for a link that nothing is known of [m]
 
@@ -66,8 +67,6 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
         around, along = (12, 6) if coarse else (20, 12)
         meshes = flesh_meshes(body, around, along)
         return tuple(Solid(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
-    from viz.solids.visual_solids import visual_solids  # slow to import: trimesh reads the meshes
-
     solids, bare = visual_solids(body, coarse=coarse)
     if not solids and not bare:
         return _tree_solids(body)
@@ -76,11 +75,7 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
 
 def drawing_notes(body: Body) -> tuple[str, ...]:
     """What a user should know about how the body is drawn, one sentence each."""
-    if body.subject.flesh:
-        return ()
-    from viz.solids.visual_solids import missing_meshes
-
-    missing = missing_meshes(body)
+    missing = () if body.subject.flesh else missing_meshes(body)
     if not missing:
         return ()
     links = sorted({shape.link for shape in missing})

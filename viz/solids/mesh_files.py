@@ -6,14 +6,16 @@ import logging
 import warnings
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import trimesh
 
 from humanoid.support.errors import InputError
 from viz.palette import Rgb
 from viz.solids.triangles import Triangles, merged_vertices
+
+if TYPE_CHECKING:
+    import trimesh
 
 _KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")  # not archives, which trimesh would unpack
 _LARGEST = 200_000_000  # bytes
@@ -60,6 +62,8 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
         raise InputError(file.path, "is no kind of mesh that can be drawn", remedy="one of " + " ".join(_KINDS))
     if file.size > _LARGEST:
         raise InputError(file.path, f"is larger than {_LARGEST // 1_000_000} MB", remedy="give a lighter mesh")
+    import trimesh  # slow to import, and only needed for URDFs without flesh
+
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # what is wrong with a file is said below, once
@@ -84,6 +88,8 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
 
 def _pieces(loaded: Any) -> list[tuple[np.ndarray, np.ndarray, tuple[Rgb | None, ...]]]:
     """Corners (F, 3, 3), label (F,) and colours of everything in a file that has triangles."""
+    import trimesh
+
     scene = loaded if isinstance(loaded, trimesh.Scene) else trimesh.Scene(loaded)
     pieces = []
     for node in scene.graph.nodes_geometry:

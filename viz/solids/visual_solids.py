@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import trimesh
 
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface_hulls import vertex_normals
@@ -20,6 +19,9 @@ from viz.solids.mesh_files import ColouredMesh, MeshFile, mesh_file, read_mesh
 from viz.solids.solid import Solid, side_of
 from viz.solids.triangles import Triangles, compact, creased, merged_vertices, oriented
 from viz.solids.visual_shapes import Shape, shapes_of
+
+if TYPE_CHECKING:
+    import trimesh
 
 FINE, COARSE = 18_000, 5_000  # triangles of a whole body
 _FACETS = 24
@@ -131,6 +133,8 @@ def _mesh(source: _Source) -> ColouredMesh:
 
 
 def _primitive(kind: str, size: tuple[float, ...]) -> trimesh.Trimesh:
+    import trimesh  # slow to import, and only needed for URDFs without flesh
+
     if kind == "box":
         return trimesh.creation.box(extents=size)
     if kind == "sphere":
