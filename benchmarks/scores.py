@@ -20,12 +20,12 @@ from estimator.results.evaluation import (
     limit_violations,
     mpjpe,
     pa_mpjpe,
-    shared_landmarks,
 )
+from estimator.results.pairs import paired
 from estimator.results.run_file import Run
+from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
 from estimator.smoothing import FixedLag
 from estimator.tracking.registry import make_tracker
-from kinemode.comparison.scores import FAR, FAR_PX, lost_frames
 from kinemode.explain import run_settings
 
 FAR_MM = 1e3 * FAR
@@ -159,16 +159,15 @@ class TrackErrors:
 
 def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, camera: Camera) -> TrackErrors:
     """Errors of points (T, L, 3), NaN in frames without a pose, against truth (T, L, 3) [m]; names (L)."""
-    error = 1e3 * np.linalg.norm(points - truth, axis=-1).mean(axis=-1)
-    pixels = np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1).mean(axis=-1)
-    lost = np.flatnonzero(lost_frames(points, truth, (camera,)))
     hips = [names.index(hip) for hip in HIPS] if set(HIPS) <= set(names) else None
+    errors = trajectory_errors(points, truth, hips, (camera,))
+    lost = np.flatnonzero(errors.lost)
     return TrackErrors(
-        mean=float(error.mean()),
-        worst=float(error.max()),
-        pixels=float(pixels.max()),
+        mean=1e3 * float(errors.world.mean()),
+        worst=1e3 * float(errors.world.max()),
+        pixels=float(errors.pixels.max()),
         lost=int(lost[0]) if len(lost) else None,
-        aligned=1e3 * float(mpjpe(points, truth, hips).mean()) if hips else float("nan"),
+        aligned=1e3 * float(errors.aligned.mean()) if hips else float("nan"),
         pa=1e3 * float(pa_mpjpe(points, truth).mean()),
     )
 
@@ -176,8 +175,8 @@ def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, 
 def trajectories(run: Run, truth: Reference) -> dict[str, TrackErrors]:
     """Errors of a run from one camera, by `TRAJECTORIES`: smoothed; the best of each frame as it was tracked; of each
     frame's K hypotheses the one whose joints are nearest."""
-    names, ours, theirs, *_ = shared_landmarks(run.body.landmark_names, truth.names)
-    true = truth.points[run.index][:, theirs]
+    pairs = paired(run.body.landmark_names, run.time, truth)
+    names, ours, true = pairs.shared.names, pairs.shared.ours, pairs.truth_of_frames(len(run.time))
     modes = run.mode_landmarks[:, :, ours]
     distance = mpjpe(modes, true[:, None])
     nearest = np.where(np.isnan(distance), np.inf, distance).argmin(axis=1)

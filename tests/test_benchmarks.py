@@ -89,10 +89,11 @@ def test_the_trajectories_of_a_run() -> None:
     truth[2:] += np.arange(frames)[:, None, None] * TO_THE_SIDE * 0.1
     modes = np.stack([off(0.1, 0.3, 0.1), off(0.05, 0.06, np.nan)], axis=1)
     run = SimpleNamespace(
-        body=SimpleNamespace(landmark_names=body_names), index=np.arange(2, 2 + frames), mode_landmarks=modes,
+        body=SimpleNamespace(landmark_names=body_names), time=np.arange(2, 2 + frames) / 30.0, mode_landmarks=modes,
+
         landmarks=off(0.02, 0.08, 0.04), header=SimpleNamespace(cameras=(CAMERA,)),
     )  # fmt: skip
-    found = trajectories(run, Reference(LIMB_JOINTS, truth))  # type: ignore[arg-type]
+    found = trajectories(run, Reference(LIMB_JOINTS, truth, np.arange(frames + 2) / 30.0))  # type: ignore[arg-type]
     assert found["smoothed"].mean == pytest.approx(140.0 / 3.0)
     assert found["filtered"].worst == pytest.approx(300.0)
     assert found["filtered"].lost == 1

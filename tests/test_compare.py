@@ -15,13 +15,14 @@ import pytest
 
 import kinemode
 from estimator.results.evaluation import HIPS, LIMB_JOINTS, Reference, mpjpe
+from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
 from kinemode.comparison.compare import Comparison, tracker_names
 from kinemode.comparison.files import plotted
-from kinemode.comparison.scores import FAR, FAR_PX, courses, lost_frames
+from kinemode.comparison.scores import courses
 from kinemode.comparison.times import TrackTime
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal.progress import unreported
@@ -97,7 +98,7 @@ def test_lost_frames(compared: Comparison) -> None:
     gone = points.copy()
     gone[1] = np.nan
     gone[3] += (FAR + 0.01) * cameras[0].R_camera_world[2]  # along the optical axis
-    assert lost_frames(gone, points, cameras).tolist() == [False, True, False, True, False]
+    assert trajectory_errors(gone, points, None, cameras).lost.tolist() == [False, True, False, True, False]
     truth = points.copy()
     truth[3:] = np.nan  # what the reference does not know nobody can lose
     reference = Reference(run.body.landmark_names, truth + 2.0, None)

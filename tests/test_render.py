@@ -17,7 +17,8 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.rendering.files import RenderedClip, while_open
+from kinemode.rendering.files import RenderedClip
+from kinemode.rendering.shot import while_open
 
 SMALL = ViewSettings(count=2, image_size=(160, 120))
 EXACT = DetectorSettings(0.0, 0.0, 0.0)

@@ -17,6 +17,7 @@ import numpy as np
 from estimator.formats.opensim import Coordinates
 from estimator.formats.reference import load_reference
 from estimator.results.coordinate_errors import coordinate_errors, joint_coordinates
+from estimator.results.pairs import Pairs, match_frames, paired
 from estimator.results.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body
@@ -163,35 +164,6 @@ def largest_penetration(body: Body, q: np.ndarray) -> float:
     return max((clearance.penetration(body.at(one)) for one in known), default=0.0)
 
 
-def match_frames(time: np.ndarray, reference_time: np.ndarray | None, count: int) -> np.ndarray:
-    """Index of the run's frame for each of the reference's `count` frames, -1 where there is none, (count,).
-
-    time (T,) of the run, reference_time (count,) [s]: the nearest within half a frame of the slower of the two;
-    without reference times, the frame of the same number.
-    """
-    if reference_time is None or len(time) == 0:
-        index = np.arange(count)
-        return np.where(index < len(time), index, -1)
-    order = np.argsort(time)
-    ordered = time[order]
-    right = np.clip(np.searchsorted(ordered, reference_time), 0, len(time) - 1)
-    left = np.maximum(right - 1, 0)
-    closer = np.abs(ordered[left] - reference_time) <= np.abs(ordered[right] - reference_time)
-    nearest = np.where(closer, left, right)
-    # a finer reference is thinned to the run's frames: each is compared with one frame only
-    half = 0.5 * max(_period(ordered), _period(np.sort(reference_time))) + 1e-6
-    gap = np.abs(ordered[nearest] - reference_time)
-    matched = np.where(gap <= half, nearest, -1)
-    for i in np.unique(matched[matched >= 0]):
-        rivals = np.flatnonzero(matched == i)
-        matched[np.delete(rivals, np.argmin(gap[rivals]))] = -1
-    return np.where(matched >= 0, order[matched], -1)
-
-
-def _period(time: np.ndarray) -> float:
-    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-
-
 def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = None) -> Evaluation:
     """Measure a run against a reference: the landmarks and the joint coordinates that both have by name.
 
@@ -205,11 +177,11 @@ def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = N
     frame = match_frames(time, reference.time, len(reference.points))
     turns, slides, compared = coordinate_errors(body, q, reference.coordinates, frame)
     names = tuple(body.landmark_names)
-    shared = shared_landmarks(names, reference.names, joints)
-    if not shared.names and not (turns or slides):
+    pairs = paired(names, time, reference, joints)
+    if not pairs.shared.names and not (turns or slides):
         raise nothing_shared(names, reference, joint_coordinates(body))
-    scores = _point_scores(shared, run.landmarks, run.mode_landmarks, frame, reference)
-    if not shared.names:
+    scores = _point_scores(pairs, run.landmarks, run.mode_landmarks, reference)
+    if not pairs.shared.names:
         scores |= {"frames_compared": compared, "frames_missing": len(reference.points) - compared}
     return Evaluation(
         violations=limit_violations(body, q), penetration=largest_penetration(body, q), angle_errors=turns,
@@ -231,20 +203,17 @@ def evaluate_points(
     landmarks (T, L, 3), mode_landmarks (T, K, L, 3) [m] of `names` (L) at `time` (T,) [s]. Raises InputError where no
     landmark is shared.
     """
-    shared = shared_landmarks(names, reference.names, joints)
-    if not shared.names:
+    pairs = paired(names, time, reference, joints)
+    if not pairs.shared.names:
         raise nothing_shared(names, reference)
-    frame = match_frames(time, reference.time, len(reference.points))
-    return _point_scores(shared, landmarks, mode_landmarks, frame, reference)
+    return _point_scores(pairs, landmarks, mode_landmarks, reference)
 
 
 def _point_scores(
-    shared: Shared, landmarks: np.ndarray, mode_landmarks: np.ndarray, frame: np.ndarray, reference: Reference
+    pairs: Pairs, landmarks: np.ndarray, mode_landmarks: np.ndarray, reference: Reference
 ) -> dict[str, Any]:
-    """frame (T,): the run's frame for each of the reference's, -1 for none."""
-    row, root = frame >= 0, shared.root
-    points, modes = landmarks[frame[row]][:, shared.ours], mode_landmarks[frame[row]][:, :, shared.ours]
-    truth = reference.points[row][:, shared.theirs]
+    shared, truth = pairs.shared, pairs.truth
+    root, points, modes = shared.root, pairs.of(landmarks), pairs.of(mode_landmarks)
     errors = joint_errors(points, truth, root)
     per_frame = _mean(errors, axis=-1)
     return {

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from estimator.results.trajectory_errors import FAR, FAR_PX
 from humanoid.support.atomic import replacing
-from kinemode.comparison.scores import FAR, FAR_PX, Course, TrackerScore
+from kinemode.comparison.scores import Course, TrackerScore
 from viz.pictures.plot import Curve, Panel, Plot, write_plot
 
 UNITS = {"fps": "1/s", "residual": "px"} | dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k", "final_mpjpe"), "m")
@@ -20,7 +21,7 @@ ENOUGH = 0.5  # share of frames with keypoints from which the distance to them i
 
 
 def write_comparison(
-    folder: Path, scores: Sequence[TrackerScore], found: Mapping[str, Course]
+    folder: Path, scores: Sequence[TrackerScore], courses: Mapping[str, Course]
 ) -> tuple[Path, Path, Path]:
     """Write compare.csv, one row a tracker, compare.json, which also has every frame, and compare.png: their paths."""
     table, figures, plot = (folder / f"compare.{suffix}" for suffix in ("csv", "json", "png"))
@@ -28,19 +29,19 @@ def write_comparison(
         rows = csv.writer(file)
         rows.writerow([f"{f.name} [{UNITS[f.name]}]" if f.name in UNITS else f.name for f in fields(TrackerScore)])
         rows.writerows([["" if _unknown(v) else v for v in asdict(score).values()] for score in scores])
-    every = {s.tracker: asdict(s) | {"course": asdict(found[s.tracker])} for s in scores}
+    every = {s.tracker: asdict(s) | {"course": asdict(courses[s.tracker])} for s in scores}
     with replacing(figures) as temporary:
         temporary.write_text(json.dumps(_plain(every), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     with replacing(plot) as temporary:
-        write_plot(plotted(scores, found), temporary)
+        write_plot(plotted(scores, courses), temporary)
     return table, figures, plot
 
 
-def plotted(scores: Sequence[TrackerScore], found: Mapping[str, Course]) -> Plot:
+def plotted(scores: Sequence[TrackerScore], courses: Mapping[str, Course]) -> Plot:
     """The errors over time by which poses are lost: in the world and in the image where reference and cameras share one
     world, else the aligned one. Without a reference the distance to the keypoints, and where few frames have them the
     energy."""
-    courses = {score.tracker: found[score.tracker] for score in scores}
+    courses = {score.tracker: courses[score.tracker] for score in scores}
     residuals = np.concatenate([course.residual for course in courses.values()])
     if any(course.placed for course in courses.values()):
         panels = [

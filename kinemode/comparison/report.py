@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.results.trajectory_errors import FAR, FAR_PX
 from kinemode.comparison.compare import Comparison
-from kinemode.comparison.scores import FAR, FAR_PX, TrackerScore
+from kinemode.comparison.scores import TrackerScore
 from kinemode.findings import status_meanings
 from kinemode.terminal.report import console, millimetres, table
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
-from estimator.results.evaluation import Reference, evaluate_points, match_frames, mpjpe, shared_landmarks
+from estimator.results.evaluation import Reference, evaluate_points
+from estimator.results.pairs import paired
 from estimator.results.run_file import Run
+from estimator.results.trajectory_errors import trajectory_errors
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import observable
 from estimator.tracking.registry import Settings, make_tracker
@@ -19,8 +20,6 @@ from kinemode.comparison.times import TrackTime
 from kinemode.explain import cue_reader, run_settings
 from kinemode.terminal.progress import Progress
 
-FAR = 0.25
-FAR_PX = 15.0
 _NO_ERRORS = dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k_mpjpe"), float("nan"))
 
 
@@ -33,8 +32,8 @@ class Course:
     error (T,): mean error of the compared landmarks, aligned as `estimator.results.evaluation.shared_landmarks` says
     [m]. world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
     camera where it is largest [px]; NaN unless reference and cameras share one world.
-    lost (T,) bool: by `lost_frames`, or, where no world is shared, by an error above `FAR`. Without a reference, or
-    where it knows nothing, all errors are NaN and no frame is lost. aligned: what is, in words.
+    lost (T,) bool: see `estimator.results.trajectory_errors.TrajectoryErrors`. Without a reference, or where it knows
+    nothing, all errors are NaN and no frame is lost. aligned: what is, in words.
     """
 
     time: np.ndarray
@@ -116,43 +115,15 @@ def courses(
 
 
 def _course(run: Run, energy: np.ndarray, reference: Reference | None, placed: bool) -> Course:
-    points = run.mode_landmarks[:, 0]
-    error, world, pixels = (np.full(len(run), np.nan) for _ in range(3))
-    lost, aligned = np.zeros(len(run), dtype=bool), ""
-    if reference is not None:
-        names, ours, theirs, root, aligned = shared_landmarks(run.body.landmark_names, reference.names)
-        frame = match_frames(run.time, reference.time, len(reference.points))
-        truth = np.full((len(run), len(names), 3), np.nan)
-        truth[frame[frame >= 0]] = reference.points[frame >= 0][:, theirs]
-        error = mpjpe(points[:, ours], truth, root)
-        if placed:
-            world = world_error(points[:, ours], truth)
-            pixels = pixel_error(points[:, ours], truth, run.header.cameras)
-        known = np.isfinite(truth).all(axis=(1, 2))
-        lost = known & ~(_within(world, pixels) if placed else error <= FAR)
-    return Course(run.time, energy, _residual(run), error, world, pixels, lost, aligned)
-
-
-def lost_frames(points: np.ndarray, truth: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """(T,) bool: where joints points (T, L, 3) are on average more than `FAR` from truth (T, L, 3) [m] in the world,
-    nothing aligned, or more than `FAR_PX` in the image of one of the cameras; a frame without a pose is lost."""
-    return ~_within(world_error(points, truth), pixel_error(points, truth, cameras))
-
-
-def world_error(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Mean distance (T,) of points (T, L, 3) from truth (T, L, 3), nothing aligned [m]; NaN where one is unknown."""
-    return np.asarray(np.linalg.norm(points - truth, axis=-1).mean(axis=-1))
-
-
-def pixel_error(points: np.ndarray, truth: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
-    """Mean distance (T,) of the images of points from those of truth, both (T, L, 3) [m], in the camera where it is
-    largest [px]; NaN where one is unknown."""
-    apart = [np.linalg.norm(camera.project(points) - camera.project(truth), axis=-1) for camera in cameras]
-    return np.asarray(np.max([one.mean(axis=-1) for one in apart], axis=0))
-
-
-def _within(world: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    return (world <= FAR) & (pixels <= FAR_PX)
+    if reference is None:
+        nothing, never = np.full(len(run), np.nan), np.zeros(len(run), dtype=bool)
+        return Course(run.time, energy, _residual(run), nothing, nothing, nothing, never)
+    pairs = paired(run.body.landmark_names, run.time, reference)
+    points, truth = run.mode_landmarks[:, 0][:, pairs.shared.ours], pairs.truth_of_frames(len(run))
+    errors = trajectory_errors(points, truth, pairs.shared.root, run.header.cameras if placed else None)
+    return Course(
+        run.time, energy, _residual(run), errors.aligned, errors.world, errors.pixels, errors.lost, pairs.shared.aligned
+    )
 
 
 def _residual(run: Run) -> np.ndarray:
@@ -170,18 +141,18 @@ def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -
     not charged for it."""
     run = next(iter(runs.values()))
     search = make_tracker("css", run.body, settings).search
-    found = {name: np.full(len(run), np.nan) for name in runs}
+    energies = {name: np.full(len(run), np.nan) for name in runs}
     with ExitStack() as stack:
         reader = stack.enter_context(closing(cue_reader(run, run_settings(run)))) if run.header.cues else None
         for t in range(len(run)):
             observation = run.observation(t)
             if reader is not None:
                 observation = replace(observation, cues=reader.at(t))
-            for name, one in runs.items():
-                if observable(observation) and np.isfinite(one.mode_q[t, 0]).all():
-                    found[name][t] = _energy(search, observation, one.mode_q[t, 0])
+            for name, tracked in runs.items():
+                if observable(observation) and np.isfinite(tracked.mode_q[t, 0]).all():
+                    energies[name][t] = _energy(search, observation, tracked.mode_q[t, 0])
             progress(t + 1, len(run))
-    return found
+    return energies
 
 
 def _energy(search: ModeSearch, observation: Observation, q: np.ndarray) -> float:
