@@ -20,8 +20,8 @@ from cyclopts import Parameter
 from benchmarks.bits_cases import CASES, ENDLESS, INPUT, RESULT, SAME, outcome
 from benchmarks.common import Several, in_processes, save, start, tell, work_folder
 from humanoid.support.errors import InputError
-from kinemode import report
-from kinemode.render_files import made_folder
+from kinemode.target import made_folder
+from kinemode.terminal import report
 
 Record = dict[str, Any]
 """What is kept of a case: "frames" it was asked for, "seed", and "arrays", their hashes by name."""

@@ -24,8 +24,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from kinemode.demo import CAMERA, make_clip
 from kinemode.pictures import CUES
-from kinemode.render import render_clip
-from kinemode.render_files import made_folder
+from kinemode.target import made_folder
 
 BEAM_FPS = 60.0
 FPS = 10.0  # of the short clips, whose motion is to be large
@@ -79,7 +78,7 @@ def _beam4cam(_: Path, frames: int | None, data: Path | None, *, cameras: tuple[
 def _pivot(folder: Path, frames: int | None, _: Path | None) -> Given:
     """The stand-in of `benchmarks.sequences`: joints given in the first frame, then pictures alone."""
     fps = SEQUENCE_FPS["pivot"]
-    clip = render_clip(folder, "pivot", fps=fps, seconds=None if frames is None else frames / fps, seed=CLIP_SEED)
+    clip = km.render(folder, "pivot", fps=fps, seconds=None if frames is None else frames / fps, seed=CLIP_SEED)
     return {"subject": clip.subject, "clips": clip.videos, "cameras": clip.cameras, "keypoints": clip.first_frame,
             "cues": CUES, "modes": 7, "fit": "off"}  # fmt: skip
 
@@ -106,7 +105,7 @@ def _reach(
     folder: Path, frames: int | None, _: Path | None, *, tracker: str, cues: bool = False, workers: int = 1
 ) -> Given:
     """human34 reaching, with a small picture; from keypoints, or from pictures after the first frame."""
-    clip = render_clip(
+    clip = km.render(
         folder, "reach", view=ViewSettings(image_size=SMALL), detector=DetectorSettings(noise_px=1.5), fps=FPS,
         seconds=None if frames is None else frames / FPS, seed=CLIP_SEED, videos=cues,
     )  # fmt: skip
