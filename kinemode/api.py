@@ -83,8 +83,8 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: Wanted) -> Run:
     with kept_if_interrupted(lambda: frames_at_first(job.target)), threadpool_limits(limits=1):
         inputs = load_inputs(Body(loaded), files)
         _check_inputs(loaded, inputs)
-        found = _track(job, loaded, inputs, choice)
-    for sentence in found:
+        against_input = _track(job, loaded, inputs, choice)
+    for sentence in against_input:
         warnings.warn(sentence, FindingWarning, stacklevel=3)
     return Run.open(path)
 
@@ -146,7 +146,7 @@ def fit_person(loaded: Subject, files: InputFiles, cues: str | Iterable[str], se
 
 
 def is_built_in(subject: Subject) -> bool:
-    """Whether this is a built-in subject with the proportions and the flesh it was shipped with, nobody's yet."""
+    """Whether this is a built-in subject with the proportions and flesh it was shipped with, fitted to no person."""
     if subject.source not in BUILT_IN:
         return False
     shipped = load_subject(subject.source)
@@ -155,7 +155,7 @@ def is_built_in(subject: Subject) -> bool:
 
 def frames_at_first(target: Target) -> int | None:
     """How many frames the run to go on with has; None where there is none."""
-    with suppress(InputError):  # a damaged one has been, or will be, complained of
+    with suppress(InputError):  # a damaged one is refused elsewhere
         return len(Run.open(target.path)) if target.resumed else None
     return None
 

@@ -83,7 +83,7 @@ def names_of(settings: CueSettings | None) -> tuple[str, ...]:
 
 
 def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> list[str]:
-    """What a user should hear of the choice."""
+    """What a user should know of the choice."""
     usable = [startable(o) for o in inputs.observations]
     count = f"keypoints in {sum(usable)} of {len(usable)} frames"
     if choice is None and chosen is not None:

@@ -11,7 +11,7 @@ from humanoid.support.errors import InputError
 
 @dataclass(frozen=True)
 class Target:
-    """Where a run goes, and what becomes of one that is there.
+    """Where a run goes, and what is done with one that is there.
 
     resume: it is gone on with. overwrite: it is replaced.
     """
@@ -26,13 +26,13 @@ class Target:
         return self.resume and self.path.exists()
 
     def check(self) -> None:
-        """Raise InputError where the file cannot be written, or is there unasked."""
+        """Raise InputError where the file cannot be written, or is there without `resume` or `overwrite`."""
         check_folder(self.path)
-        check_unasked([self.path], self.resume, self.overwrite, "--resume goes on with it, --overwrite replaces it")
+        check_absent([self.path], self.resume, self.overwrite, "--resume goes on with it, --overwrite replaces it")
 
 
-def check_unasked(paths: list[Path], resume: bool, overwrite: bool, remedy: str) -> None:
-    """Raise InputError, with the remedy, where one of the files is there and it is not said what becomes of it."""
+def check_absent(paths: list[Path], resume: bool, overwrite: bool, remedy: str) -> None:
+    """Raise InputError, with the remedy, where one of the files is there without `resume` or `overwrite`."""
     present = next((path for path in paths if path.exists()), None)
     if resume and overwrite:
         raise InputError(present or paths[0], "cannot be resumed and overwritten", remedy="choose one")

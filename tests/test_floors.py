@@ -69,7 +69,7 @@ def upward_imports(root: Path) -> list[str]:
 
 
 def rings(root: Path) -> list[str]:
-    """Folders of humanoid and estimator that import each other, directly or through others: each is to be a floor."""
+    """Rooms that import each other, directly or through others: each is to be a floor."""
     known = modules(root)
     graph: dict[str, dict[str, str]] = {}
     for name, path in known.items():
@@ -77,15 +77,17 @@ def rings(root: Path) -> list[str]:
             continue  # the package's face gathers names
         for target in imports(path, name, known, lazy=True):
             here, there = room_of(path, root), room_of(known[target], root) if target in known else ""
-            if there.split(".")[0] in ("humanoid", "estimator") and here != there:
+            if there not in ("", *FLOORS) and here != there:
                 graph.setdefault(here, {}).setdefault(there, f"{name} imports {target}")
     simple = {room: sorted(others) for room, others in graph.items()}
     return ["; ".join(graph[a][b] for a, b in pairwise(ring)) for ring in _cycles(simple)]
 
 
 def room_of(path: Path, root: Path) -> str:
-    """The dotted name of a file's folder."""
-    return ".".join(path.parent.relative_to(root).parts)
+    """The dotted name of a file's folder; in viz and kinemode a file outside of all rooms is one of its own."""
+    folder = path.parent.relative_to(root).parts
+    outside = folder in (("viz",), ("kinemode",)) and path.name != "__init__.py"
+    return ".".join((*folder, path.stem) if outside else folder)
 
 
 def cycles(root: Path) -> list[str]:
@@ -163,7 +165,11 @@ def test_a_planted_ring_of_folders_is_found(tmp_path: Path) -> None:
     plant(tmp_path, {"estimator/a/x.py": "from estimator.b import y", "estimator/b/y.py": "", "estimator/b/z.py": ""})
     assert rings(tmp_path) == []
     plant(tmp_path, {"estimator/b/z.py": "def f():\n    from estimator.a.x import g"})
-    assert rings(tmp_path) == ["estimator.a.x imports estimator.b.y; estimator.b.z imports estimator.a.x"]
+    ring = "estimator.a.x imports estimator.b.y; estimator.b.z imports estimator.a.x"
+    assert rings(tmp_path) == [ring]
+    door = {"kinemode/a/x.py": "from kinemode import cli", "kinemode/cli.py": "def f():\n    from kinemode.a.x import g"}
+    plant(tmp_path, {**door, "viz/sheet.py": "import viz"})
+    assert rings(tmp_path) == [ring, "kinemode.a.x imports kinemode.cli; kinemode.cli imports kinemode.a.x"]
 
 
 def plant(root: Path, files: Mapping[str, str]) -> None:

@@ -51,7 +51,7 @@ class LocalServer(ThreadingHTTPServer):
         threading.Thread(target=self.shutdown, daemon=True).start()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that leaves in the middle of an answer is nobody's news."""
+        """A browser that leaves in the middle of an answer is no error."""
         if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
@@ -71,10 +71,10 @@ class LocalHandler(BaseHTTPRequestHandler):
         route = self.route()
         if route is not None:
             self.get(route)
-        elif self.known_host() and self.path == "/favicon.ico":  # browsers ask for it unasked
+        elif self.known_host() and self.path == "/favicon.ico":  # browsers ask for it by themselves
             self.send(HTTPStatus.NO_CONTENT)
         else:
-            self.refuse_stranger()
+            self.refuse_other_pages()
 
     do_HEAD = do_GET  # `send` leaves the body out
 
@@ -91,7 +91,7 @@ class LocalHandler(BaseHTTPRequestHandler):
         known = hmac.compare_digest(token.encode("utf-8", "replace"), self.server.token.encode("ascii"))
         return route if known and slash else None
 
-    def refuse_stranger(self) -> None:
+    def refuse_other_pages(self) -> None:
         """Answer who does not know the address."""
         self.refuse(HTTPStatus.FORBIDDEN, "this address is not known here")
 
@@ -116,4 +116,4 @@ class LocalHandler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Requests are nobody's news."""
+        """Requests are not logged."""

@@ -31,7 +31,7 @@ def no_clicks(names: Sequence[str], frame_count: int, image_size: tuple[int, int
 def load_clicks(path: str | Path, like: KeypointTrack) -> KeypointTrack:
     """Clicks from a file written earlier; `like` has the landmarks and the frames they have to be of.
 
-    Every point counts, also one alone in its frame, which `load_keypoints` would take for nobody.
+    Every point counts, also one alone in its frame, which `load_keypoints` would leave out.
     Raises InputError where the file is another program's, another clip's or another subject's.
     """
     reading = read_layout(Path(path), "auto")
@@ -46,11 +46,11 @@ def load_clicks(path: str | Path, like: KeypointTrack) -> KeypointTrack:
         problem = f"is of a clip with {reading.count} frames, this one has {like.frame_count}"
         raise InputError(path, problem, remedy="name another --out")
     _same_size(reading.image_size, like, path)
-    found, columns = np.full((*like.confidence.shape, 3), np.nan), [like.names.index(n) for n in reading.names]
+    clicked, columns = np.full((*like.confidence.shape, 3), np.nan), [like.names.index(n) for n in reading.names]
     for t, people in reading.frames.items():
         for person in people:
-            found[t, columns] = person.points
-    return replace(like, pixels=found[..., :2], confidence=np.nan_to_num(found[..., 2]), source=str(path))
+            clicked[t, columns] = person.points
+    return replace(like, pixels=clicked[..., :2], confidence=np.nan_to_num(clicked[..., 2]), source=str(path))
 
 
 def corrected_from(clicks: KeypointTrack, path: str | Path) -> KeypointTrack:
@@ -71,7 +71,7 @@ def corrected_from(clicks: KeypointTrack, path: str | Path) -> KeypointTrack:
 
 
 def inside_only(clicks: KeypointTrack) -> KeypointTrack:
-    """Clicks without the points outside the image, which nobody could have clicked; a note counts them."""
+    """Clicks without the points outside the image, which cannot have been clicked; a note counts them."""
     outside = (clicks.confidence > 0.0) & ~_inside(clicks.pixels, clicks.image_size)
     if not outside.any():
         return clicks

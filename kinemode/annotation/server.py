@@ -58,7 +58,7 @@ class _Handler(LocalHandler):
         route = self.route()
         origin = self.headers.get("Origin")
         if route is None or (origin is not None and origin.removeprefix("http://") not in self.server.hosts):
-            self.refuse_stranger()
+            self.refuse_other_pages()
         elif route != "save":
             self.refuse(HTTPStatus.NOT_FOUND, "there is no such page")
         elif self.headers.get_content_type() != "application/json":

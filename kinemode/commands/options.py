@@ -38,7 +38,7 @@ class InputOptions:
         [NAME=]RATE in frames per second, of folders of pictures, and of keypoint files that declare none.
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
-        below for one that started early. What it shows at its own time t is taken for that of t + SECONDS.
+        below for one that started early. What it shows at its own time t belongs to t + SECONDS.
     start
         Begin here, in seconds; frames before it are left out.
     end

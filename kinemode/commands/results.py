@@ -1,4 +1,4 @@
-"""The commands that look at a run, measure it and hand it on."""
+"""The commands that show a run, measure it and export it."""
 
 from __future__ import annotations
 

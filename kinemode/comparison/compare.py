@@ -22,7 +22,7 @@ from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
 from kinemode.settings import choose_for_all, read_settings
-from kinemode.target import check_unasked, made_folder
+from kinemode.target import check_absent, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
 
 
@@ -61,7 +61,7 @@ def compare_trackers(
     truth = Reference.load(reference) if isinstance(reference, (str, Path)) else reference
     made_folder(out)
     remedy = "--resume goes on with the runs that are there, --overwrite replaces them"
-    check_unasked(list(runs_at.values()), wanted.resume, wanted.overwrite, remedy)
+    check_absent(list(runs_at.values()), wanted.resume, wanted.overwrite, remedy)
     times = TimeFile(out / "times.json")
     runs: dict[str, Run] = {}
 
@@ -72,7 +72,7 @@ def compare_trackers(
         if wanted.overwrite or not runs_at[name].exists():
             times.clear(name)
         with kept_if_interrupted(frames_so_far), warnings.catch_warnings():
-            if runs:  # the input is the same: what is odd about it has been said
+            if runs:  # the input is the same: its warnings were given
                 warnings.simplefilter("ignore", InputWarning)
             own, count, workers = chosen[name]
             progress = times.clocked(name, wanted.progress)

@@ -108,7 +108,7 @@ def courses(
     """The course of every tracker; all have tracked one subject through the same frames.
 
     settings: whose cost is compared. placed: whether reference and cameras share one world, so that a pose can be lost
-    in it and in the image; otherwise only with the hips aligned. progress: told of the frames looked at.
+    in it and in the image; otherwise only with the hips aligned. progress: called after each frame.
     """
     energies = _energies(runs, settings, progress)
     return {name: _course(run, energies[name], reference, placed) for name, run in runs.items()}

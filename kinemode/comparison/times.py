@@ -38,7 +38,7 @@ class TimeFile:
 
     Raises
     ------
-    InputError: the file is there and is none of ours.
+    InputError: the file is there and does not hold times of trackers.
     """
 
     def __init__(self, path: Path) -> None:
@@ -51,7 +51,7 @@ class TimeFile:
         return self._times.get(tracker, TrackTime())
 
     def clear(self, tracker: str) -> None:
-        """Forget a tracker whose run starts anew."""
+        """Forget a tracker whose run starts again."""
         self._times.pop(tracker, None)
 
     def clocked(self, tracker: str, reporter: Reporter) -> Reporter:

@@ -23,7 +23,7 @@ _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 
 @dataclass(frozen=True)
 class Declared:
-    """What `track`, `fit` and `compare` are told of their files, as the user writes it.
+    """What the user says of the files of `track`, `fit` and `compare`, as it is written.
 
     keypoint_size: width and height [px] of the pictures that the detector saw, as (540, 960) or "540x960".
     fps: frames per second of the pictures of a folder, and of keypoint files that declare none beside a video.

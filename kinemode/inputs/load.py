@@ -76,7 +76,7 @@ def load_inputs(body: Body, files: InputFiles) -> Inputs:
     with ExitStack() as stack:
         opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
         sizes = {name: clip.image_size for name, clip in opened.items()}
-        # sizes, rates and lengths, but nobody's points yet
+        # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
         _, used, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)

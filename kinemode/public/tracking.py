@@ -193,7 +193,7 @@ def compare(
 
     Raises
     ------
-    InputError: as `track` does; an unknown tracker; runs that are there, unasked.
+    InputError: as `track` does; an unknown tracker; runs that are there, without `resume` or `overwrite`.
     """
     check_arguments(
         subject=subject, clips=clips, trackers=trackers, out=out, reference=reference, cameras=cameras,

@@ -77,7 +77,7 @@ def _background_of(motion: str | Path) -> str:
 
 
 def _is_file(motion: str | Path) -> bool:
-    """Whether a motion is a file's; the authored ones go before files of their names."""
+    """Whether a motion is a file; a name of an authored motion is never one."""
     return str(motion) not in MOTIONS and (Path(motion).suffix.lower() == ".bvh" or Path(motion).exists())
 
 
@@ -125,6 +125,6 @@ def _framed(body: Body, q: np.ndarray, fps: float, view: ViewSettings) -> tuple[
     """Cameras that see all of the motion, and the place it needs."""
     surface = surface_of(body, nodes=500)
     shown = q[:: max(1, round(_FRAMING_STEP * fps))]
-    points = np.array([points_in_world(body.at(one), surface.joint, surface.local) for one in shown])
+    points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in shown])
     floor = 0.0 if body.subject.base == "free" else _FIXED_FLOOR
     return synthesis.framing_cameras(points, view), place_of(points, floor)

@@ -38,10 +38,10 @@ def kept_if_interrupted(frames: Callable[[], int | None]) -> Iterator[None]:
         if not is_interruption(stop):
             raise
         counts = [frames(), stop.frames if isinstance(stop, RunInterrupted) else None]
-        found = [count for count in counts if count is not None]
-        if not found:
+        known = [count for count in counts if count is not None]
+        if not known:
             raise
-        raise RunInterrupted(max(found)) from stop
+        raise RunInterrupted(max(known)) from stop
 
 
 @contextmanager

@@ -19,8 +19,8 @@ def _called() -> list[str]:
     if program.name == "kinemode":
         import shutil  # slow to import, and `kinemode --help` has no use for it
 
-        found = shutil.which("kinemode")
-        return ["kinemode" if found is not None and Path(found).absolute() == program.absolute() else sys.argv[0]]
+        on_path = shutil.which("kinemode")
+        return ["kinemode" if on_path is not None and Path(on_path).absolute() == program.absolute() else sys.argv[0]]
     words = sys.orig_argv
     for i, pair in enumerate(itertools.pairwise(words)):
         if pair == ("-m", "kinemode"):

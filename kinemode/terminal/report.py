@@ -22,8 +22,8 @@ from kinemode.terminal.program import command
 
 def console() -> Console:
     """Where tables go; plain and unwrapped when it is not a terminal."""
-    found = Console(highlight=False, markup=False)
-    return found if found.is_terminal else Console(highlight=False, markup=False, width=160)
+    plain = Console(highlight=False, markup=False)
+    return plain if plain.is_terminal else Console(highlight=False, markup=False, width=160)
 
 
 def table(title: str, *columns: str) -> Table:
@@ -198,8 +198,8 @@ def _print_shape(shape: ShapeFit) -> None:
     console().print(made)
     frames = ("frame " if len(shape.frames) == 1 else "frames ") + ", ".join(map(str, shape.frames))
     before, after = shape.agreement
-    found = "" if np.isnan(after) else f"; outline on the silhouettes {before:.0%} before, {after:.0%} after"
-    console().print(f"cross-sections from the pictures of {frames}{found}", soft_wrap=True)
+    overlap = "" if np.isnan(after) else f"; outline on the silhouettes {before:.0%} before, {after:.0%} after"
+    console().print(f"cross-sections from the pictures of {frames}{overlap}", soft_wrap=True)
 
 
 def millimetres(metres: float) -> str:

@@ -80,7 +80,7 @@ def first_losses(plot: Plot) -> dict[str, float]:
 
 
 def _draw(axes: Axes, i: int, curve: Curve, limit: float | None, first: float | None) -> None:
-    """One line, thinner the later it is drawn, so that those below stay visible, with a cross wherever it is lost."""
+    """One line, thinner the later it is drawn, so that those below stay visible, with a cross where it is lost."""
     every = max(1, len(curve.time) // _MARKED)
     colour = COLOURS[i % len(COLOURS)]
     label = curve.name if first is None else f"{curve.name}, lost at {first:.2f} s"
