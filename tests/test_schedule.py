@@ -8,7 +8,7 @@ from builders import body_of, camera_at, observe, random_pose
 
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
-from estimator.search.mode_search import Hypothesis
+from estimator.search.hypothesis import Hypothesis
 from estimator.search.schedule import BudgetSettings, Offer, shared_out
 from estimator.search.volumes import Surroundings, importance_log_volumes
 from estimator.terms.term import Cost, QuadraticModel
@@ -23,7 +23,7 @@ def offer(part: float, most: int, mark: int) -> Offer:
 
 
 def marks(found: list[Hypothesis]) -> list[int]:
-    return [sum(h.reading == mark for h in found) for mark in range(3)]
+    return [sum(h.association == mark for h in found) for mark in range(3)]
 
 
 def test_the_budget_is_shared_by_parts_and_never_exceeded() -> None:

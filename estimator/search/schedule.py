@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.search.mode_search import Hypothesis
+from estimator.search.hypothesis import Hypothesis
 from humanoid.support.errors import InputError
 
 
@@ -47,10 +47,10 @@ class Offer(NamedTuple):
 
 def shared_out(count: int, offers: Sequence[Offer]) -> list[Hypothesis]:
     """At most `count` hypotheses, by the families' parts; what one cannot use goes to the ones after it."""
-    found: list[Hypothesis] = []
+    hypotheses: list[Hypothesis] = []
     parts = np.array([offer.part for offer in offers], dtype=float)
     for k, offer in enumerate(offers):
-        left, rest = count - len(found), parts[k:].sum()
+        left, rest = count - len(hypotheses), parts[k:].sum()
         if left > 0 and parts[k] > 0.0:
-            found += offer.draw(round(left * parts[k] / rest))[:left]
-    return found
+            hypotheses += offer.draw(round(left * parts[k] / rest))[:left]
+    return hypotheses
