@@ -22,10 +22,8 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 
-NAMES = {
-    Family.KEPT: "kept", Family.ASSOCIATION: "other association", Family.DEPTH_JUMP: "jump", Family.SAMPLE: "sample",
-}  # fmt: skip
-KINDS = tuple(NAMES.values())
+KINDS = KEPT, EXCHANGED, JUMP, SAMPLE = "kept", "other association", "jump", "sample"
+KIND_OF = dict(zip((Family.KEPT, Family.ASSOCIATION, Family.DEPTH_JUMP, Family.SAMPLE), KINDS, strict=True))
 MOTIONS = ("reach", "turn_reach")
 FPS = 30.0
 
@@ -43,7 +41,7 @@ class Recorder(ModeSearch):
         for h in hypotheses:
             if h.parent >= 0:
                 observation = case.associations[h.association].term.observation
-                kind = NAMES[h.origin.family]
+                kind = KIND_OF[h.origin.family]
                 self.starts.append(Start(kind, self.body.clamp(h.q), observation, h.origin.q_paid, case.dt))
         return super().explored(hypotheses, case)
 

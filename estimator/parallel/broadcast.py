@@ -28,7 +28,7 @@ class Broadcaster:
         self._memory: SharedMemory | None = None
 
     def show(self, thing: Any) -> Notice:
-        """Put a picklable thing in place of the last one, which nobody may be reading any more.
+        """Put a picklable thing in place of the last one, which no process may be reading any more.
 
         Raises
         ------

@@ -69,8 +69,8 @@ class OneProcess(Generic[Context]):
 class WorkerPool(OneProcess[Context]):
     """This process and its workers (see `Workers`); a context manager that ends them.
 
-    Nobody is dealt a share: the numbers of the pieces lie in a pipe, and every process takes the next one when done
-    with the last. So all are done at the same time, and one that dies leaves nothing locked.
+    Pieces are not dealt out in advance: their numbers lie in a pipe, and every process takes the next one when done
+    with the last. So all are done at the same time, and a process that dies leaves nothing locked.
     """
 
     def __init__(self, job: Job[Context], processes: int) -> None:

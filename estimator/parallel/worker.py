@@ -33,7 +33,7 @@ class Worker:
             self._give_up()
             raise
         finally:
-            there.close()  # or nobody would learn of its end
+            there.close()  # or its end would go unnoticed
 
     def send(self, message: Any) -> None:
         """Tell it something; raises what `receive` raises where it is gone."""

@@ -76,7 +76,7 @@ def _serve(connection: Connection, sealed: Sealed) -> None:
 
 
 def _end_with_the_leader() -> None:
-    """However it ends; whatever this process is at has nobody to be told to any more."""
+    """However the leader ends; there is no one left to take results."""
     leader = multiprocessing.parent_process()
     assert leader is not None
     leader.join()
@@ -85,4 +85,4 @@ def _end_with_the_leader() -> None:
 
 def _end_soon(*_: object) -> None:
     """Unless the leader is faster, which was sent the signal too where all were meant."""
-    signal.setitimer(signal.ITIMER_REAL, PARTING)  # nobody takes its signal, so it ends the process
+    signal.setitimer(signal.ITIMER_REAL, PARTING)  # no handler takes its signal, so it ends the process

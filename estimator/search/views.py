@@ -29,7 +29,7 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
     for pitch in PITCHES:
         for heading in np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS:
             R_camera_root = _view(heading, pitch)
-            placed = _match(points @ R_camera_root.T, rays, weight)
+            placed = _weak_perspective(points @ R_camera_root.T, rays, weight)
             if placed is not None:
                 roll, t_camera = placed
                 R_world_root = camera.R_camera_world.T @ roll @ R_camera_root
@@ -60,7 +60,7 @@ def _view(heading: float, pitch: float) -> np.ndarray:
     return pin.utils.rotate("x", pitch) @ facing @ turned
 
 
-def _match(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _weak_perspective(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Roll (3, 3) about the optical axis and position of the root [m, camera frame] that fit points (N, 3) to rays."""
     w = weight / weight.sum()
     centre, image_centre = w @ points, w @ rays
