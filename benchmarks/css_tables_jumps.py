@@ -13,7 +13,7 @@ from benchmarks.css_tables_minima import RULE, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem
 from estimator.optimise.covariance import free_directions, mode_covariance
 from estimator.optimise.seek import Seeker, Solution
-from estimator.search.jumps import Flips
+from estimator.search.jumps import KinematicJumps
 from estimator.search.proposals import CovarianceScaledProposal
 
 WITHIN = 10.0
@@ -85,7 +85,7 @@ class _Jumps:
     """The jumps from every known minimum, each once, and none to where a search has been before."""
 
     def __init__(self, problem: Problem, pool: _Pool) -> None:
-        self._problem, self._pool, self._flips = problem, pool, Flips(problem.body)
+        self._problem, self._pool, self._jumps = problem, pool, KinematicJumps(problem.body)
         self._queue: deque[np.ndarray] = deque()
         self._expanded: set[int] = set()
         self._visited = np.zeros((0, len(problem.body.landmark_names), 3))  # landmarks [m] of poses searched from
@@ -104,7 +104,7 @@ class _Jumps:
             k = min(left, key=lambda i: self._pool.found[i].quadratic.value)
             self._expanded.add(k)
             self._is_new(self._pool.found[k].q)
-            self._queue.extend(self._flips.of(self._pool.found[k].q, self._problem.camera))
+            self._queue.extend(self._jumps.of(self._pool.found[k].q, self._problem.camera))
 
     def _is_new(self, q: np.ndarray) -> bool:
         """Whether q (nq,) is away from all poses remembered; it then joins them."""
@@ -125,7 +125,7 @@ def hunted(task: HuntTask) -> Hunt:
     problem, rng = known_problem(task.pose, task.seen), np.random.default_rng([task.seed, task.pose, 1])
     seeker, pool = Seeker(problem.body, SEARCH), _Pool(problem, task.scale)
     next(
-        iter(Flips(problem.body).of(problem.mode.q, problem.camera)), None
+        iter(KinematicJumps(problem.body).of(problem.mode.q, problem.camera)), None
     )  # kernels are compiled before the clock starts
     jumps = _Jumps(problem, pool) if task.searcher == SEARCHERS[2] else None
     pool.sample(rng, 0)

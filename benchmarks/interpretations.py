@@ -1,14 +1,15 @@
 """Forward and backward: which of the interpretations of one picture are found within the budget of one frame.
 
 Random poses are seen by one camera with exact keypoints. Every limb of two segments (upper arm and forearm, thigh and
-shank) has up to four readings, so that a person has up to 2^8 interpretations. Which of them the joint limits allow is
+shank) has up to four solutions, so that a person has up to 2^8 interpretations. Which of them the joint limits allow is
 decided by another method: for each of the four signs of each limb, scipy's bounded least squares brings the limb's two
 outer joints onto their pixels from many random angles, root and trunk being held, with a price for the wrong sign. A
-reading is reachable exactly if some start ends within 0.05 pixels of the image; readings that the limits keep up to a
+solution is reachable exactly if some start ends within 0.05 pixels of the image; solutions that the limits keep up to a
 pixel off are counted beside these. Limbs share no joint, so the reachable interpretations are the
-products of the limbs' readings.
+products of the limbs' solutions.
 
-An interpretation is found if one of the configurations that `Flips.interpretations` yields has every limb's joints
+An interpretation is found if one of the configurations that `KinematicJumps.interpretations` yields has every limb's
+joints
 within 5 cm of it and within a pixel. The pose itself counts as found: it is the parent. Two budgets: the first 40, as
 many as the searches of one frame of `css`; and those that are made and searched from in 66 ms of processor time, a
 frame at 15 a second.
@@ -31,7 +32,7 @@ from benchmarks.common import Several, in_processes, save, start, tell
 from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
-from estimator.search.jumps import Flips
+from estimator.search.jumps import KinematicJumps
 from estimator.search.mode_search import ModeSearch
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -42,7 +43,7 @@ TARGET = 0.95
 LIMBS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 NEARLY = 1.0  # px
 REACHABLE = {"exactly": 0.05, "within a pixel": NEARLY}  # px
-SAME_READING = 0.05  # m
+SAME_SOLUTION = 0.05  # m
 STARTS = 16  # of every sign of every limb
 DISTANCE = 3.5  # m
 
@@ -56,7 +57,7 @@ class Task(NamedTuple):
 
 
 class Known(NamedTuple):
-    """A reading of a limb: its middle and end (2, 3) [m], and how far from their pixels they are at most [px]."""
+    """A solution of a limb: its middle and end (2, 3) [m], and how far from their pixels they are at most [px]."""
 
     points: np.ndarray
     off: float
@@ -112,7 +113,7 @@ def camera_for(body: Body, q: np.ndarray, rng: np.random.Generator) -> Camera:
 
 
 class Oracle:
-    """The readings of a limb by brute force."""
+    """The solutions of a limb by brute force."""
 
     def __init__(self, body: Body, q: np.ndarray, camera: Camera, limb: list[int]) -> None:
         self.body, self.q, self.camera, self.limb = body, q, camera, limb
@@ -140,8 +141,8 @@ class Oracle:
         slope = np.einsum("ij,ij->i", np.diff(points, axis=0), self.rays)
         return np.concatenate([np.nan_to_num(off, nan=1e3), price * np.minimum(100.0 * slope * signs, 0.0)])
 
-    def readings(self, rng: np.random.Generator, starts: int) -> list[Known]:
-        """Every reachable reading; of those that nearly coincide the one nearest to its pixels."""
+    def solutions(self, rng: np.random.Generator, starts: int) -> list[Known]:
+        """Every reachable solution; of those that nearly coincide the one nearest to its pixels."""
         ends = [Known(self.points(np.zeros(len(self.dofs)))[1:], 0.0)]
         for signs in product((-1, 1), repeat=2):
             for _ in range(starts):
@@ -154,7 +155,7 @@ class Oracle:
                 ends.append(Known(self.points(turns)[1:], float(np.abs(self.residual(turns, signs, 0.0)).max())))
         found: list[Known] = []
         for end in sorted(ends, key=lambda e: e.off):
-            apart = all(np.linalg.norm(end.points - f.points, axis=1).max() > SAME_READING for f in found)
+            apart = all(np.linalg.norm(end.points - f.points, axis=1).max() > SAME_SOLUTION for f in found)
             if end.off < NEARLY and apart:
                 found.append(end)
         return found
@@ -167,40 +168,40 @@ def measured(task: Task) -> dict[str, Outcome]:
     q = plausible_pose(body, rng)
     camera = camera_for(body, q, rng)
     limbs = limbs_of(body)
-    readings = [Oracle(body, q, camera, limb).readings(rng, task.starts) for limb in limbs]
-    flips = Flips(body)
-    list(flips.interpretations(q, camera))  # compiles
+    solutions = [Oracle(body, q, camera, limb).solutions(rng, task.starts) for limb in limbs]
+    jumps = KinematicJumps(body)
+    list(jumps.interpretations(q, camera))  # compiles
     begin = time.process_time()
-    made = [q, *flips.interpretations(q, camera)]
+    made = [q, *jumps.interpretations(q, camera)]
     seconds = time.process_time() - begin
-    in_time = searched_in_time(body, q, camera, flips)
-    seen = [found_by(body, x, camera, q, limbs, readings) for x in made]
+    in_time = searched_in_time(body, q, camera, jumps)
+    seen = [found_by(body, x, camera, q, limbs, solutions) for x in made]
     outcomes = {}
     for name, off in REACHABLE.items():
-        wanted = set(product(*([i for i, known in enumerate(r) if known.off < off] for r in readings)))
+        wanted = set(product(*([i for i, known in enumerate(r) if known.off < off] for r in solutions)))
         first, timely, ever = (len(wanted.intersection(seen[:n])) for n in (SEARCHES + 1, in_time + 1, len(seen)))
         outcomes[name] = Outcome(len(wanted), first, timely, ever, in_time, seconds)
     return outcomes
 
 
 def found_by(
-    body: Body, q: np.ndarray, camera: Camera, truth: np.ndarray, limbs: list[list[int]], readings: list[list[Known]]
+    body: Body, q: np.ndarray, camera: Camera, truth: np.ndarray, limbs: list[list[int]], solutions: list[list[Known]]
 ) -> tuple[int, ...] | None:
-    """Which interpretation a configuration is, by the reading of every limb; None if it is none."""
+    """Which interpretation a configuration is, by the solution of every limb; None if it is none."""
     points, true = body.landmarks(body.at(q)), body.landmarks(body.at(truth))
     outer = [k for limb in limbs for k in limb[1:]]
     if np.abs(camera.project(points[outer]) - camera.project(true[outer])).max() > NEARLY:
         return None
     which = []
-    for limb, known in zip(limbs, readings, strict=True):
+    for limb, known in zip(limbs, solutions, strict=True):
         off = [np.linalg.norm(points[limb[1:]] - k.points, axis=1).max() for k in known]
-        if min(off) > SAME_READING:
+        if min(off) > SAME_SOLUTION:
             return None
         which.append(int(np.argmin(off)))
     return tuple(which)
 
 
-def searched_in_time(body: Body, q: np.ndarray, camera: Camera, flips: Flips) -> int:
+def searched_in_time(body: Body, q: np.ndarray, camera: Camera, jumps: KinematicJumps) -> int:
     """How many interpretations are made and explored, as a frame's hypotheses are, in the time of a frame."""
     model = CostModel(body)
     search = ModeSearch(model)
@@ -209,7 +210,7 @@ def searched_in_time(body: Body, q: np.ndarray, camera: Camera, flips: Flips) ->
     cost = model.cost(model.observation_term(observed))
     search.seeker.seek(cost, q, search.settings.explore)  # compiles
     begin, count = time.process_time(), 0
-    for other in flips.interpretations(q, camera):
+    for other in jumps.interpretations(q, camera):
         search.seeker.seek(cost, other, search.settings.explore)
         if time.process_time() - begin > FRAME:
             break

@@ -10,7 +10,9 @@ import numpy as np
 from benchmarks.mode_search_duel import NOISE_PX, Start
 from estimator import synthesis
 from estimator.imaging.observation import Observation
-from estimator.search.frame_search import Candidate, FrameCase, Hypothesis
+from estimator.modes.origin import Family
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.sequences.sequence import assemble
 from estimator.synthesis.motion_keys import motion_named
@@ -20,7 +22,8 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 
-KINDS = KEPT, EXCHANGED, JUMP, SAMPLE = "kept", "other reading", "jump", "sample"
+KINDS = KEPT, EXCHANGED, JUMP, SAMPLE = "kept", "other association", "jump", "sample"
+KIND_OF = dict(zip((Family.KEPT, Family.ASSOCIATION, Family.DEPTH_JUMP, Family.SAMPLE), KINDS, strict=True))
 MOTIONS = ("reach", "turn_reach")
 FPS = 30.0
 
@@ -31,27 +34,16 @@ class Recorder(ModeSearch):
     def __init__(self, search: ModeSearch) -> None:
         super().__init__(search.model, search.settings)
         self.starts: list[Start] = []
-        self._case: FrameCase | None = None
-        self._kept: dict[int, Hypothesis] = {}
 
     def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
         """See `ModeSearch.explored`."""
         hypotheses = list(hypotheses)
-        first, self._case = case is not self._case, case
-        if first:  # a frame's parents come before all else
-            self._kept = {h.parent: h for h in hypotheses}
         for h in hypotheses:
             if h.parent >= 0:
-                kind = KEPT if first else self._kind(h)
-                observation = case.readings[h.reading].term.observation
-                self.starts.append(Start(kind, self.body.clamp(h.q), observation, h.q_paid, case.dt))
+                observation = case.associations[h.association].term.observation
+                kind = KIND_OF[h.origin.family]
+                self.starts.append(Start(kind, self.body.clamp(h.q), observation, h.origin.q_paid, case.dt))
         return super().explored(hypotheses, case)
-
-    def _kind(self, h: Hypothesis) -> str:
-        """A jump pays a flat price, and for a change only from where it landed, see `estimator.search.hypotheses`."""
-        if np.array_equal(h.q, self._kept[h.parent].q):
-            return EXCHANGED
-        return JUMP if h.q_previous is not None and np.array_equal(h.q, h.q_previous) else SAMPLE
 
 
 def tracker_starts(seed: int, motions: Sequence[str] = MOTIONS, frames: int | None = None) -> list[Start]:

@@ -23,7 +23,7 @@ from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
 from estimator.imaging.observation import Observation
 from estimator.search.frame_search import FrameSearch
-from estimator.search.workers import helped
+from estimator.search.search_pool import search_pool
 from estimator.sequences.sequence import assemble
 from estimator.trackers.base import Tracker
 from estimator.tracking.registry import Settings, make_tracker, settings_for
@@ -138,7 +138,7 @@ def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed:
 def rate(job: Job, way: Way) -> float:
     """Frames per second by the wall's clock, once warm."""
     tracker = job.tracker()
-    with helped(tracker.search, way.processes), job.cues(way.ahead) as cues:
+    with search_pool(tracker.search, way.processes), job.cues(way.ahead) as cues:
         marks = [time.perf_counter() for _ in run(tracker, job.observations, job.seed, cues=cues)]
     return (len(marks) - WARM_UP) / (marks[-1] - marks[WARM_UP - 1])
 

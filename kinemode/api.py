@@ -14,10 +14,11 @@ from threadpoolctl import threadpool_limits
 
 from estimator.fitting.lengths import Fit, fit_proportions
 from estimator.fitting.stages import fit_subject
+from estimator.parallel.pool import checked_count
 from estimator.results.run_checks import checked_state
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.results.temporary_run import TemporaryFolder
-from estimator.search.workers import checked_count, helped
+from estimator.search.search_pool import search_pool
 from estimator.sequences.source import Cues
 from estimator.smoothing import smooth_track
 from estimator.trackers.base import MIN_KEYPOINTS, TrackState, startable
@@ -196,7 +197,7 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
     with kept_if_interrupted(lambda: writer.frame_count), writer:
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
-        with job.progress("tracking") as report, helped(tracker.search, job.workers):
+        with job.progress("tracking") as report, search_pool(tracker.search, job.workers):
             run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
         results = list(Run.open(target.path))  # as stored, so that a resumed run is told the same
         leapt = leap_note(leaps(tracker.body, results))

@@ -12,7 +12,8 @@ from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.cues.evidence import CameraEvidence, Evidence, Past
 from estimator.imaging.observation import Observation
 from estimator.prediction.prediction import Prediction
-from estimator.search.mode_search import EXCHANGED, ModeSearch
+from estimator.search.association import EXCHANGED
+from estimator.search.mode_search import ModeSearch
 from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.pose_prior import PosePrior
 from estimator.terms.priors import Stabilisers, Transition

@@ -17,7 +17,7 @@ from estimator.cues.evidence import CameraEvidence, Evidence, Past
 from estimator.imaging.cues import CueReader, scaled_camera
 from estimator.imaging.observation import Observation
 from estimator.media.clip import Clip
-from estimator.modes.origin import Origin
+from estimator.modes.origin import Family, Origin
 from estimator.prediction.prediction import Prediction
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
@@ -87,7 +87,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     views = tuple(_view(run, case, c) for c in range(len(observation.cameras)))
     return Explanation(
         run.file, frame, k, result.status, float(result.weight[k]), case.association, parts, stored, notes, views,
-        int(result.parent[k]), None if result.origins is None else result.origins.one(k),
+        int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k),
     )  # fmt: skip
 
 
@@ -135,6 +135,7 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
     result, body = run.result(observation.index), search.body
     before = run.result(observation.index - 1) if observation.index else None
     origin = _origin(result, k)
+    previous = origin.previous
     dt = 0.0 if before is None else observation.time - before.time
     posed = body.at(result.q[k])
     return Case(
@@ -142,17 +143,17 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
         observation=observation,
         association=result.association[k],
         posed=posed,
-        before=_posed(body, origin.q_previous),
-        paid=origin.paid,
+        before=None if previous is None else body.at(previous.q),
+        paid=origin.q_paid is not None,
         dt=dt,
-        predicted=_posed(body, origin.q_predicted),
+        predicted=None if previous is None else _posed(body, previous.q_predicted),
         assigned=_posed(body, origin.q_assigned) or posed,
         evidence=_evidence(search, observation, origin, result if before is None or not len(before.q) else before),
     )
 
 
 def _origin(result: FrameResult, k: int) -> Origin:
-    return Origin("") if result.origins is None else result.origins.one(k)
+    return Origin(Family.START) if result.origins is None else result.origins.of_mode(k)
 
 
 def _posed(body: Body, q: np.ndarray | None) -> PosedBody | None:
@@ -186,7 +187,7 @@ def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iter
 
 def _view(run: Run, case: Case, c: int) -> CueView:
     """What the pictures of one camera are drawn from."""
-    seen, body = case.search.read(case.observation, case.association), case.search.body
+    seen, body = case.search.associated(case.observation, case.association), case.search.body
     camera = seen.cameras[c]
     cues = seen.cues[c] if seen.cues else None
     small = scaled_camera(camera, min(1.0, _LARGEST / max(camera.image_size))) if cues is None else cues.camera

@@ -55,6 +55,7 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "velocities of another body": ("frame", _set("velocity", lambda v: v[:, :-1]), "velocity has the shape"),
     "no price": ("frame", lambda a: a.pop("origin_price"), "origin_price is missing"),
     "families of numbers": ("frame", _set("origin_family", lambda f: np.zeros(len(f))), "origin_family has the shape"),
+    "families nobody knows": ("frame", _set("origin_family", lambda f: np.full(len(f), "x")), "origin_family: 'x'"),
     "payments of two": ("frame", _set("origin_paid", lambda p: np.stack([p, p], 1)), "origin_paid has the shape"),
     "a past that cannot be": (
         "frame",

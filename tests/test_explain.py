@@ -17,6 +17,7 @@ import pytest
 import kinemode as km
 from estimator.formats.packing import pack, unpack
 from estimator.imaging.cues import CueReader
+from estimator.modes.origin import Family
 from estimator.prediction.visibility import OUTER
 from estimator.results.run_file import Run
 from estimator.tracking.registry import make_tracker, settings_for
@@ -131,26 +132,25 @@ def test_energies_of_jumped_and_exchanged_hypotheses_add_up(jumping: dict[str, R
                 assert found.notes == ()
                 assert found.origin is not None
                 kept |= {found.origin.family, found.association}
-    assert kept >= {"start", "parent", "sample", "jump in depth", "limb elsewhere", "as_detected", "exchanged"}
+    assert kept >= {"start", "parent", "sample", "kinematic jump", "limb elsewhere", "as_detected", "exchanged"}
 
 
-def test_a_jump_is_no_motion_and_has_paid_its_price(jumping: dict[str, Run]) -> None:
+def test_a_jump_is_no_motion_and_has_paid_its_penalty(jumping: dict[str, Run]) -> None:
     run, jumps = jumping["keypoints"], 0
     for t in range(1, FRAMES):
         result, before = run.result(t), run.result(t - 1)
         assert result.origins is not None
         for k in range(len(result.weight)):
-            origin = result.origins.one(k)
-            assert origin.paid
-            assert origin.q_previous is not None
-            parent, jumped = before.q[result.parent[k]], origin.family == "jump in depth"
-            assert np.array_equal(origin.q_previous, parent) != jumped
-            assert origin.price == (1.0 if jumped else 0.0)
-            change = run.body.difference(origin.q_previous, result.q[k])
+            origin = result.origins.of_mode(k)
+            assert origin.q_paid is not None
+            parent, jumped = before.q[result.parent[k]], origin.family is Family.DEPTH_JUMP
+            assert np.array_equal(origin.q_paid, parent) != jumped
+            assert origin.penalty == (1.0 if jumped else 0.0)
+            change = run.body.difference(origin.q_paid, result.q[k])
             np.testing.assert_allclose(run.mode_velocity[t, k], change / (run.time[t] - run.time[t - 1]))
             jumps += jumped
             if jumped:
-                assert np.abs(run.body.difference(parent, origin.q_previous)).max() > 0.1
+                assert np.abs(run.body.difference(parent, origin.q_paid)).max() > 0.1
     assert jumps > 0
 
 

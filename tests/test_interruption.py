@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.parallel.companion import _uninterrupted
+from estimator.parallel.signals import uninterrupted
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
@@ -114,7 +114,7 @@ def test_a_signal_waits_while_a_process_is_started(send: Callable[[int], None]) 
     reached = []
 
     def start() -> None:
-        with _uninterrupted():
+        with uninterrupted():
             thread = threading.Thread(target=send, args=(signal.SIGINT,))
             thread.start()
             thread.join()

@@ -1,7 +1,7 @@
 """Known answers: poses found again from their projections, and every way a limb can be seen in one picture.
 
 In one picture a segment that leans towards the camera looks like one that leans away (Lee and Chen 1985; CSS
-section 1). For an arm with the shoulder known there are up to four such readings, which are worked out here in closed
+section 1). For an arm with the shoulder known there are up to four such solutions, which are worked out here in closed
 form: the elbow is one of two points of its ray at the upper arm's length from the shoulder, the wrist one of two at
 the forearm's length from that elbow.
 """
@@ -21,8 +21,11 @@ from estimator.modes.merge import body_size
 from estimator.optimise.covariance import mode_covariance
 from estimator.optimise.seek import Seeker, Solution
 from estimator.search.first_pose import random_configuration
-from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
+from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
+from estimator.search.settings import ModeSearchSettings
 from estimator.terms.term import Cost
 from humanoid.kinematics.body import Body
 
@@ -48,7 +51,9 @@ def test_a_pose_is_found_again_from_two_cameras(seed: int) -> None:
     assert missed.max() < 1e-3
 
 
-def flipped(camera: Camera, centre: np.ndarray, point: np.ndarray, length: float, nearer: bool) -> np.ndarray | None:
+def other_depth(
+    camera: Camera, centre: np.ndarray, point: np.ndarray, length: float, nearer: bool
+) -> np.ndarray | None:
     """The point of `point`'s ray at `length` from `centre`, on the near or the far side; None if the ray misses."""
     ray = point - camera.centre_world
     ray /= np.linalg.norm(ray)
@@ -83,14 +88,14 @@ def pose_at(body: Body, points: np.ndarray, rng: np.random.Generator) -> np.ndar
     return None
 
 
-def known_flips(body: Body, truth: np.ndarray, camera: Camera, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Poses of every forward/backward reading of the arm that the limits allow."""
+def known_solutions(body: Body, truth: np.ndarray, camera: Camera, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Poses of every forward/backward solution of the arm that the limits allow."""
     s, e, w = limb_points(body, truth)
     upper, fore = np.linalg.norm(e - s), np.linalg.norm(w - e)
     poses = {}
     for near_elbow, near_wrist in product((False, True), repeat=2):
-        elbow = flipped(camera, s, e, upper, near_elbow)
-        wrist = None if elbow is None else flipped(camera, elbow, w, fore, near_wrist)
+        elbow = other_depth(camera, s, e, upper, near_elbow)
+        wrist = None if elbow is None else other_depth(camera, elbow, w, fore, near_wrist)
         q = None if elbow is None or wrist is None else pose_at(body, np.array([s, elbow, wrist]), rng)
         if q is not None:
             poses[f"elbow {'near' if near_elbow else 'far'}, wrist {'near' if near_wrist else 'far'}"] = q
@@ -106,17 +111,17 @@ class Arm:
         self.model = CostModel(self.body, WEAK)
         observation = limb_only(self.body, limb_points(self.body, self.truth), (camera,))
         self.search = ModeSearch(self.model, ModeSearchSettings(exchange=False))
-        self.readings = self.search.readings(observation)
-        self.cost: Cost = self.model.cost(self.readings[0].term)
-        self.flips = known_flips(self.body, self.truth, camera, np.random.default_rng(61))
+        self.associations = self.search.associations(observation)
+        self.cost: Cost = self.model.cost(self.associations[0].term)
+        self.solutions = known_solutions(self.body, self.truth, camera, np.random.default_rng(61))
 
     def modes(self) -> dict[str, Solution]:
-        """Each flip, let down to the minimum of the one picture's energy."""
-        return {name: Seeker(self.body).seek(self.cost, q) for name, q in self.flips.items()}
+        """Each solution, let down to the minimum of the one picture's energy."""
+        return {name: Seeker(self.body).seek(self.cost, q) for name, q in self.solutions.items()}
 
 
 def arm_seen_from_the_side() -> Arm:
-    """All four readings are possible."""
+    """All four solutions are possible."""
     return Arm(
         camera_at(80.0, distance=3.0, aim=(0.0, 0.2, 0.2)),
         left_shoulder_elevation=0.6, left_shoulder_flexion=0.5, left_shoulder_rotation=0.0, left_elbow_flexion=0.8,
@@ -142,16 +147,16 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 @pytest.mark.parametrize(("name", "count"), [("four", 4), ("three", 3)])
 def test_the_known_set(name: str, count: int) -> None:
     arm = ARMS[name]()
-    assert len(arm.flips) == count
+    assert len(arm.solutions) == count
     nearest = [
         np.linalg.norm(limb_points(arm.body, q) - limb_points(arm.body, arm.truth), axis=1).max()
-        for q in arm.flips.values()
+        for q in arm.solutions.values()
     ]
     assert min(nearest) < 2e-3  # the pose photographed is one of them
 
 
-def test_flips_look_alike_and_are_modes(arm: Arm) -> None:
-    """Each reading is a minimum with much the same picture, at the place worked out for it, and no two are the same."""
+def test_solutions_look_alike_and_are_modes(arm: Arm) -> None:
+    """Each is a minimum with much the same picture, at the place worked out for it, and no two are the same."""
     pixels = arm.camera.project(limb_points(arm.body, arm.truth))
     shapes = []
     for name, found in arm.modes().items():
@@ -160,7 +165,7 @@ def test_flips_look_alike_and_are_modes(arm: Arm) -> None:
         assert inside(arm.body, found.q)
         points = limb_points(arm.body, found.q)
         assert np.abs(arm.camera.project(points) - pixels).max() < 0.05
-        assert np.linalg.norm(points - limb_points(arm.body, arm.flips[name]), axis=1).max() < 0.005
+        assert np.linalg.norm(points - limb_points(arm.body, arm.solutions[name]), axis=1).max() < 0.005
         shapes.append(points)
     apart = [np.linalg.norm(a - b, axis=1).max() for i, a in enumerate(shapes) for b in shapes[:i]]
     assert min(apart) > 0.07
@@ -177,14 +182,14 @@ def samples(arm: Arm, modes: list[np.ndarray], rng: np.random.Generator, count: 
     return hypotheses
 
 
-def test_sampling_finds_every_flip(arm: Arm) -> None:
-    """From each reading alone, a few rounds of sampling about the modes found so far reach all of the known set."""
+def test_sampling_finds_every_solution(arm: Arm) -> None:
+    """From each solution alone, a few rounds of sampling about the modes found so far reach all of the known set."""
     body, known = arm.body, arm.modes()
     same = arm.search.settings.distinct * body_size(body)
     for first in known.values():
         rng, modes = np.random.default_rng(62), [first.q]
         for _ in range(4):
-            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameCase(arm.readings), 8)
+            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameCase(arm.associations), 8)
             modes = [m.q for m in mixture.modes]
         found = [limb_points(body, q) for q in modes]
         for name, mode in known.items():

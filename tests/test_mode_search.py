@@ -14,8 +14,12 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import best_distinct, bhattacharyya, body_size
 from estimator.modes.mixture import Mode, mixture_of
+from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.first_pose import random_configuration, start_modes
-from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
+from estimator.search.mode_search import ModeSearch
+from estimator.search.settings import ModeSearchSettings
 from estimator.search.views import view_sphere
 from estimator.trackers.paths import backtrack
 from humanoid.collision.clearance import Clearance
@@ -132,15 +136,17 @@ def test_modes_are_distinct_and_in_order(search: ModeSearch) -> None:
 def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
     body = search.body
     seen = observe(body, walking(body, 0.3), [CAMERA], noise=3.0, rng=np.random.default_rng(73))
-    readings = search.readings(seen)
+    associations = search.associations(seen)
     q_previous = walking(body, 0.25)
-    hypotheses = [Hypothesis(q_previous, r, 2, -1.5, q_previous) for r in range(2)]
-    mixture = search.best_modes(hypotheses, FrameCase(readings, 0.04), 2)
+    kept = Origin(Family.KEPT, PreviousPose(q_previous))
+    hypotheses = [Hypothesis(q_previous, k, kept, 2, -1.5) for k in range(2)]
+    mixture = search.best_modes(hypotheses, FrameCase(associations, 0.04), 2)
     assert search.clearance is not None
     for mode, score in zip(mixture.modes, mixture.log_scores - mixture.log_scores[0], strict=True):
-        reading = next(r for r in readings if r.name == mode.association)
-        quadratic = search.model.cost(reading.term, q_previous, 0.04).at(mode.q)
-        assert mode.energy == quadratic.value + reading.penalty
+        association = next(a for a in associations if a.name == mode.association)
+        quadratic = search.model.cost(association.term, q_previous, 0.04).at(mode.q)
+        assert mode.energy == quadratic.value + association.penalty
+        assert mode.origin is kept
         assert score == pytest.approx(mixture.modes[0].energy - mode.energy, abs=1e-9)
         assert mode.penetration == search.clearance.penetration(body.at(mode.q))
         assert mode.parent == 2
@@ -148,23 +154,23 @@ def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
             assert search.seeker.kkt_residual(quadratic) < 1e-6
 
 
-def test_a_swapped_frame_is_read_exchanged(search: ModeSearch) -> None:
+def test_a_swapped_frame_is_associated_exchanged(search: ModeSearch) -> None:
     body = search.body
     truth = walking(body, 0.2)
     seen = observe(body, truth, [CAMERA])
     swapped = seen.exchanged(search.mirror)
-    plain, exchanged = search.readings(swapped)
+    plain, exchanged = search.associations(swapped)
     assert (plain.penalty, exchanged.penalty) == (0.0, search.model.settings.exchange_penalty)
     assert np.array_equal(swapped.exchanged(search.mirror).pixels, seen.pixels)
-    cost = search.model.cost(search.readings(seen)[0].term).at(truth).value
+    cost = search.model.cost(search.associations(seen)[0].term).at(truth).value
     assert search.model.cost(exchanged.term).at(truth).value == pytest.approx(cost, rel=1e-12)
-    start = [Hypothesis(truth, r, 0, 0.0, truth) for r in range(2)]
+    start = [Hypothesis(truth, k, Origin(Family.KEPT, PreviousPose(truth)), 0) for k in range(2)]
     assert search.best_modes(start, FrameCase((plain, exchanged), 0.04), 1).modes[0].association == "exchanged"
-    assert search.best_modes(start, FrameCase(search.readings(seen), 0.04), 1).modes[0].association == "as_detected"
+    assert search.best_modes(start, FrameCase(search.associations(seen), 0.04), 1).modes[0].association == "as_detected"
     arm = body_of("arm8")
     one_sided = ModeSearch(CostModel(arm))
-    assert len(one_sided.readings(observe(arm, arm.neutral, [CAMERA]))) == 1
-    assert len(ModeSearch(search.model, ModeSearchSettings(exchange=False)).readings(seen)) == 1
+    assert len(one_sided.associations(observe(arm, arm.neutral, [CAMERA]))) == 1
+    assert len(ModeSearch(search.model, ModeSearchSettings(exchange=False)).associations(seen)) == 1
 
 
 def test_mixtures_are_ordered_and_normalised() -> None:

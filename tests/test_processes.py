@@ -9,17 +9,19 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimator.parallel import memory
-from estimator.parallel.board import Board
-from estimator.parallel.companion import Companion
+from estimator.parallel.broadcast import Broadcaster
 from estimator.parallel.memory import SharedMemory
+from estimator.parallel.pool import worker_pool
+from estimator.parallel.worker import Worker
 from humanoid.support.errors import InputError
-from tests.companions import fill, work_on
+from tests.worker_jobs import Table, TableJob, fill, work_on
 
 ROOT = Path(__file__).parent.parent
 SOON = 2.0  # s
@@ -33,10 +35,10 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.parametrize(("number", "everybody"), [(signal.SIGKILL, False), (signal.SIGTERM, True)])
-def test_companions_at_work_end_with_their_leader(number: signal.Signals, everybody: bool) -> None:
+def test_workers_at_work_end_with_their_leader(number: signal.Signals, everybody: bool) -> None:
     """Nothing keeps the caller's pipes open either."""
     leader = subprocess.Popen(
-        [sys.executable, "-m", "tests.companions"], stdout=subprocess.PIPE, env=ENVIRONMENT, cwd=ROOT,
+        [sys.executable, "-m", "tests.worker_jobs"], stdout=subprocess.PIPE, env=ENVIRONMENT, cwd=ROOT,
         start_new_session=True,
     )  # fmt: skip
     assert leader.stdout is not None
@@ -53,13 +55,36 @@ def test_companions_at_work_end_with_their_leader(number: signal.Signals, everyb
     assert time.monotonic() - began < SOON
 
 
-def test_a_companion_at_work_is_not_waited_for() -> None:
-    companion = Companion(work_on)
-    pid = companion.receive()
+def test_a_worker_at_work_is_not_waited_for() -> None:
+    worker = Worker(work_on)
+    pid = worker.receive()
     began = time.monotonic()
-    companion.close()
+    worker.close()
     assert time.monotonic() - began < SOON
     assert not alive(pid)
+
+
+def test_a_pool_works_for_what_is_no_search() -> None:
+    """Every process gets pieces; contexts follow each other, and what is done everywhere stays until the next one."""
+    tables = [Table(np.arange(float(2 * rows)).reshape(rows, 2)) for rows in (40, 5000)]
+    with worker_pool(TableJob(2.0), 3) as pool:
+        for table in tables:
+            pool.show(table)
+            for offset in (0.0, 1.0):
+                done = pool.each(Table.row, range(40))
+                assert [value for value, _ in done] == [4.0 * i + 1.0 + offset for i in range(40)]
+                pool.everywhere(Table.shift, 1.0)
+            assert len({pid for _, pid in done}) == pool.size == 3
+            assert table.offset == 2.0
+        with pytest.raises(IndexError):
+            pool.each(Table.row, [10**6] * 40)
+        assert pool.each(Table.row, [0, 1]) == [(3.0, os.getpid()), (7.0, os.getpid())]  # alone from now on
+    assert active_children() == []
+    with worker_pool(TableJob(2.0), 1) as alone:
+        with pytest.raises(RuntimeError, match="shown"):
+            alone.each(Table.row, [0])
+        alone.show(tables[0])
+        assert {pid for _, pid in alone.each(Table.row, range(4))} == {os.getpid()}
 
 
 def test_memory_is_reserved_before_it_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,8 +96,11 @@ def test_memory_is_reserved_before_it_is_used(monkeypatch: pytest.MonkeyPatch) -
     open_files = len(os.listdir("/dev/fd"))
     for name in ("posix_fallocate", "pwrite"):
         monkeypatch.setattr(os, name, full, raising=False)
-    with Board() as board, pytest.raises(InputError, match=r"workers: 80 MB.* No space left.*--workers 1") as raised:
-        board.post(np.zeros(10**7))
+    with (
+        Broadcaster() as broadcaster,
+        pytest.raises(InputError, match=r"workers: 80 MB.* No space left.*--workers 1") as raised,
+    ):
+        broadcaster.show(np.zeros(10**7))
     assert len(str(raised.value)) < 200
     assert len(os.listdir("/dev/fd")) == open_files
 
@@ -84,7 +112,7 @@ def test_memory_without_a_name(missing: tuple[str, ...], monkeypatch: pytest.Mon
         monkeypatch.delattr(os, name, raising=False)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     size = 3_000_000
-    made, other = SharedMemory.of_size(size), Companion(fill, size)
+    made, other = SharedMemory.of_size(size), Worker(fill, size)
     assert os.fstat(made.descriptor).st_blocks * 512 >= size  # it is there, and not only promised
     made.data[:3] = b"abc"
     other.hand_over(made.descriptor)

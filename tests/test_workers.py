@@ -16,11 +16,12 @@ from estimator.cost.model import CostModel
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
 from estimator.imaging.cues import CueReader, CueSettings
-from estimator.parallel.board import SMALL, Board, BoardReader
-from estimator.search import workers
-from estimator.search.frame_search import FrameCase, Hypothesis
+from estimator.parallel import pool
+from estimator.parallel.broadcast import SMALL, Broadcaster, Receiver
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.search.workers import helped
+from estimator.search.search_pool import search_pool
 from estimator.sequences.sequence import assemble
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
@@ -52,7 +53,7 @@ def tracked(clip: RenderedClip, processes: int, changes: dict[str, Any]) -> list
     seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
     cues = CueReader([clip.videos[name]], [cameras[name]], CueSettings(use_silhouette=False))
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
-    with helped(tracker.search, processes):
+    with search_pool(tracker.search, processes):
         return [result for result, _ in run(tracker, seen, 0, cues=cues)]
 
 
@@ -62,11 +63,11 @@ def equal_bits(a: list[FrameResult], b: list[FrameResult]) -> bool:
 
 
 def test_equal_bits_whoever_does_the_work(clip: RenderedClip, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One process, three that take what they get, and a helper that is left all the pieces."""
+    """One process, three that take what they get, and a worker that is left all the pieces."""
     importance = {"search": {"weigh": "importance", "weigh_samples": 5}}
     assert equal_bits(tracked(clip, 1, importance), tracked(clip, 3, importance))
     took: list[int] = []
-    monkeypatch.setattr(workers, "taken", lambda *_: took.append(1) or ())
+    monkeypatch.setattr(pool, "taken", lambda *_: took.append(1) or ())
     volume = {"search": {"weigh": "volume"}}
     assert equal_bits(tracked(clip, 1, volume), tracked(clip, 2, volume))
     assert len(took) > 5 * (FRAMES - 1)
@@ -81,7 +82,7 @@ def search() -> Iterator[ModeSearch]:
 
 
 def case_of(search: ModeSearch) -> FrameCase:
-    return FrameCase(search.readings(observe(search.body, search.body.neutral, [camera_at(20.0)])))
+    return FrameCase(search.associations(observe(search.body, search.body.neutral, [camera_at(20.0)])))
 
 
 def starts(search: ModeSearch, count: int) -> list[Hypothesis]:
@@ -89,34 +90,34 @@ def starts(search: ModeSearch, count: int) -> list[Hypothesis]:
     return [Hypothesis(search.body.integrate(search.body.neutral, rng.normal(0.0, 0.1, search.body.nv)), 0)] * count
 
 
-def test_a_helper_that_dies_is_one_clear_error(search: ModeSearch) -> None:
+def test_a_worker_that_dies_is_one_clear_error(search: ModeSearch) -> None:
     """However many pieces it still had; the search goes on alone afterwards."""
     case = case_of(search)
     expected = search.explored(starts(search, 6), case)
-    with helped(search, 2):
+    with search_pool(search, 2):
         assert [c.energy for c in search.explored(starts(search, 6), case)] == [c.energy for c in expected]
-        (helper,) = active_children()
-        assert helper.pid is not None
-        os.kill(helper.pid, signal.SIGKILL)
-        helper.join()
+        (worker,) = active_children()
+        assert worker.pid is not None
+        os.kill(worker.pid, signal.SIGKILL)
+        worker.join()
         with pytest.raises(InputError, match=r"workers: a worker process has ended \(exit code -9\)"):
             search.explored(starts(search, 6), case)
         assert [c.energy for c in search.explored(starts(search, 6), case)] == [c.energy for c in expected]
 
 
-def test_what_goes_wrong_in_a_helper_is_raised_here(search: ModeSearch, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C, which a terminal sends to all, leaves helpers cold: their leader ends them."""
-    with helped(search, 2):
-        (helper,) = active_children()
-        assert helper.pid is not None
-        os.kill(helper.pid, signal.SIGINT)
+def test_what_goes_wrong_in_a_worker_is_raised_here(search: ModeSearch, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C, which a terminal sends to all, leaves workers cold: their leader ends them."""
+    with search_pool(search, 2):
+        (worker,) = active_children()
+        assert worker.pid is not None
+        os.kill(worker.pid, signal.SIGINT)
         case = case_of(search)
         assert len(search.explored(starts(search, 4), case)) == 4
-        monkeypatch.setattr(workers, "taken", lambda *_: ())
+        monkeypatch.setattr(pool, "taken", lambda *_: ())
         with pytest.raises(IndexError) as raised:
-            search.explored([h._replace(reading=7) for h in starts(search, 2)], case)
+            search.explored([h._replace(association=7) for h in starts(search, 2)], case)
         assert "frame_search.py" in str(raised.value.__cause__)
-    with pytest.raises(KeyboardInterrupt), helped(search, 2):
+    with pytest.raises(KeyboardInterrupt), search_pool(search, 2):
         raise KeyboardInterrupt
 
 
@@ -124,15 +125,15 @@ def test_large_arrays_are_shared_not_copied() -> None:
     rng = np.random.default_rng(0)
     small, large, turned = rng.random(3), rng.random((SMALL, 3)), rng.random((70, 90)).astype(np.float32).T
     open_files = len(os.listdir("/dev/fd"))
-    with Board() as board:
-        reader = BoardReader()
+    with Broadcaster() as broadcaster:
+        reader = Receiver()
 
         def handed() -> int:
-            return os.dup(board.descriptor)
+            return os.dup(broadcaster.descriptor)
 
         for factor in (1.0, 2.0, 3.0):
             thing = {"small": factor * small, "large": [factor * large] * 2, "turned": turned, "bytes": large > factor}
-            notice = board.post(thing)
+            notice = broadcaster.show(thing)
             assert notice.moved == (factor == 1.0)
             assert len(notice.content) < SMALL
             found = reader.read(notice, handed)
@@ -143,9 +144,9 @@ def test_large_arrays_are_shared_not_copied() -> None:
                 assert found[name].flags.writeable  # compiled functions tell the kinds apart
             assert np.array_equal(found["large"][0], factor * large)
             assert found["large"][0].ctypes.data % 64 == 0
-        board.post({"large": 5.0 * large})
-        assert np.array_equal(found["large"][0], 5.0 * large)  # it looks at the board
-        bigger = board.post(np.zeros((100, SMALL)))
+        broadcaster.show({"large": 5.0 * large})
+        assert np.array_equal(found["large"][0], 5.0 * large)  # it looks at the memory
+        bigger = broadcaster.show(np.zeros((100, SMALL)))
         assert bigger.moved
         assert not reader.read(bigger, handed).any()
         assert np.array_equal(found["large"][0], 5.0 * large)  # what was read stays
@@ -156,10 +157,10 @@ def test_large_arrays_are_shared_not_copied() -> None:
 
 def test_what_cannot_be_shared_is_refused(search: ModeSearch) -> None:
     for count in (0, -1, 1000):
-        with pytest.raises(InputError, match=r"workers.*1 to 64"), helped(search, count):
+        with pytest.raises(InputError, match=r"workers.*1 to 64"), search_pool(search, count):
             pass
         with pytest.raises(InputError, match="workers"):
             km.track("arm8", None, workers=count)
     other = ModeSearch(CostModel(unlimited(search.body)))
-    with pytest.raises(ValueError, match="limits"), helped(other, 2):
+    with pytest.raises(ValueError, match="limits"), search_pool(other, 2):
         pass

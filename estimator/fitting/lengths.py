@@ -66,7 +66,7 @@ class Fit:
 
     subject: the subject with the fitted lengths, and the fitted flesh if there is a `shape`. names (P): proportions by
     joint. scales (P,): estimate relative to the given subject. covariance (P, P): of the scales. observations (F): the
-    frames used, in the readings that were chosen of them; none if none were usable, and the subject is then the given
+    frames used, in the associations chosen for them; none if none were usable, and the subject is then the given
     one. poses (F, nq): of the subject with the fitted lengths, in these frames. shape: of the flesh, None where it was
     not fitted.
     """
@@ -132,7 +132,7 @@ def _poses(
     poses, seen = [], []
     for observation, result, k in zip(observations, results, backtrack_results(results), strict=True):
         poses.append(result.q[k])
-        seen.append(tracker.search.read(observation, result.association[k]))
+        seen.append(tracker.search.associated(observation, result.association[k]))
     return poses, seen
 
 

@@ -4,49 +4,101 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from enum import Enum
 
 import numpy as np
 
-START, PARENT, READING, SAMPLE, PARTICLES = "start", "parent", "other reading", "sample", "particles"
-JUMP, LIMB, LIMBS = "jump in depth", "limb elsewhere", "limbs exchanged"
 PREFIX = "origin_"
+_STORED = {"penalty": "price"}  # names that fields have in run files, where these are others
+
+
+class Family(str, Enum):
+    """What a mode was searched from. The values are what runs hold and people read."""
+
+    START = "start"  # of a track: no frame before
+    KEPT = "parent"  # the parent's own pose
+    ASSOCIATION = "other association"  # the parent's own pose, keypoints assigned to landmarks in another way
+    SAMPLE = "sample"  # about the parent
+    DEPTH_JUMP = "kinematic jump"  # a limb or part at another depth
+    LIMB_JUMP = "limb elsewhere"
+    LIMB_EXCHANGE = "limbs exchanged"
+    PARTICLES = "particles"  # their mean, which nothing was searched from
+
+    __str__ = str.__str__
+
+    @property
+    def at_previous(self) -> bool:
+        """Whether hypotheses begin at the pose that they have for the frame before (see `PreviousPose`), from where
+        keypoints and flow take them on before the pictures are looked at."""
+        return self not in (Family.START, Family.SAMPLE, Family.PARTICLES)
+
+    @staticmethod
+    def of_text(text: str) -> Family:
+        """The family that a run names; raises ValueError for text that is none."""
+        return Family(_FORMER.get(text, text))
+
+
+_FORMER = {"other reading": "other association", "jump in depth": "kinematic jump"}
+"""Words that runs have which were made before these were chosen."""
+
+
+@dataclass(frozen=True)
+class PreviousPose:
+    """Where a hypothesis has the body in the frame before. Flow is followed from there, velocities count from there.
+
+    q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is no motion.
+    q_predicted (nq,): where the parent's velocity took it, from where flow is looked for too; None where it is not.
+    paid: whether the energy has the transition's penalty of the change since q.
+    """
+
+    q: np.ndarray
+    q_predicted: np.ndarray | None = None
+    paid: bool = True
+
+    @property
+    def key(self) -> PoseKey:
+        """What tells previous poses apart whose flow has to be followed."""
+        return self.q.tobytes(), b"" if self.q_predicted is None else self.q_predicted.tobytes()
+
+
+PoseKey = tuple[bytes, bytes]
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Of one mode.
+    """Of one hypothesis, and of the mode that became of it.
 
-    family: what it was searched from: "start" (of a track), "parent" (a parent's own pose), "other reading" (of the
-        keypoints), "sample", "jump in depth", "limb elsewhere", "limbs exchanged"; or "particles", its mean.
-    q_previous (nq,): where the body was before: the parent's configuration, of a jump the pose that it jumped to. Flow
-        is followed from there. None where there is no past.
-    paid: whether the energy has the price of the change since then.
-    price: flat price of a jump. The weight has paid it, the energy has not.
-    q_predicted (nq,): where the parent's velocity took it, from where flow is looked for too; None where it is not.
-    q_assigned (nq,): the pose at which the pictures' features were assigned, None without pictures.
-    extent (C,): extent of the body in each camera's pictures [px], by which their noise is told; empty without.
+    previous: the pose in the frame before, None where there was none or none counts.
+    penalty: flat penalty of a jump. The weight has paid it, the energy has not.
+    q_assigned (nq,): of a mode, the pose at which the pictures' features were assigned, None without pictures.
+    extent (C,): of a mode, extent of the body in each camera's pictures [px], by which their noise is told; empty
+        without.
     """
 
-    family: str
-    q_previous: np.ndarray | None = None
-    paid: bool = False
-    price: float = 0.0
-    q_predicted: np.ndarray | None = None
+    family: Family
+    previous: PreviousPose | None = None
+    penalty: float = 0.0
     q_assigned: np.ndarray | None = None
     extent: tuple[float, ...] = ()
+
+    @property
+    def q_paid(self) -> np.ndarray | None:
+        """The configuration (nq,) from which the transition's penalty counts, None where it is not paid."""
+        return self.previous.q if self.previous is not None and self.previous.paid else None
 
 
 @dataclass(frozen=True)
 class Origins:
     """Of the K modes of a frame, as arrays; see `Origin`. NaN stands for what there is not.
 
-    family (K): text. q_previous, q_predicted, q_assigned (K, nq). paid (K,) bool. price (K,). extent (K, C).
+    family (K): text. q_previous, q_predicted (K, nq), paid (K,) bool: see `PreviousPose`. penalty (K,).
+    q_assigned (K, nq). extent (K, C).
     """
 
     family: np.ndarray
     q_previous: np.ndarray
     paid: np.ndarray
-    price: np.ndarray
+    penalty: np.ndarray
     q_predicted: np.ndarray
     q_assigned: np.ndarray
     extent: np.ndarray
@@ -57,44 +109,54 @@ class Origins:
         known = [origin for origin in origins if origin is not None]
         if not known or len(known) < len(origins):
             return None
+        previous = [origin.previous for origin in known]
         return Origins(
-            family=np.array([o.family for o in known], dtype=np.str_),
-            q_previous=_rows([o.q_previous for o in known], nq),
-            paid=np.array([o.paid for o in known]),
-            price=np.array([o.price for o in known]),
-            q_predicted=_rows([o.q_predicted for o in known], nq),
+            family=np.array([o.family.value for o in known], dtype=np.str_),
+            q_previous=_rows([None if p is None else p.q for p in previous], nq),
+            paid=np.array([p is not None and p.paid for p in previous]),
+            penalty=np.array([o.penalty for o in known]),
+            q_predicted=_rows([None if p is None else p.q_predicted for p in previous], nq),
             q_assigned=_rows([o.q_assigned for o in known], nq),
             extent=np.array([o.extent for o in known]).reshape(len(known), -1),
         )
 
-    def one(self, k: int) -> Origin:
+    def of_mode(self, k: int) -> Origin:
         """That of mode k."""
+        q = _row(self.q_previous[k])
+        previous = None if q is None else PreviousPose(q, _row(self.q_predicted[k]), bool(self.paid[k]))
         return Origin(
-            str(self.family[k]), _row(self.q_previous[k]), bool(self.paid[k]), float(self.price[k]),
-            _row(self.q_predicted[k]), _row(self.q_assigned[k]), tuple(self.extent[k].tolist()),
+            Family(str(self.family[k])), previous, float(self.penalty[k]), _row(self.q_assigned[k]),
+            tuple(self.extent[k].tolist()),
         )  # fmt: skip
 
     def arrays(self) -> dict[str, np.ndarray]:
         """As arrays to be stored, those left out that say nothing; `from_arrays` is the inverse."""
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
-        return {PREFIX + name: a for name, a in found.items() if a.dtype.kind != "f" or np.isfinite(a).any()}
+        by_name = {_STORED.get(f.name, f.name): getattr(self, f.name) for f in fields(self)}
+        return {PREFIX + name: a for name, a in by_name.items() if a.dtype.kind != "f" or np.isfinite(a).any()}
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray], nq: int) -> Origins | None:
         """Rebuild them from `arrays`, among others; None where there are none, as in frames without modes of their own
         and in runs that were made before they were kept."""
-        family = arrays.get(PREFIX + "family")
+        family = families(arrays)
         if family is None:
             return None
-        count = len(family)
         shapes = {"q_previous": nq, "q_predicted": nq, "q_assigned": nq, "extent": 0}
-        rows = {name: arrays.get(PREFIX + name, np.full((count, width), np.nan)) for name, width in shapes.items()}
-        paid, price = arrays[PREFIX + "paid"], arrays[PREFIX + "price"]
-        return Origins(family=family, paid=paid, price=price, **rows)
+        rows = {
+            name: arrays.get(PREFIX + name, np.full((len(family), width), np.nan)) for name, width in shapes.items()
+        }
+        return Origins(family=family, paid=arrays[PREFIX + "paid"], penalty=arrays[PREFIX + "price"], **rows)
 
 
-def _rows(found: Sequence[np.ndarray | None], nq: int) -> np.ndarray:
-    return np.array([np.full(nq, np.nan) if q is None else q for q in found])
+def families(arrays: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Text (K,) of the families among the arrays of a frame, None where they were not kept; raises ValueError for text
+    that names none."""
+    stored = arrays.get(PREFIX + "family")
+    return None if stored is None else np.array([Family.of_text(str(t)).value for t in stored], dtype=np.str_)
+
+
+def _rows(configurations: Sequence[np.ndarray | None], nq: int) -> np.ndarray:
+    return np.array([np.full(nq, np.nan) if q is None else q for q in configurations])
 
 
 def _row(q: np.ndarray) -> np.ndarray | None:

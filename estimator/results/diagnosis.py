@@ -11,7 +11,7 @@ import numpy as np
 from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.observation import Observation
 from estimator.results.run_file import Run
-from estimator.search.mode_search import EXCHANGED
+from estimator.search.association import EXCHANGED
 from estimator.tracking.registry import UNCONSTRAINED
 from humanoid.subject.landmarks import mirror_index
 

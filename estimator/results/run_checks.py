@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.formats.packing import valid_text
-from estimator.modes.origin import PREFIX
+from estimator.modes.origin import PREFIX, families
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 
@@ -186,6 +186,10 @@ def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> 
         return
     sizes = {"nq": body.nq, "K": count}
     _check(arrays, _ORIGINS, sizes)
+    try:
+        families(arrays)
+    except ValueError as error:
+        raise DamageError(f"{PREFIX}family: {error}") from None
     poses = _there(_ORIGIN_POSES, arrays)
     _check(arrays, poses | _there(_ORIGIN_EXTENT, arrays), sizes)
     for name in poses:

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.formats.packing import unpack
 from estimator.imaging.observation import Observation
-from estimator.modes.origin import PREFIX, Origins
+from estimator.modes.origin import Origins, families
 from estimator.results import run_store
 from estimator.results.calibration import Calibration
 from estimator.results.posterior import Posterior
@@ -216,7 +216,8 @@ class Run:
     @cached_property
     def mode_family(self) -> np.ndarray:
         """(T, K) text: what each hypothesis was searched from, see `Origin`; empty where that is not known."""
-        rows = [f.get(f"{PREFIX}family", np.zeros(0, np.str_)).tolist() for f in self._frames]
+        known = [families(f) for f in self._frames]
+        rows = [[] if row is None else row.tolist() for row in known]
         k = self.hypothesis_count
         return np.array([row + [""] * (k - len(row)) for row in rows], dtype=np.str_).reshape(len(rows), k)
 

@@ -6,8 +6,10 @@ import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
-from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
+from estimator.search.mode_search import ModeSearch
 from estimator.search.views import view_sphere
 from humanoid.kinematics.body import Body
 
@@ -18,7 +20,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     """The `count` best modes of one frame.
 
     A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
-    random configurations within the limits. Where one camera alone sees the body, the limbs of the modes found are
+    random configurations within the limits. Where one camera alone sees the body, the limbs of these first modes are
     also tried at their other depths, which headings alone do not reach.
     """
     body = search.body
@@ -26,19 +28,19 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
         starts = view_sphere(body, body.neutral, observation)
     else:
         starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
-    readings = search.readings(observation)
-    case = FrameCase(readings)
-    found = search.best_modes((Hypothesis(q, r) for q in starts for r in range(len(readings))), case, count)
-    evidence = search.evidence(observation, found.modes[0].q)
+    associations = search.associations(observation)
+    case = FrameCase(associations)
+    first = search.best_modes((Hypothesis(q, k) for q in starts for k in range(len(associations))), case, count)
+    evidence = search.evidence(observation, first.modes[0].q)
     camera = only_camera(observation)
-    jumps = camera is not None and bool(search.flips.limbs or search.flips.parts)
-    if not jumps and evidence is None:
-        return found
-    names = [r.name for r in readings]
+    can_jump = camera is not None and bool(search.jumps.limbs or search.jumps.parts)
+    if not can_jump and evidence is None:
+        return first
+    names = [association.name for association in associations]
     again = [
         Hypothesis(q, names.index(mode.association))
-        for mode in found.modes
-        for q in (mode.q, *(search.flips.of(mode.q, camera) if camera is not None else ()))
+        for mode in first.modes
+        for q in (mode.q, *(search.jumps.of(mode.q, camera) if camera is not None else ()))
     ]
     return search.best_modes(again, case._replace(evidence=evidence), count, rng)
 

@@ -13,20 +13,16 @@ from estimator.imaging.observation import Observation
 from estimator.modes.merge import best_distinct, body_size
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.optimise.seek import Seeker
-from estimator.search.frame_search import Candidate, FrameCase, FrameSearch, Hypothesis, Reading, Refined
-from estimator.search.jumps import Flips
+from estimator.parallel.pool import OneProcess, Workers
+from estimator.search.association import AS_DETECTED, EXCHANGED, Association
+from estimator.search.frame_search import FrameCase, FrameSearch
+from estimator.search.hypothesis import Candidate, Hypothesis, Refined
+from estimator.search.jumps import KinematicJumps
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
-from estimator.search.sharing import Alone, Sharing
 from estimator.search.volumes import importance_log_volumes
 from estimator.terms.reprojection import Reprojection
 from humanoid.collision.clearance import Clearance
 from humanoid.subject.landmarks import mirror_index
-
-__all__ = [
-    "AS_DETECTED", "EXCHANGED", "Candidate", "FrameCase", "Hypothesis", "ModeSearch", "ModeSearchSettings", "Reading",
-]  # fmt: skip
-
-AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
 
 Scored = TypeVar("Scored", Candidate, Refined)
 
@@ -34,8 +30,8 @@ Scored = TypeVar("Scored", Candidate, Refined)
 class ModeSearch:
     """Finds the modes of frames of one body under one cost model.
 
-    sharing: who does the pieces of work; this process alone, unless `estimator.search.workers.helped` has it helped.
-    What comes out is the same to the last bit.
+    workers: who does the pieces of work; this process alone, unless `estimator.search.search_pool.search_pool` gives
+    it others. What comes out is the same to the last bit.
     """
 
     def __init__(self, model: CostModel, settings: ModeSearchSettings | None = None) -> None:
@@ -45,31 +41,31 @@ class ModeSearch:
         self.seeker = Seeker(self.body, self.settings.refine)
         self.clearance: Clearance | None = model.clearance
         self.mirror = mirror_index(self.body.landmark_names)
-        self.flips = Flips(self.body)
-        self.sharing: Sharing = Alone()
+        self.jumps = KinematicJumps(self.body)
+        self.workers: Workers[FrameSearch] = OneProcess()
         self._distance = self.settings.distinct * body_size(self.body)
         self._frame: FrameSearch | None = None
 
-    def read(self, observation: Observation, association: str) -> Observation:
-        """A frame's keypoints as an association (see `Mode`) takes them."""
+    def associated(self, observation: Observation, association: str) -> Observation:
+        """A frame's keypoints, each at the landmark that an association (its name, see `Mode`) assigns it to."""
         return observation.exchanged(self.mirror) if association == EXCHANGED else observation
 
     def term(self, observation: Observation, association: str) -> Reprojection:
         """The keypoint term of a frame in one association."""
-        return self.model.observation_term(self.read(observation, association))
+        return self.model.observation_term(self.associated(observation, association))
 
     def evidence(self, observation: Observation, q: np.ndarray) -> Evidence | None:
         """What the frame's pictures say, None where there are none; q (nq,): about where the body is."""
         return self.model.evidence(observation, self.body.at(q))
 
-    def readings(self, observation: Observation) -> tuple[Reading, ...]:
-        """The readings of a frame: as detected, and with left and right exchanged where the body has sides."""
-        found = [Reading(AS_DETECTED, self.term(observation, AS_DETECTED), 0.0)]
-        swappable = observation.count > 0 and not observation.given
-        if self.settings.exchange and swappable and np.any(self.mirror != np.arange(len(self.mirror))):
-            penalty = self.model.settings.exchange_penalty
-            found.append(Reading(EXCHANGED, self.term(observation, EXCHANGED), penalty))
-        return tuple(found)
+    def associations(self, observation: Observation) -> tuple[Association, ...]:
+        """Those of a frame: as detected, and with left and right exchanged where the body has sides."""
+        detected = Association(AS_DETECTED, self.term(observation, AS_DETECTED), 0.0)
+        exchangeable = observation.count > 0 and not observation.given
+        if not self.settings.exchange or not exchangeable or np.all(self.mirror == np.arange(len(self.mirror))):
+            return (detected,)
+        penalty = self.model.settings.exchange_penalty
+        return detected, Association(EXCHANGED, self.term(observation, EXCHANGED), penalty)
 
     def best_modes(
         self, hypotheses: Iterable[Hypothesis], case: FrameCase, count: int, rng: np.random.Generator | None = None
@@ -81,7 +77,7 @@ class ModeSearch:
         """Every hypothesis after a short search."""
         frame, hypotheses = self.frame(case), list(hypotheses)
         self._learn_flows(frame, hypotheses)
-        return self.sharing.each(frame, FrameSearch.explore, hypotheses)
+        return self.workers.each(FrameSearch.explore, hypotheses)
 
     def best_of(
         self, explored: Sequence[Candidate], case: FrameCase, count: int, rng: np.random.Generator | None = None
@@ -90,7 +86,7 @@ class ModeSearch:
         sampling (`ModeSearchSettings.weigh`), which count by volume without it."""
         frame = self.frame(case)
         kept = self._distinct(explored, count + self.settings.spare)
-        refined = self.sharing.each(frame, FrameSearch.refine, kept)
+        refined = self.workers.each(FrameSearch.refine, kept)
         best = self._distinct(self._apart(refined), count)
         scores = np.array([r.score for r in best]) + self._log_volumes(frame, best, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
@@ -102,7 +98,7 @@ class ModeSearch:
         few searches."""
         frame = self.frame(case)
         if pictures:
-            scores = self.sharing.each(frame, FrameSearch.look, hypotheses)
+            scores = self.workers.each(FrameSearch.look, hypotheses)
         else:
             scores = [frame.look_at_keypoints(h) for h in hypotheses]  # sharing it would take longer
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
@@ -111,23 +107,21 @@ class ModeSearch:
         """The searches of a case; what they share is kept until the next one."""
         if self._frame is None or self._frame.case is not case:
             self._frame = FrameSearch(self.model, self.seeker, self.settings, case)
+        self.workers.show(self._frame)
         return self._frame
 
     def _learn_flows(self, frame: FrameSearch, hypotheses: Sequence[Hypothesis]) -> None:
-        """Flow of the surface from where each hypothesis' parent had it: many pasts at once, since their nodes see the
-        same pixels, and known to all who search."""
+        """Flow of the surface from each hypothesis' previous pose: many poses at once, since their nodes see the same
+        pixels, and known to all processes that search."""
         if frame.case.evidence is None:
             return
-        new = {
-            h.past: (h.q_previous, h.q_predicted)
-            for h in hypotheses
-            if h.q_previous is not None and h.past not in frame.flows
-        }
-        keys, hands = list(new), self.sharing.hands
-        shares = [keys[k::hands] for k in range(hands) if keys[k::hands]]
-        found = self.sharing.each(frame, FrameSearch.follow, [[new[key] for key in share] for share in shares])
-        for share, followed in zip(shares, found, strict=True):
-            self.sharing.everywhere(frame, FrameSearch.learn, dict(zip(share, followed, strict=True)))
+        poses = [h.origin.previous for h in hypotheses if h.origin.previous is not None]
+        new = {pose.key: pose for pose in poses if pose.key not in frame.flows}
+        keys, size = list(new), self.workers.size
+        shares = [keys[k::size] for k in range(size) if keys[k::size]]
+        flows = self.workers.each(FrameSearch.follow, [[new[key] for key in share] for share in shares])
+        for share, followed in zip(shares, flows, strict=True):
+            self.workers.everywhere(FrameSearch.learn, dict(zip(share, followed, strict=True)))
 
     def _log_volumes(self, frame: FrameSearch, best: Sequence[Refined], rng: np.random.Generator | None) -> np.ndarray:
         """What each mode's weight gains by the probability around it, (K,); see `ModeSearchSettings.weigh`."""
@@ -136,11 +130,11 @@ class ModeSearch:
         if self.settings.weigh == BY_IMPORTANCE and rng is not None:
             modes = [frame.surroundings(r) for r in best]
             return importance_log_volumes(rng, self.body, modes, self.settings.weigh_samples)
-        return np.array(self.sharing.each(frame, FrameSearch.log_volume, best))
+        return np.array(self.workers.each(FrameSearch.log_volume, best))
 
     def _apart(self, refined: list[Refined]) -> list[Refined]:
         """Those whose parts could be kept apart; all of them if that is none."""
         return [r for r in refined if r.mode.penetration <= self.settings.contact.limit] or refined
 
-    def _distinct(self, found: Sequence[Scored], count: int) -> list[Scored]:
-        return best_distinct(found, lambda c: c.score, lambda c: c.landmarks, self._distance, count)
+    def _distinct(self, searched: Sequence[Scored], count: int) -> list[Scored]:
+        return best_distinct(searched, lambda c: c.score, lambda c: c.landmarks, self._distance, count)

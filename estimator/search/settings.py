@@ -19,7 +19,8 @@ class ModeSearchSettings:
     refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
     coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
     distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
-    exchange: also read every frame with left and right swapped (detectors do swap them).
+    exchange: also search every frame with left and right of its keypoints exchanged (detectors do take one for the
+    other).
     contact: what is done with modes whose parts overlap.
     weigh: what a mode's weight is: "height", its probability density (CSS Figure 6, step 3); "volume", its probability
     by the second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS

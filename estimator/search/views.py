@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from humanoid.kinematics.body import Body, points_in_world
 
@@ -24,20 +25,20 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
     rays = _normalised(camera, observation.pixels[c, seen])
     weight = observation.confidence[c, seen]
     points = _root_points(body, q_rest)[seen]
-    found = []
+    starts = []
     for pitch in PITCHES:
         for heading in np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS:
             R_camera_root = _view(heading, pitch)
-            placed = _match(points @ R_camera_root.T, rays, weight)
+            placed = _weak_perspective(points @ R_camera_root.T, rays, weight)
             if placed is not None:
                 roll, t_camera = placed
                 R_world_root = camera.R_camera_world.T @ roll @ R_camera_root
                 p_world = camera.R_camera_world.T @ (t_camera - camera.t_camera_world)
-                found.append(_with_root(q_rest, R_world_root, p_world))
-    return found
+                starts.append(_with_root(q_rest, R_world_root, p_world))
+    return starts
 
 
-def _normalised(camera, pixels: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """Pixels (N, 2) -> x/z, y/z in the camera's frame; distortion is small enough to leave out of a first guess."""
     y = (pixels[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
     x = (pixels[:, 0] - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
@@ -59,7 +60,7 @@ def _view(heading: float, pitch: float) -> np.ndarray:
     return pin.utils.rotate("x", pitch) @ facing @ turned
 
 
-def _match(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _weak_perspective(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Roll (3, 3) about the optical axis and position of the root [m, camera frame] that fit points (N, 3) to rays."""
     w = weight / weight.sum()
     centre, image_centre = w @ points, w @ rays

@@ -12,7 +12,8 @@ from estimator.modes.best_path import best_path
 from estimator.modes.motion import MotionPrior
 from estimator.optimise.contact import separate
 from estimator.optimise.seek import Solution
-from estimator.search.mode_search import EXCHANGED, ModeSearch
+from estimator.search.association import EXCHANGED
+from estimator.search.mode_search import ModeSearch
 from estimator.sequences.source import Cues, Progress
 from estimator.smoothing.chain import Chain
 from estimator.smoothing.frames import frame_costs, frame_energies, only

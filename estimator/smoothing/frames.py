@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.imaging.observation import Observation
-from estimator.search.mode_search import EXCHANGED, ModeSearch
+from estimator.search.association import EXCHANGED
+from estimator.search.mode_search import ModeSearch
 from estimator.terms.term import Cost
 from estimator.trackers.base import observable
 from estimator.trackers.frame_result import FrameResult
 
 
 def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:
-    """Static energy of a frame as each of its K modes reads it; image features stay assigned as they are there."""
+    """Static energy of a frame in the association of each of its K modes; image features stay assigned as they are
+    there."""
     if not observable(observation):
         return [search.model.cost(None)] * len(result.weight)
     evidence = search.evidence(observation, result.q[0])
@@ -27,7 +29,7 @@ def frame_costs(search: ModeSearch, observation: Observation, result: FrameResul
 
 
 def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -> np.ndarray:
-    """Static energy (K,) of every mode of a frame, with the price of reading its keypoints exchanged."""
+    """Static energy (K,) of every mode of a frame, with the penalty of an exchanged association."""
     penalty = search.model.settings.exchange_penalty
     return np.array(
         [

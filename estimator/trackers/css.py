@@ -12,11 +12,13 @@ from estimator.cost.model import ALL_DETECTED
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
+from estimator.search.budget import BudgetSettings, Source, allocated
 from estimator.search.first_pose import start_modes
-from estimator.search.hypotheses import SHAPES, Proposals, ProposalSettings
-from estimator.search.mode_search import Candidate, FrameCase, ModeSearch
+from estimator.search.frame_proposals import SHAPES, Proposals, ProposalSettings
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Candidate
+from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
-from estimator.search.schedule import BudgetSettings, Offer, shared_out
 from estimator.trackers.base import TrackState, carried, judged, observable
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.errors import InputError
@@ -102,27 +104,27 @@ class CovarianceScaledSampling:
             return carried(self.search, state, observation)
         prior = state.mixture
         evidence = self.search.evidence(observation, prior.modes[0].q)
-        case = FrameCase(self.search.readings(observation), observation.time - state.time, evidence)
+        case = FrameCase(self.search.associations(observation), observation.time - state.time, evidence)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         found = self.search.explored(proposals.kept(), case) if self.settings.keep else []
         left = self.settings.budget.left(len(found), _rise(found, prior), 1.0 - float(prior.weights[0]))
-        found += self.search.explored(shared_out(left, self._offers(proposals, observation)), case)  # 1, 2
+        found += self.search.explored(allocated(left, self._sources(proposals, observation)), case)  # 1, 2
         mixture = self.search.best_of(found, case, self.settings.modes, rng)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
         return judged(self.search, observation, mixture)
 
-    def _offers(self, proposals: Proposals, observation: Observation) -> list[Offer]:
+    def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
         s = self.settings
         seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
         depths = seen if any(cues.flow is not None for cues in observation.cues) else 1.0
         lost = 1.0 - 0.75 * seen if observation.cues else 0.0
         return [
-            Offer(s.other_readings, proposals.other_readings),
-            Offer(depths * s.flips, proposals.flips),
-            Offer(lost * s.limb_searches, partial(proposals.limbs, looks=round(lost * s.limb_samples))),
-            Offer(lost * s.exchanges, proposals.exchanges),
-            Offer(s.samples, proposals.samples),
+            Source(s.other_readings, proposals.other_associations),
+            Source(depths * s.flips, proposals.kinematic_jumps),
+            Source(lost * s.limb_searches, partial(proposals.limbs, looks=round(lost * s.limb_samples))),
+            Source(lost * s.exchanges, proposals.limb_exchanges),
+            Source(s.samples, proposals.samples),
         ]
 
     def _matched(self, prior: Mixture, found: Mixture) -> Mixture:

@@ -13,9 +13,11 @@ import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode
-from estimator.modes.origin import SAMPLE
+from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.first_pose import start_modes
-from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
+from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, carried, judged, observable
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.single_mode import without_limits
@@ -58,7 +60,7 @@ class MultipleHypothesis:
         if not observable(observation):
             return carried(search, state, observation)
         evidence = search.evidence(observation, state.mixture.modes[0].q)
-        case = FrameCase(search.readings(observation), dt, evidence)
+        case = FrameCase(search.associations(observation), dt, evidence)
         found = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
         return judged(search, observation, found)
 
@@ -76,4 +78,5 @@ class MultipleHypothesis:
     def _sample(self, rng: np.random.Generator, prior: Mixture, k: int, factor: np.ndarray, dt: float) -> Hypothesis:
         mode, body = prior.modes[k], self._tracking.body
         step = self.settings.momentum * dt * mode.velocity + factor @ rng.standard_normal(body.nv)
-        return Hypothesis(body.integrate(mode.q, step), 0, k, prior.log_scores[k], mode.q, family=SAMPLE)
+        origin = Origin(Family.SAMPLE, PreviousPose(mode.q))
+        return Hypothesis(body.integrate(mode.q, step), 0, origin, k, prior.log_scores[k])

@@ -12,9 +12,10 @@ from estimator.inference.clusters import clusters, mean_and_covariance
 from estimator.inference.particles import Particles
 from estimator.modes.merge import body_size
 from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.origin import PARTICLES, Origin
+from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
-from estimator.search.mode_search import AS_DETECTED, ModeSearch
+from estimator.search.mode_search import ModeSearch
 from estimator.terms.term import QuadraticModel
 from estimator.trackers.base import TrackState, carried, judged
 from estimator.trackers.frame_result import FrameResult
@@ -125,7 +126,8 @@ def summarised(
         parent = int(np.argmax(np.bincount(particles.owner[own], weights=weight)))
         q_previous = before.modes[parent].q
         velocity = body.difference(q_previous, mean) / max(dt, 1e-3)
-        origin = Origin(PARTICLES, q_previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
+        previous = PreviousPose(q_previous, paid=False)
+        origin = Origin(Family.PARTICLES, previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
         modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity, origin))
         weights.append(weight.sum())
     return mixture_of(tuple(modes), np.log(weights)), label

@@ -8,9 +8,11 @@ import numpy as np
 
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
-from estimator.modes.origin import PARENT
+from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.first_pose import start_modes
-from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
+from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, carried, judged, observable
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.unlimited import unlimited
@@ -47,11 +49,10 @@ class SingleMode:
         if not observable(observation):
             return carried(search, state, observation)
         q = state.mixture.modes[0].q
-        hypothesis = Hypothesis(q, 0, 0, 0.0, q if self.settings.transition else None, family=PARENT)
-        readings = search.readings(observation)
-        evidence = search.evidence(observation, q)
-        found = search.best_modes([hypothesis], FrameCase(readings, observation.time - state.time, evidence), 1)
-        return judged(search, observation, found)
+        origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)
+        associations, evidence = search.associations(observation), search.evidence(observation, q)
+        case = FrameCase(associations, observation.time - state.time, evidence)
+        return judged(search, observation, search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1))
 
 
 def without_limits(search: ModeSearch) -> ModeSearch:

@@ -9,7 +9,8 @@ from typing import Any
 
 from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.cues import CueSettings
-from estimator.search.mode_search import ModeSearch, ModeSearchSettings
+from estimator.search.mode_search import ModeSearch
+from estimator.search.settings import ModeSearchSettings
 from estimator.smoothing import SmoothSettings
 from estimator.trackers.annealed import Annealed, AnnealedSettings
 from estimator.trackers.base import Tracker

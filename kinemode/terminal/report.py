@@ -147,8 +147,8 @@ def print_explanation(explanation: Explanation) -> None:
     if e.origin is not None:
         parent = f"; continues hypothesis {e.parent} of the frame before" if e.parent >= 0 else ""
         out.print(f"searched as: {e.origin.family}{parent}")
-        if e.origin.price > 0.0:
-            out.print(f"flat price of the jump, paid by the weight and no part of the energy: {e.origin.price:g}")
+        if e.origin.penalty > 0.0:
+            out.print(f"flat penalty of the jump, paid by the weight and no part of the energy: {e.origin.penalty:g}")
             out.print("the transition counts from the pose that it jumped to")
     print_notes(e.notes)
 

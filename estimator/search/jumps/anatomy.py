@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.modes.merge import body_size
-from estimator.search.jumps.angles import axes_of, meeting_point
+from estimator.search.jumps.lines import axes_of, meeting_point
 from humanoid.kinematics.body import Body
 
 PROBES = 3  # random poses at which axes and landmarks are looked at: a single pose may be a special one
-SAME = 0.03  # of the body's size, as modes that are distinct: flips that move less say nothing new
+SAME = 0.03  # of the body's size, as modes that are distinct: jumps that move less say nothing new
 NEAR = 0.02  # of the body's size: an axis this near to a point goes through it
 OFFSET = 0.08  # of the body's size: by which the axes of a robot's hip may miss each other
 SHORT = 0.05  # of the body's size: shorter segments have no depth worth a jump
@@ -102,13 +102,13 @@ class _Probe:
         chains = [(a, b, c) for a, b in segments for inner, c in segments if inner == b]
         candidates = [(limb, self._shortest(limb)) for chain in chains if (limb := self._limb(*chain)) is not None]
         candidates.sort(key=lambda x: (self._off(x[0]) > NEAR * self.size, -x[1]))
-        found: list[Limb] = []
+        limbs: list[Limb] = []
         used = np.zeros(self.body.nv, dtype=bool)
         for limb, _ in candidates:
             if not used[limb.dofs].any():
-                found.append(limb)
+                limbs.append(limb)
                 used[limb.dofs] = True
-        return sorted(found, key=lambda limb: int(limb.dofs[0]))
+        return sorted(limbs, key=lambda limb: int(limb.dofs[0]))
 
     def _shortest(self, limb: Limb) -> float:
         lengths = np.linalg.norm(np.diff(self.points[:, limb.landmarks], axis=1), axis=2).min(axis=0)
@@ -157,18 +157,18 @@ class _Probe:
         taken = {int(d) for limb in limbs for d in limb.dofs}
         roots = {int(limb.landmarks[0]) for limb in limbs}
         runs = self._runs(taken)
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        rigid_runs: list[tuple[np.ndarray, np.ndarray]] = []  # joints, and the landmarks that turn with them
         for run in runs:
             behind = self.body.landmark_support[:, run[-1]]
             rigid = [k for k in np.flatnonzero(behind) if k in roots or self._rigid(int(k), run)]
             rigid = [k for k in rigid if not taken & set(np.flatnonzero(self.moves[k] & ~self._up_to(run)).tolist())]
             if rigid:
-                found.append((np.array(run), np.array(rigid)))
+                rigid_runs.append((np.array(run), np.array(rigid)))
         if self.first == 6:
             loose = [k for k in range(len(self.moves)) if k in roots or not self.moves[k, 6:].any()]
             if len(loose) >= 3:
-                found.insert(0, (np.zeros(0, dtype=int), np.array(loose)))
-        return tuple(self._part(i, found, limbs) for i in range(len(found)))
+                rigid_runs.insert(0, (np.zeros(0, dtype=int), np.array(loose)))
+        return tuple(self._part(i, rigid_runs, limbs) for i in range(len(rigid_runs)))
 
     def _up_to(self, run: list[int]) -> np.ndarray:
         return np.asarray(self.body.support(int(self.body.tree.dof_joint[run[-1]])))
@@ -198,10 +198,10 @@ class _Probe:
                 return False
         return True
 
-    def _part(self, i: int, found: list[tuple[np.ndarray, np.ndarray]], limbs: list[Limb]) -> Part:
-        dofs, landmarks = found[i]
-        support = [self._up_to(d.tolist()) if len(d) else np.zeros(self.body.nv, dtype=bool) for d, _ in found]
+    def _part(self, i: int, rigid_runs: list[tuple[np.ndarray, np.ndarray]], limbs: list[Limb]) -> Part:
+        dofs, landmarks = rigid_runs[i]
+        support = [self._up_to(d.tolist()) if len(d) else np.zeros(self.body.nv, dtype=bool) for d, _ in rigid_runs]
         last = int(dofs[-1]) if len(dofs) else 0
         mine = [k for k, limb in enumerate(limbs) if self.body.landmark_support[limb.landmarks[1], last]]
-        below = [k for k in range(len(found)) if k != i and support[k][last]]
+        below = [k for k in range(len(rigid_runs)) if k != i and support[k][last]]
         return Part(dofs, landmarks, tuple(mine), tuple(below))

@@ -10,15 +10,16 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.search.jumps.anatomy import Anatomy
-from estimator.search.jumps.parts import part_flipped
-from estimator.search.jumps.readings import Reading, Sight, limb_readings
+from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
+from estimator.search.jumps.parts import part_mirrored
+from estimator.search.jumps.sight import Sight
 from estimator.terms.upright import world_up
 from humanoid.kinematics.body import Body
 
 NU = 4.0  # of the Lorentzian, as the stabilisers'
 MISS = 0.005  # m: standard deviation of the distance from a ray, about a pixel
-PART_PRICE = 3.0  # energy of a pose with flipped parts, since these keep the image only nearly
-UNREACHED = 10.0  # energy of a limb that no reading brings back onto its rays
+PART_PENALTY = 3.0  # energy of a pose with mirrored parts, since these keep the image only nearly
+UNREACHED = 10.0  # energy of a limb that no solution brings back onto its rays
 
 
 class JointPrior:
@@ -57,24 +58,24 @@ def _lorentzian(squares: np.ndarray) -> float:
 def interpretations(
     body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, camera: Camera
 ) -> Iterator[np.ndarray]:
-    """Configurations (nq,) on the same rays as a pose, with every combination of its limbs' readings and of up to two
-    flipped parts, the pose itself left out.
+    """Configurations (nq,) on the same rays as a pose, with every combination of its limbs' solutions and of up to two
+    mirrored parts, the pose itself left out.
 
     Given the parts, limbs do not depend on each other: each is solved once, and their combinations are merged best
     first by the joints' prior and the distance from the rays. What is not asked for is not made.
     """
     heap: list[tuple[float, int, tuple[int, ...], int]] = []
     scenes = []
-    for flipped in _scenes(body, anatomy, sight):
-        options = [_options(body, anatomy, prior, flipped, k) for k in range(len(anatomy.limbs))]
-        scenes.append((flipped, options))
-        price = PART_PRICE if scenes[1:] else 0.0
-        start = price + _base_energy(body, anatomy, prior, flipped, camera) + sum(o[0][0] for o in options)
+    for mirrored in _scenes(body, anatomy, sight):
+        options = [_options(body, anatomy, prior, mirrored, k) for k in range(len(anatomy.limbs))]
+        scenes.append((mirrored, options))
+        penalty = PART_PENALTY if scenes[1:] else 0.0
+        start = penalty + _base_energy(body, anatomy, prior, mirrored, camera) + sum(o[0][0] for o in options)
         heap.append((start, len(scenes) - 1, (0,) * len(options), 0))
     heapq.heapify(heap)
     while heap:
         energy, s, chosen, first = heapq.heappop(heap)
-        flipped, options = scenes[s]
+        mirrored, options = scenes[s]
         for i in range(first, len(chosen)):  # every combination has one that it comes from
             if chosen[i] + 1 < len(options[i]):
                 more = options[i][chosen[i] + 1][0] - options[i][chosen[i]][0]
@@ -83,35 +84,33 @@ def interpretations(
         if s == 0 and not any(r is not None and r.moved > anatomy.same for r in picked):
             continue
         step = np.zeros(body.nv)
-        for limb, reading in zip(anatomy.limbs, picked, strict=True):
-            if reading is not None:
-                step[limb.dofs] = reading.turns
-        yield body.integrate(flipped.q, step)
+        for limb, solution in zip(anatomy.limbs, picked, strict=True):
+            if solution is not None:
+                step[limb.dofs] = solution.turns
+        yield body.integrate(mirrored.q, step)
 
 
 def _scenes(body: Body, anatomy: Anatomy, sight: Sight) -> Iterator[Sight]:
-    """The pose, and those with parts flipped, inner ones first."""
+    """The pose, and those with parts mirrored, inner ones first."""
     yield sight
-    able = [(p, f) for p in anatomy.parts if (f := part_flipped(body, anatomy, sight, p)) is not None]
+    able = [(p, f) for p in anatomy.parts if (f := part_mirrored(body, anatomy, sight, p)) is not None]
     yield from (f for _, f in able)
     for (_, first), (second, _) in combinations(able, 2):
-        both = part_flipped(body, anatomy, first, second)
+        both = part_mirrored(body, anatomy, first, second)
         if both is not None:
             yield both
 
 
 def _options(
     body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, k: int
-) -> list[tuple[float, Reading | None]]:
-    """The readings of a limb with their energies, best first."""
+) -> list[tuple[float, LimbSolution | None]]:
+    """The solutions of a limb with their energies, best first."""
     limb = anatomy.limbs[k]
-    found = [
-        (prior.energy(sight.q, limb.dofs, r.turns) + 0.5 * (r.error / MISS) ** 2, r)
-        for r in limb_readings(body, sight, limb)
+    options: list[tuple[float, LimbSolution | None]] = [
+        (prior.energy(sight.q, limb.dofs, s.turns) + 0.5 * (s.error / MISS) ** 2, s)
+        for s in limb_solutions(body, sight, limb)
     ]
-    if not found:
-        return [(UNREACHED, None)]
-    return sorted(found, key=lambda x: x[0])
+    return sorted(options, key=lambda x: x[0]) or [(UNREACHED, None)]
 
 
 def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, camera: Camera) -> float:

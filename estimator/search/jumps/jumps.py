@@ -1,4 +1,4 @@
-"""The jumps of one body."""
+"""The kinematic jumps of one body."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.search.jumps.anatomy import Part, anatomy_of
 from estimator.search.jumps.interpretations import JointPrior, interpretations
-from estimator.search.jumps.parts import limbs_kept, part_flipped
-from estimator.search.jumps.readings import ROUGHLY, Sight, limb_readings, sight_of, turned
+from estimator.search.jumps.limb_solutions import ROUGHLY, limb_solutions
+from estimator.search.jumps.parts import limbs_kept, part_mirrored
+from estimator.search.jumps.sight import Sight, sight_of, turned
 from humanoid.kinematics.body import Body
 
 FAR = 2.0  # times the distance of poses that are the same: jumps to nearer ones would be a way round the transition
 
 
-class Flips:
+class KinematicJumps:
     """The poses of a body that look alike to one camera.
 
     With its inner end given, a segment's outer end meets its ray twice, nearer and farther (Lee and Chen 1985). For
@@ -37,13 +38,13 @@ class Flips:
         """Every configuration (nq,) with one limb or one part of q (nq,) at another depth that its joints can reach."""
         sight = sight_of(self.body, q, camera)
         for limb in self.limbs:
-            for reading in limb_readings(self.body, sight, limb):
-                if reading.moved > self.anatomy.same:
-                    yield turned(self.body, q, limb.dofs, reading.turns)
+            for solution in limb_solutions(self.body, sight, limb):
+                if solution.moved > self.anatomy.same:
+                    yield turned(self.body, q, limb.dofs, solution.turns)
         for part in self.parts:
-            flipped = self._with_limbs(sight, part)
-            if flipped is not None:
-                yield flipped
+            mirrored = self._with_limbs(sight, part)
+            if mirrored is not None:
+                yield mirrored
 
     def draw(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
         """One of them at random that is well away from q; None where the limb or part drawn has none."""
@@ -54,8 +55,8 @@ class Flips:
         if k >= len(self.limbs):
             return self._with_limbs(sight, self.parts[k - len(self.limbs)])
         limb = self.limbs[k]
-        found = [r for r in limb_readings(self.body, sight, limb) if r.moved > FAR * self.anatomy.same]
-        return turned(self.body, q, limb.dofs, found[rng.integers(len(found))].turns) if found else None
+        far = [s for s in limb_solutions(self.body, sight, limb) if s.moved > FAR * self.anatomy.same]
+        return turned(self.body, q, limb.dofs, far[rng.integers(len(far))].turns) if far else None
 
     def interpretations(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
         """Configurations (nq,) that combine such jumps, the most plausible first; see `interpretations`."""
@@ -75,12 +76,12 @@ class Flips:
             for limb, other in ((a, b), (b, a)):
                 rays = sight.rays.copy()
                 rays[limb.landmarks[1:]] = sight.rays[other.landmarks[1:]]
-                found = limb_readings(self.body, sight._replace(rays=rays), limb, ROUGHLY)
-                if not found:
+                solutions = limb_solutions(self.body, sight._replace(rays=rays), limb, ROUGHLY)
+                if not solutions:
                     return None
-                q = turned(self.body, q, limb.dofs, found[rng.integers(len(found))].turns)
+                q = turned(self.body, q, limb.dofs, solutions[rng.integers(len(solutions))].turns)
         return q
 
     def _with_limbs(self, sight: Sight, part: Part) -> np.ndarray | None:
-        flipped = part_flipped(self.body, self.anatomy, sight, part)
-        return None if flipped is None else limbs_kept(self.body, self.anatomy, flipped, part)
+        mirrored = part_mirrored(self.body, self.anatomy, sight, part)
+        return None if mirrored is None else limbs_kept(self.body, self.anatomy, mirrored, part)

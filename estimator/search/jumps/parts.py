@@ -8,12 +8,14 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.search.jumps.anatomy import Anatomy, Part
-from estimator.search.jumps.angles import axes_of, meeting_point, other_depths, part_turns
-from estimator.search.jumps.readings import REACHED, ROUGHLY, Sight, limb_readings, moved_to, turned
+from estimator.search.jumps.angles import part_turns
+from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, limb_solutions
+from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
+from estimator.search.jumps.sight import Sight, moved_to, turned
 from humanoid.kinematics.body import Body
 
 
-def part_flipped(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sight | None:
+def part_mirrored(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sight | None:
     """A part whose landmarks are at their other depths about its pivot, as nearly as a rigid part within limits can.
 
     What is behind it goes along, except that parts of other landmarks (the head behind the trunk) are turned back.
@@ -24,27 +26,27 @@ def part_flipped(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sigh
     other_depths(sight.eye, sight.rays[part.landmarks], before, pivot, targets)
     if _furthest(targets, before) < anatomy.same:
         return None
-    flipped = _turned_to(body, sight, part, targets)
-    after = flipped.points[part.landmarks]
+    mirrored = _turned_to(body, sight, part, targets)
+    after = mirrored.points[part.landmarks]
     if _furthest(after, targets) > REACHED or _furthest(after, before) < anatomy.same:
         return None
     for k in part.behind:
         other = anatomy.parts[k]
         if not set(other.landmarks.tolist()) & set(part.landmarks.tolist()):
-            shift = _pivot(flipped, other) - _pivot(sight, other)
-            flipped = _turned_to(body, flipped, other, sight.points[other.landmarks] + shift)
-    return flipped
+            shift = _pivot(mirrored, other) - _pivot(sight, other)
+            mirrored = _turned_to(body, mirrored, other, sight.points[other.landmarks] + shift)
+    return mirrored
 
 
 def limbs_kept(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> np.ndarray:
     """The pose (nq,) with the limbs behind a part that was turned back on their rays, as near to where they are as a
-    reading within reach is."""
+    solution within reach is."""
     q = sight.q
     for k in part.limbs:
         limb = anatomy.limbs[k]
-        found = limb_readings(body, sight, limb, ROUGHLY)
-        if found:
-            q = turned(body, q, limb.dofs, min(found, key=lambda r: (r.error > REACHED, r.moved)).turns)
+        solutions = limb_solutions(body, sight, limb, ROUGHLY)
+        if solutions:
+            q = turned(body, q, limb.dofs, min(solutions, key=lambda s: (s.error > REACHED, s.moved)).turns)
     return q
 
 

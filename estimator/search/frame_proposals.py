@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.imaging.observation import Observation
-from estimator.modes import origin
 from estimator.modes.mixture import Mixture
+from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
-from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch
+from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import (
     CovarianceScaledProposal,
     LimbProposal,
@@ -59,8 +62,8 @@ class Proposals:
         self._search, self._limb, self._settings, self._rng = search, limb, settings, rng
         self._prior, self._case = prior, case
         self._camera = only_camera(observation)
-        names = [r.name for r in case.readings]
-        # the reading that continues each mode's; the first where the frame has not that of the parent
+        names = [association.name for association in case.associations]
+        # the association that continues each mode's; the first where the frame has not that of the parent
         self._own = [names.index(m.association) if m.association in names else 0 for m in prior.modes]
         step = settings.momentum * case.dt
         moves = settings.transition and case.evidence is not None and step > 0.0
@@ -68,60 +71,61 @@ class Proposals:
 
     def kept(self) -> list[Hypothesis]:
         """Every parent where it was."""
-        return [self._hypothesis(i, m.q, self._own[i], origin.PARENT) for i, m in enumerate(self._prior.modes)]
+        return [self._continued(i, m.q, self._own[i], Family.KEPT) for i, m in enumerate(self._prior.modes)]
 
-    def other_readings(self, count: int) -> list[Hypothesis]:
-        """Parents in the other reading of the keypoints, those that it fits best."""
+    def other_associations(self, count: int) -> list[Hypothesis]:
+        """Parents in the other association of the keypoints, those that it fits best."""
         modes = range(len(self._prior.modes))
         others = [
-            self._hypothesis(i, self._prior.modes[i].q, r, origin.READING)
+            self._continued(i, self._prior.modes[i].q, k, Family.ASSOCIATION)
             for i in modes
-            for r in range(len(self._case.readings))
-            if r != self._own[i]
+            for k in range(len(self._case.associations))
+            if k != self._own[i]
         ]
         return self._search.screened(others, self._case, count, pictures=False)
 
     def samples(self, count: int) -> list[Hypothesis]:
         """Figure 6, steps 1 to 2.2."""
-        drawn = self._parents(count)
-        found = []
-        for i in np.unique(drawn):
+        parents = self._parents(count)
+        hypotheses = []
+        for i in np.unique(parents):
             proposal = self._proposal(int(i))
-            many = int(np.count_nonzero(drawn == i))
-            drawings = [proposal.sample(self._rng) for _ in range(many)]
-            found += [self._hypothesis(int(i), q, self._own[i], origin.SAMPLE) for q in drawings]
-        return found
+            drawn = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
+            hypotheses += [self._continued(int(i), q, self._own[i], Family.SAMPLE) for q in drawn]
+        return hypotheses
 
-    def flips(self, count: int) -> list[Hypothesis]:
-        """Kinematic jumps: limbs and parts at their other depths."""
-        flips = self._search.flips
-        if self._camera is None or not (flips.limbs or flips.parts):
+    def kinematic_jumps(self, count: int) -> list[Hypothesis]:
+        """Limbs and parts at their other depths."""
+        jumps = self._search.jumps
+        if self._camera is None or not (jumps.limbs or jumps.parts):
             return []
-        propose = partial(flips.draw, self._rng, camera=self._camera)
-        return self._jumps(count, self._settings.flip_penalty, origin.JUMP, propose)
+        propose = partial(jumps.draw, self._rng, camera=self._camera)
+        return self._jumped(count, self._settings.flip_penalty, Family.DEPTH_JUMP, propose)
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
         """One limb elsewhere, the best of so many looks at the pictures."""
         propose = partial(self._limb.sample, self._rng)
-        jumps = self._jumps(looks, self._settings.limb_penalty, origin.LIMB, propose)
-        return self._search.screened(jumps, self._case, count)
+        elsewhere = self._jumped(looks, self._settings.limb_penalty, Family.LIMB_JUMP, propose)
+        return self._search.screened(elsewhere, self._case, count)
 
-    def exchanges(self, count: int) -> list[Hypothesis]:
+    def limb_exchanges(self, count: int) -> list[Hypothesis]:
         """Two limbs in each other's places in the image."""
         if self._camera is None:
             return []
-        propose = partial(self._search.flips.exchange, self._rng, camera=self._camera)
-        return self._jumps(count, self._settings.limb_penalty, origin.LIMBS, propose)
+        propose = partial(self._search.jumps.exchange, self._rng, camera=self._camera)
+        return self._jumped(count, self._settings.limb_penalty, Family.LIMB_EXCHANGE, propose)
 
     def _parents(self, count: int) -> np.ndarray:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
-    def _hypothesis(self, i: int, q: np.ndarray, reading: int, family: str) -> Hypothesis:
+    def _continued(self, i: int, q: np.ndarray, association: int, family: Family) -> Hypothesis:
+        """A hypothesis that moved to q (nq,) from where mode i was, and pays the transition's penalty for that."""
+        before = self._prior.modes[i].q
         if not self._settings.transition:  # flow is evidence of its own (CSS section 3.1.2), where there is any
-            before = self._prior.modes[i].q if self._case.evidence is not None else None
-            return Hypothesis(q, reading, i, 0.0, before, None, pays=False, family=family)
+            static = PreviousPose(before, paid=False) if self._case.evidence is not None else None
+            return Hypothesis(q, association, Origin(family, static), i)
         score = self._settings.forgetting * float(self._prior.log_scores[i])
-        return Hypothesis(q, reading, i, score, self._prior.modes[i].q, self._predicted[i], family=family)
+        return Hypothesis(q, association, Origin(family, PreviousPose(before, self._predicted[i])), i, score)
 
     def _proposal(self, i: int) -> Proposal:
         mode, s = self._prior.modes[i], self._settings
@@ -130,19 +134,20 @@ class Proposals:
         kind = SphericalProposal if s.shape == "spherical" else CovarianceScaledProposal
         return kind(self._search.body, mode.q, mode.covariance, s.scale, s.tail or np.inf)
 
-    def _jumps(
-        self, count: int, penalty: float, family: str, propose: Callable[[np.ndarray], np.ndarray | None]
+    def _jumped(
+        self, count: int, penalty: float, family: Family, propose: Callable[[np.ndarray], np.ndarray | None]
     ) -> list[Hypothesis]:
-        """Hypotheses whose parents were wrong too: they pay a flat price instead of the transition's, where that is
+        """Hypotheses whose parents were wrong too: they pay a flat penalty instead of the transition's, where that is
         paid, and no flow leads to them from where the parent was."""
-        price = penalty if self._settings.transition else 0.0
-        found = []
+        paid = penalty if self._settings.transition else 0.0
+        hypotheses = []
         for i in self._parents(count):
             q = propose(self._prior.modes[i].q)
             if q is None:
                 continue
-            h = self._hypothesis(int(i), q, self._own[i], family)
-            if h.q_previous is not None:
-                h = h._replace(prior_score=h.prior_score - price, q_previous=q, q_predicted=None, price=price)
-            found.append(h)
-        return found
+            h = self._continued(int(i), q, self._own[i], family)
+            if h.origin.previous is not None:
+                landed = replace(h.origin.previous, q=q, q_predicted=None)
+                h = h._replace(origin=Origin(family, landed, paid), prior_score=h.prior_score - paid)
+            hypotheses.append(h)
+        return hypotheses

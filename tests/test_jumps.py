@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from builders import bent, body_of, camera_at, inside, observe, random_pose
 
-from estimator.search.jumps import REACHED, ROUGHLY, Flips, only_camera
-from estimator.search.jumps.angles import limb_turns, placed
+from estimator.search.jumps import REACHED, ROUGHLY, KinematicJumps, only_camera
+from estimator.search.jumps.angles import limb_turns
+from estimator.search.jumps.descent import placed
 from estimator.search.jumps.interpretations import JointPrior
-from estimator.search.jumps.readings import Sight, limb_readings, sight_of, turned
+from estimator.search.jumps.limb_solutions import limb_solutions
+from estimator.search.jumps.sight import Sight, sight_of, turned
 from estimator.search.proposals import LimbProposal
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import installed
@@ -45,13 +47,13 @@ def slopes(sight: Sight, points: np.ndarray, landmarks: np.ndarray) -> np.ndarra
 def test_limbs_are_found_on_any_body(name: str) -> None:
     """Left and right, from landmarks and axes alone; what can move is the limb's own joints."""
     body = body_named(name)
-    flips = Flips(body)
-    found = [" ".join(body.landmark_names[k].split("_", 1)[1] for k in limb.landmarks) for limb in flips.limbs]
+    jumps = KinematicJumps(body)
+    found = [" ".join(body.landmark_names[k].split("_", 1)[1] for k in limb.landmarks) for limb in jumps.limbs]
     assert set(found) == LIMBS[name]
     both = "left_wrist" in body.landmark_names and "right_wrist" in body.landmark_names
     assert len(found) == len(LIMBS[name]) * (2 if both else 1)
-    assert len(flips.pairs) == (len(LIMBS[name]) if both else 0)
-    used = np.concatenate([limb.dofs for limb in flips.limbs])
+    assert len(jumps.pairs) == (len(LIMBS[name]) if both else 0)
+    used = np.concatenate([limb.dofs for limb in jumps.limbs])
     assert len(used) == len(set(used))
 
 
@@ -73,35 +75,35 @@ def test_the_closed_form_against_known_turns(ball: int) -> None:
 
 
 @pytest.mark.parametrize("name", LIMBS)
-def test_readings_keep_rays_and_limits(name: str) -> None:
+def test_solutions_keep_rays_and_limits(name: str) -> None:
     """What no limit forbids keeps the image and mirrors the slopes; everything keeps limits and other joints."""
     body, rng, exact = body_named(name), np.random.default_rng(71), 0
-    flips = Flips(body)
+    jumps = KinematicJumps(body)
     for _ in range(12):
         q = random_pose(body, rng, share=0.6, turn=0.6)
         sight = sight_of(body, q, CAMERA)
-        for limb in flips.limbs:
+        for limb in jumps.limbs:
             now = slopes(sight, sight.points, limb.landmarks)
-            for reading in limb_readings(body, sight, limb):
-                other = turned(body, q, limb.dofs, reading.turns)
+            for solution in limb_solutions(body, sight, limb):
+                other = turned(body, q, limb.dofs, solution.turns)
                 assert inside(body, other)
                 others = np.setdiff1d(np.arange(body.nv), limb.dofs)
                 np.testing.assert_allclose(body.difference(q, other)[others], 0.0, atol=1e-12)
-                if reading.error < 1e-8:
+                if solution.error < 1e-8:
                     points = body.landmarks(body.at(other))
                     off = CAMERA.project(points)[limb.landmarks[1:]] - CAMERA.project(sight.points)[limb.landmarks[1:]]
                     assert np.abs(off).max() < 1e-5
                     if abs(now[0]) > 1e-3 and name in ("human34", "arm8"):  # their axes go through the root exactly
                         assert abs(slopes(sight, points, limb.landmarks)[0]) == pytest.approx(abs(now[0]), abs=1e-6)
-                    exact += reading.moved > 0.01
+                    exact += solution.moved > 0.01
     assert exact > 0
 
 
-def test_no_reading_is_overlooked() -> None:
+def test_no_solution_is_overlooked() -> None:
     """Against brute force: dense angles of a shoulder and an elbow, let down onto the pixels by Newton steps."""
     body = body_of("arm8")
-    flips, rng = Flips(body), np.random.default_rng(72)
-    limb = flips.limbs[0]
+    jumps, rng = KinematicJumps(body), np.random.default_rng(72)
+    limb = jumps.limbs[0]
     for _ in range(3):
         q = random_pose(body, rng, share=0.5)
         sight = sight_of(body, q, CAMERA)
@@ -111,8 +113,8 @@ def test_no_reading_is_overlooked() -> None:
             end = onto_pixels(body, sight, limb.landmarks[1:], limb.dofs, np.array(x), low, high)
             if end is not None and all(np.linalg.norm(end - k, axis=1).max() > 0.02 for k in known):
                 known.append(end)
-        readings = limb_readings(body, sight, limb)
-        mine = [body.landmarks(body.at(turned(body, q, limb.dofs, r.turns)))[limb.landmarks[1:]] for r in readings]
+        solutions = limb_solutions(body, sight, limb)
+        mine = [body.landmarks(body.at(turned(body, q, limb.dofs, r.turns)))[limb.landmarks[1:]] for r in solutions]
         assert len(known) > 0
         for end in known:
             assert min(np.linalg.norm(end - m, axis=1).max() for m in mine) < 0.02
@@ -135,45 +137,45 @@ def onto_pixels(
     return None
 
 
-def test_every_flip_is_another_pose_with_much_the_same_image() -> None:
+def test_every_jump_is_another_pose_with_much_the_same_image() -> None:
     body = body_of("human34")
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
-    before, flips = body.landmarks(body.at(q)), Flips(body)
-    found = list(flips.of(q, CAMERA))
+    before, jumps = body.landmarks(body.at(q)), KinematicJumps(body)
+    found = list(jumps.of(q, CAMERA))
     assert len(found) >= 6
-    outer = np.concatenate([limb.landmarks for limb in flips.limbs])
+    outer = np.concatenate([limb.landmarks for limb in jumps.limbs])
     for other in found:
         after = body.landmarks(body.at(other))
-        assert np.linalg.norm(after - before, axis=1).max() > 0.5 * flips.anatomy.same
+        assert np.linalg.norm(after - before, axis=1).max() > 0.5 * jumps.anatomy.same
         # a place within REACHED of a ray at 3.5 m is within this many pixels of it; a trunk hands on its own error
         assert np.abs(CAMERA.project(after) - CAMERA.project(before))[outer].max() < 2.0 * REACHED / 2.4 * 720.0
         assert inside(body, other)
 
 
 def test_interpretations_combine_limbs_best_first() -> None:
-    """With the trunk as it is, every combination of the limbs' readings is there once, those on the rays in the order
+    """With the trunk as it is, every combination of the limbs' solutions is there once, those on the rays in the order
     of the joints' prior."""
     body = body_of("human34")
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
-    flips, sight = Flips(body), sight_of(body, q, CAMERA)
-    readings = [limb_readings(body, sight, limb) for limb in flips.limbs]
-    stays = [sum(r.moved <= flips.anatomy.same for r in found) for found in readings]
-    found = list(flips.interpretations(q, CAMERA))
+    jumps, sight = KinematicJumps(body), sight_of(body, q, CAMERA)
+    solutions = [limb_solutions(body, sight, limb) for limb in jumps.limbs]
+    stays = [sum(r.moved <= jumps.anatomy.same for r in found) for found in solutions]
+    found = list(jumps.interpretations(q, CAMERA))
     assert len({x.tobytes() for x in found}) == len(found)
     assert inside(body, np.array(found))
-    limbs = np.concatenate([limb.dofs for limb in flips.limbs])
+    limbs = np.concatenate([limb.dofs for limb in jumps.limbs])
     trunk = np.setdiff1d(np.arange(body.nv), limbs)
     held = [x for x in found if np.abs(body.difference(q, x)[trunk]).max() < 1e-12]
-    assert len(held) == np.prod([len(r) for r in readings]) - np.prod(stays)
-    outer = np.concatenate([limb.landmarks[1:] for limb in flips.limbs])
+    assert len(held) == np.prod([len(r) for r in solutions]) - np.prod(stays)
+    outer = np.concatenate([limb.landmarks[1:] for limb in jumps.limbs])
     off = [CAMERA.project(body.landmarks(body.at(x))[outer]) - CAMERA.project(sight.points[outer]) for x in held]
     energies = [JointPrior(body).energy(x, limbs) for x, o in zip(held, off, strict=True) if np.abs(o).max() < 1e-3]
     assert len(energies) >= 5
     assert np.all(np.diff(energies) > -1e-3)
 
 
-def test_a_body_without_limbs_has_no_flips() -> None:
-    class Bare(Flips):
+def test_a_body_without_limbs_has_no_jumps() -> None:
+    class Bare(KinematicJumps):
         def __init__(self) -> None:
             super().__init__(body_of("upper13"))
             self.limbs, self.parts, self.pairs = (), (), []
@@ -194,16 +196,16 @@ def test_depth_is_open_to_one_camera_alone() -> None:
 
 def test_limbs_change_places_in_the_image() -> None:
     body, rng = body_of("human34"), np.random.default_rng(4)
-    flips = Flips(body)
-    assert len(flips.pairs) == 2
+    jumps = KinematicJumps(body)
+    assert len(jumps.pairs) == 2
     q = bent(body, left_hip_flexion=0.5, left_knee_flexion=0.4, right_hip_flexion=-0.1, right_knee_flexion=0.3)
     pixels = CAMERA.project(body.landmarks(body.at(q)))
     for _ in range(8):
-        other = flips.exchange(rng, q, CAMERA)
+        other = jumps.exchange(rng, q, CAMERA)
         if other is None:
             continue
         after = CAMERA.project(body.landmarks(body.at(other)))
-        for left, right in flips.pairs:
+        for left, right in jumps.pairs:
             ends = left.landmarks[1:], right.landmarks[1:]
             stayed = np.abs(after[ends[0]] - pixels[ends[0]]).max()
             exchanged = max(np.abs(after[a] - pixels[b]).max() for a, b in (ends, ends[::-1]))

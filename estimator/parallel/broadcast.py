@@ -1,4 +1,4 @@
-"""Large things shown to other processes: their arrays lie in shared memory and are copied once, by who posts them."""
+"""Large things shown to other processes: their arrays lie in shared memory and are copied once, by who shows them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Notice(NamedTuple):
     spans: tuple[tuple[int, int], ...]
 
 
-class Board:
-    """Holds one thing at a time; a context manager that gives the memory back."""
+class Broadcaster:
+    """Shows one thing at a time; a context manager that gives the memory back."""
 
     def __init__(self) -> None:
         self._memory: SharedMemory | None = None
 
-    def post(self, thing: Any) -> Notice:
-        """Put up a picklable thing in place of the last one, which nobody may be reading any more.
+    def show(self, thing: Any) -> Notice:
+        """Put a picklable thing in place of the last one, which no process may be reading any more.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class Board:
             self._memory.close()
             self._memory = None
 
-    def __enter__(self) -> Board:
+    def __enter__(self) -> Broadcaster:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -79,8 +79,8 @@ class Board:
         return self._memory
 
 
-class BoardReader:
-    """Reads what another process has posted."""
+class Receiver:
+    """Reads what another process shows."""
 
     def __init__(self) -> None:
         self._memory: SharedMemory | None = None

@@ -8,8 +8,8 @@ from builders import body_of, camera_at, observe, random_pose
 
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
-from estimator.search.mode_search import Hypothesis
-from estimator.search.schedule import BudgetSettings, Offer, shared_out
+from estimator.search.budget import BudgetSettings, Source, allocated
+from estimator.search.hypothesis import Hypothesis
 from estimator.search.volumes import Surroundings, importance_log_volumes
 from estimator.terms.term import Cost, QuadraticModel
 from estimator.tracking.registry import make_tracker, settings_for
@@ -18,22 +18,22 @@ from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.errors import InputError
 
 
-def offer(part: float, most: int, mark: int) -> Offer:
-    return Offer(part, lambda count: [Hypothesis(np.zeros(1), mark)] * min(count, most))
+def source(share: float, most: int, mark: int) -> Source:
+    return Source(share, lambda count: [Hypothesis(np.zeros(1), mark)] * min(count, most))
 
 
 def marks(found: list[Hypothesis]) -> list[int]:
-    return [sum(h.reading == mark for h in found) for mark in range(3)]
+    return [sum(h.association == mark for h in found) for mark in range(3)]
 
 
 def test_the_budget_is_shared_by_parts_and_never_exceeded() -> None:
-    assert marks(shared_out(20, [offer(2, 99, 0), offer(1, 99, 1), offer(1, 99, 2)])) == [10, 5, 5]
-    assert marks(shared_out(20, [offer(2, 4, 0), offer(1, 99, 1), offer(1, 99, 2)])) == [4, 8, 8]  # handed on
-    assert marks(shared_out(3, [offer(1, 99, 0), offer(0, 99, 1), offer(9, 99, 2)])) == [0, 0, 3]
-    assert shared_out(0, [offer(1, 99, 0)]) == []
-    assert shared_out(5, []) == []
+    assert marks(allocated(20, [source(2, 99, 0), source(1, 99, 1), source(1, 99, 2)])) == [10, 5, 5]
+    assert marks(allocated(20, [source(2, 4, 0), source(1, 99, 1), source(1, 99, 2)])) == [4, 8, 8]  # handed on
+    assert marks(allocated(3, [source(1, 99, 0), source(0, 99, 1), source(9, 99, 2)])) == [0, 0, 3]
+    assert allocated(0, [source(1, 99, 0)]) == []
+    assert allocated(5, []) == []
     for count in range(12):
-        assert len(shared_out(count, [offer(3, 99, 0), offer(5, 99, 1), offer(2, 99, 2)])) == count
+        assert len(allocated(count, [source(3, 99, 0), source(5, 99, 1), source(2, 99, 2)])) == count
 
 
 def test_more_is_spent_when_the_energy_jumps_or_the_modes_are_equal() -> None:

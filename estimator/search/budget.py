@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.search.mode_search import Hypothesis
+from estimator.search.hypothesis import Hypothesis
 from humanoid.support.errors import InputError
 
 
@@ -37,20 +37,20 @@ class BudgetSettings:
         return max(0, round(effort * (self.searches - spent)))
 
 
-class Offer(NamedTuple):
-    """A family of hypotheses: its part of the budget beside the other families', and what draws so many of them (or
+class Source(NamedTuple):
+    """What hypotheses come from: its share of the budget beside the other sources', and what draws so many of them (or
     fewer, where there are no more)."""
 
-    part: float
+    share: float
     draw: Callable[[int], list[Hypothesis]]
 
 
-def shared_out(count: int, offers: Sequence[Offer]) -> list[Hypothesis]:
-    """At most `count` hypotheses, by the families' parts; what one cannot use goes to the ones after it."""
-    found: list[Hypothesis] = []
-    parts = np.array([offer.part for offer in offers], dtype=float)
-    for k, offer in enumerate(offers):
-        left, rest = count - len(found), parts[k:].sum()
-        if left > 0 and parts[k] > 0.0:
-            found += offer.draw(round(left * parts[k] / rest))[:left]
-    return found
+def allocated(count: int, sources: Sequence[Source]) -> list[Hypothesis]:
+    """At most `count` hypotheses, by the sources' shares; what one cannot use goes to the ones after it."""
+    hypotheses: list[Hypothesis] = []
+    shares = np.array([source.share for source in sources], dtype=float)
+    for k, source in enumerate(sources):
+        left, rest = count - len(hypotheses), shares[k:].sum()
+        if left > 0 and shares[k] > 0.0:
+            hypotheses += source.draw(round(left * shares[k] / rest))[:left]
+    return hypotheses

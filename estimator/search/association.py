@@ -1,0 +1,21 @@
+"""How a frame's keypoints are assigned to the body's landmarks: detectors take left for right."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from estimator.terms.reprojection import Reprojection
+
+AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
+
+
+class Association(NamedTuple):
+    """One association of a frame's keypoints with landmarks.
+
+    name: `AS_DETECTED`, or `EXCHANGED` (left and right). term: the keypoints' energy under it. penalty: the energy that
+    choosing it costs.
+    """
+
+    name: str
+    term: Reprojection
+    penalty: float

@@ -1,0 +1,58 @@
+"""Hypotheses, and what becomes of them: a start, after a short search, after a search to convergence."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.modes.mixture import Mode
+from estimator.modes.origin import Family, Origin
+
+_START = Origin(Family.START)
+
+
+class Hypothesis(NamedTuple):
+    """Where a search starts.
+
+    q (nq,): configuration. association: index of the frame's association that it is searched under (see `FrameCase`).
+    origin: what kind it is: where it comes from, where it has the body in the frame before, from where flow is
+    followed, and what it pays. parent: index of the mode that it comes from, -1 for none. prior_score: log-weight that
+    the parent hands on, a flat penalty taken off.
+    """
+
+    q: np.ndarray
+    association: int
+    origin: Origin = _START
+    parent: int = -1
+    prior_score: float = 0.0
+
+
+class Candidate(NamedTuple):
+    """A hypothesis after a short search: configuration (nq,), landmarks (L, 3) [m], energy with the penalty of its
+    association."""
+
+    hypothesis: Hypothesis
+    q: np.ndarray
+    landmarks: np.ndarray
+    energy: float
+
+    @property
+    def score(self) -> float:
+        """Log-weight by the energy's height alone, with what the parent hands on, up to a constant."""
+        return self.hypothesis.prior_score - self.energy
+
+
+class Refined(NamedTuple):
+    """A hypothesis searched to convergence. landmarks (L, 3) [m]: the mode's. q_assigned (nq,): the pose at which the
+    pictures' features were assigned last."""
+
+    hypothesis: Hypothesis
+    mode: Mode
+    landmarks: np.ndarray
+    q_assigned: np.ndarray
+
+    @property
+    def score(self) -> float:
+        """See `Candidate.score`."""
+        return self.hypothesis.prior_score - self.mode.energy

@@ -1,0 +1,45 @@
+"""A pose and the lines of sight that its landmarks are on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from humanoid.kinematics.body import Body
+
+
+class Sight(NamedTuple):
+    """A pose and the rays its landmarks are to stay on.
+
+    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `PosedBody`; eye (3,) [m]; rays (L, 3):
+    unit vectors from the eye, of the pose first looked at.
+    """
+
+    q: np.ndarray
+    points: np.ndarray
+    spatial_jacobian: np.ndarray
+    eye: np.ndarray
+    rays: np.ndarray
+
+
+def sight_of(body: Body, q: np.ndarray, camera: Camera) -> Sight:
+    """q (nq,) and the rays of the camera on which its landmarks are."""
+    posed = body.at(q)
+    points, eye = body.landmarks(posed), camera.centre_world
+    rays = points - eye
+    return Sight(q, points, posed.spatial_jacobian, eye, rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None])
+
+
+def moved_to(body: Body, sight: Sight, q: np.ndarray) -> Sight:
+    """Another pose (nq,) that is to be on the same rays."""
+    posed = body.at(q)
+    return sight._replace(q=q, points=body.landmarks(posed), spatial_jacobian=posed.spatial_jacobian)
+
+
+def turned(body: Body, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """q (nq,) with some degrees of freedom (m,) turned by `turns` (m,) [rad], limits kept."""
+    step = np.zeros(body.nv)
+    step[dofs] = turns
+    return body.integrate(q, step)

@@ -1,0 +1,66 @@
+"""Vectors of three numbers, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from humanoid.support.compiled import jit
+
+
+@jit
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Scalar product of vectors (3,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@jit
+def cross(a, b):  # type: ignore[no-untyped-def]
+    """Vector product (3,) of vectors (3,)."""
+    out = np.empty(3)
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+@jit
+def plus(a, factor, b):  # type: ignore[no-untyped-def]
+    """a + factor b (3,), of vectors (3,) and a number."""
+    out = np.empty(3)
+    for c in range(3):
+        out[c] = a[c] + factor * b[c]
+    return out
+
+
+@jit
+def times(factor, a):  # type: ignore[no-untyped-def]
+    """factor a (3,), of a number and a vector (3,)."""
+    out = np.empty(3)
+    for c in range(3):
+        out[c] = factor * a[c]
+    return out
+
+
+@jit
+def rotated(axis, angle, v):  # type: ignore[no-untyped-def]
+    """v (3,) turned by `angle` [rad] about the unit vector `axis` (3,)."""
+    c, s = math.cos(angle), math.sin(angle)
+    along = dot(axis, v) * (1.0 - c)
+    out = np.empty(3)
+    out[0] = c * v[0] + s * (axis[1] * v[2] - axis[2] * v[1]) + along * axis[0]
+    out[1] = c * v[1] + s * (axis[2] * v[0] - axis[0] * v[2]) + along * axis[1]
+    out[2] = c * v[2] + s * (axis[0] * v[1] - axis[1] * v[0]) + along * axis[2]
+    return out
+
+
+@jit
+def turn_in_place(axis, through, place, cosine, sine, v):  # type: ignore[no-untyped-def]
+    """Turn v (3,) in place about an axis, a unit vector (3,) through a point (3,): v is a point where `place` is 1, a
+    direction where it is 0. cosine, sine: of the angle."""
+    x, y, z = v[0] - place * through[0], v[1] - place * through[1], v[2] - place * through[2]
+    along = (axis[0] * x + axis[1] * y + axis[2] * z) * (1.0 - cosine)
+    v[0] = cosine * x + sine * (axis[1] * z - axis[2] * y) + along * axis[0] + place * through[0]
+    v[1] = cosine * y + sine * (axis[2] * x - axis[0] * z) + along * axis[1] + place * through[1]
+    v[2] = cosine * z + sine * (axis[0] * y - axis[1] * x) + along * axis[2] + place * through[2]

@@ -1,0 +1,105 @@
+"""A `ModeSearch` that several processes work for: what they need to know, the search once and every frame's case. Both
+hold things that cannot travel, or need not; what they are made from goes instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import NamedTuple
+
+from estimator.cost.model import CostModel, CostSettings
+from estimator.imaging.cues import ImageCues
+from estimator.imaging.observation import Observation
+from estimator.parallel.pool import checked_count, worker_pool
+from estimator.search.association import Association
+from estimator.search.frame_search import FrameCase, FrameSearch
+from estimator.search.mode_search import ModeSearch
+from estimator.search.settings import ModeSearchSettings
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import Base, subject_from_text
+
+
+@contextmanager
+def search_pool(search: ModeSearch, processes: int) -> Iterator[None]:
+    """Within it so many processes do the work of a search, this one among them; what comes out is the same to the last
+    bit. One process is this one alone. See `estimator.parallel.pool.worker_pool`, also for the errors.
+    """
+    if checked_count(processes) == 1:
+        yield
+        return
+    before = search.workers
+    with worker_pool(SearchRecipe.of(search), processes) as workers:
+        search.workers = workers
+        try:
+            yield
+        finally:
+            search.workers = before
+
+
+class SearchRecipe(NamedTuple):
+    """Makes an equal `ModeSearch` in another process, and its frames' searches (see `estimator.parallel.job.Job`).
+    urdf, source, base: of the subject."""
+
+    urdf: str
+    source: str
+    base: Base
+    clearance: bool
+    cost: CostSettings
+    settings: ModeSearchSettings
+
+    @staticmethod
+    def of(search: ModeSearch) -> SearchRecipe:
+        """The recipe of a search over a subject's own body; raises ValueError for another body (`unlimited`)."""
+        subject, model = search.body.subject, search.model
+        if search.body.model is not subject.model:
+            raise ValueError("only a body with its subject's own joint limits can be made again elsewhere")
+        clearance = model.clearance is not None
+        return SearchRecipe(subject.urdf, subject.source, subject.base, clearance, model.settings, search.settings)
+
+    def search(self) -> ModeSearch:
+        """The search."""
+        body = Body(subject_from_text(self.urdf, source=self.source, base=self.base))
+        clearance = Clearance(body) if self.clearance else None
+        return ModeSearch(CostModel(body, self.cost, clearance), self.settings)
+
+    def message(self, context: FrameSearch) -> CaseMessage:
+        """See `Job`."""
+        return CaseMessage.of(context.case)
+
+    def opener(self) -> Callable[[CaseMessage], FrameSearch]:
+        """See `Job`."""
+        search = self.search()
+
+        def opened(message: CaseMessage) -> FrameSearch:
+            return FrameSearch(search.model, search.seeker, search.settings, message.case(search.model))
+
+        return opened
+
+
+class CaseMessage(NamedTuple):
+    """A `FrameCase` in plain data. associations: name, keypoints and penalty of each. cues, extents: of each camera
+    whose pictures are looked at; detected: see `ImageModel.evidence`."""
+
+    associations: tuple[tuple[str, Observation, float], ...]
+    dt: float
+    cues: tuple[ImageCues, ...]
+    extents: tuple[float, ...]
+    detected: float
+
+    @staticmethod
+    def of(case: FrameCase) -> CaseMessage:
+        """The message that tells of a case."""
+        associations = tuple((a.name, replace(a.term.observation, cues=()), a.penalty) for a in case.associations)
+        cameras = () if case.evidence is None else case.evidence.cameras
+        detected = cameras[0].detected if cameras else 0.0
+        return CaseMessage(
+            associations, case.dt, tuple(c.cues for c in cameras), tuple(c.extent for c in cameras), detected
+        )
+
+    def case(self, model: CostModel) -> FrameCase:
+        """The case, for the same body and cost."""
+        terms = [(name, model.observation_term(o), penalty) for name, o, penalty in self.associations]
+        evidence = model.image.evidence(self.cues, self.extents, self.detected) if self.cues else None
+        return FrameCase(tuple(Association(*each) for each in terms), self.dt, evidence)

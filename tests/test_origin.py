@@ -1,0 +1,54 @@
+"""Where modes came from: as records, as arrays of a run file, and in the words of older ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimator.modes.origin import Family, Origin, Origins, PreviousPose, families
+
+Q, AHEAD = np.array([0.1, 0.2]), np.array([0.3, 0.4])
+KINDS = [
+    Origin(Family.START),
+    Origin(Family.KEPT, PreviousPose(Q, AHEAD)),
+    Origin(Family.ASSOCIATION, PreviousPose(Q)),
+    Origin(Family.SAMPLE, PreviousPose(Q, paid=False)),
+    Origin(Family.DEPTH_JUMP, PreviousPose(AHEAD), 6.0),
+]
+
+
+def test_origins_survive_storing() -> None:
+    """What a kind does not have stays away: no pose before the first frame, nothing paid in a static search."""
+    origins = Origins.of(KINDS, nq=2)
+    assert origins is not None
+    read = Origins.from_arrays(origins.arrays(), nq=2)
+    assert read is not None
+    for k, origin in enumerate(KINDS):
+        again = read.of_mode(k)
+        assert again.family is origin.family
+        assert again.penalty == origin.penalty
+        assert (again.previous is None) == (origin.previous is None)
+        if again.previous is not None and origin.previous is not None:
+            assert again.previous.key == origin.previous.key
+            assert again.previous.paid == origin.previous.paid
+    paid = [origin.q_paid for origin in map(read.of_mode, range(len(KINDS)))]
+    assert paid[0] is None
+    assert paid[3] is None
+    assert np.array_equal(np.array([paid[1], paid[2], paid[4]]), [Q, Q, AHEAD])
+    assert Origins.of([*KINDS, None], nq=2) is None
+
+
+def test_runs_keep_their_names_and_old_words_are_read() -> None:
+    """The flat penalty is stored as it always was; families have had other words."""
+    origins = Origins.of(KINDS, nq=2)
+    assert origins is not None
+    stored = origins.arrays()
+    assert set(stored) == {f"origin_{n}" for n in ("family", "q_previous", "q_predicted", "paid", "price")}
+    stored["origin_family"] = np.array(["start", "parent", "other reading", "sample", "jump in depth"])
+    old = Origins.from_arrays(stored, nq=2)
+    assert old is not None
+    assert [old.of_mode(k).family for k in range(5)] == [origin.family for origin in KINDS]
+    assert np.array_equal(np.asarray(families(stored)), origins.family)
+    assert families({}) is None
+    with pytest.raises(ValueError, match="'x'"):
+        families({"origin_family": np.array(["x"])})
