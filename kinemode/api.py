@@ -13,8 +13,8 @@ from typing import Any, Literal, cast
 
 from threadpoolctl import threadpool_limits
 
-from estimator.fitting.lengths import Fit, fit_proportions
-from estimator.fitting.stages import fit_subject
+from estimator.fitting.fit import Fit
+from estimator.fitting.person import fit_person
 from estimator.results.run_checks import checked_state
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.results.temporary_run import TemporaryFolder
@@ -186,14 +186,8 @@ def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> S
         stored = open_run(job.target.path)
         if stored.header.subject_source == subject.source:
             return stored.subject  # fitted when the run began
-    return _fit(subject, inputs, job.seed, cues if job.fit == "auto" else None, job.chosen.for_fit).subject
-
-
-def _fit(subject: Subject, inputs: Inputs, seed: int, cues: Cues | None, settings: Settings | None) -> Fit:
-    """All that the input allows: without pictures the proportions alone."""
-    if cues is None:
-        return fit_proportions(subject, inputs.observations, seed, track_settings=settings)
-    return fit_subject(subject, inputs.observations, cues, seed, track_settings=settings)
+    shown = cues if job.fit == "auto" else None
+    return fit_person(subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit).subject
 
 
 def fit(
@@ -242,7 +236,7 @@ def fit(
                 notes += (*reader.notes, *notes_on_silhouettes(reader, inputs))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=2)
-            fitted = _fit(loaded, inputs, seed, reader, None)
+            fitted = fit_person(loaded, inputs.observations, reader, seed=seed)
     if out is not None:
         fitted.subject.write(out)
     return fitted

@@ -19,7 +19,8 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import body_size
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import Solution
 from estimator.search.first_pose import random_configuration
 from estimator.search.mode_search import FrameCase, Hypothesis, ModeSearch, ModeSearchSettings
 from estimator.search.proposals import CovarianceScaledProposal

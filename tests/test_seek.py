@@ -12,7 +12,8 @@ from builders import BROWN, bent, body_of, camera_at, inside, observe, random_po
 from estimator.cost.model import CostModel, CostSettings
 from estimator.optimise.contact import ContactSettings, contact_kkt_residual, separate
 from estimator.optimise.covariance import MAX_STD, free_directions, mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings, Solution, trust_box
+from estimator.optimise.seek import Seeker, SeekSettings, trust_box
+from estimator.optimise.solution import Solution
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from estimator.terms.term import Cost, Term
 from humanoid.collision.clearance import Clearance

@@ -138,8 +138,8 @@ def test_steps_equal_proxqp_on_both_ways(rounds: int) -> None:
         assert np.all((step >= problem.lower) & (step <= problem.upper))
         assert np.abs(step - reference).max() < 1e-5
         assert inside(problem.body, problem.body.integrate(problem.q, step))
-    assert (solver.counts.active_set == 0) == (rounds == 0)
-    assert solver.counts.active_set + solver.counts.proxqp == 12
+    assert (solver.counts.guessed == 0) == (rounds == 0)
+    assert solver.counts.guessed + solver.counts.proxqp == 12
 
 
 def test_steps_satisfy_the_kkt_conditions() -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.optimise.box_step import model_decrease, projected_gradient
+from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.qp import StepSolver
+from estimator.optimise.solution import Solution
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
 
-MAX_DAMPING = 1e12
+DAMPING = Damping(least=1e-12, most=1e12, growth=2.0, grown_from=1e-6, by_ratio=True)
+ACCEPTED = 1e-4  # share of the promised decrease that a step has to bring
 ROUNDING = 16.0 * float(np.finfo(float).eps)  # relative; the energy sums about a hundred terms
 TOO_CAUTIOUS = 1.5  # actual over promised decrease from which Gauss-Newton's curvature is plainly too large
 
@@ -36,24 +40,28 @@ class SeekSettings:
     max_turn: float = 0.6
     max_slide: float = 0.5
 
+    @cached_property
+    def newton(self) -> NewtonSettings:
+        """What of this the loop has to know."""
+        return NewtonSettings(
+            iterations=self.max_iterations,
+            damping=replace(DAMPING, first=self.damping),
+            accepted=ACCEPTED,
+            least_promise=self.decrease_tolerance,
+            unsolved="retry",
+        )
 
-class Solution(NamedTuple):
-    """End of a search: the quadratic model at the last accepted q, status as in `Mode`, recomputed KKT residual,
-    steps tried."""
 
+class _Point(NamedTuple):
+    """A pose looked at: its energy, the quadratic model, and the KKT residual."""
+
+    value: float
     quadratic: QuadraticModel
-    status: str
-    kkt_residual: float
-    iterations: int
-
-    @property
-    def q(self) -> np.ndarray:
-        """Configuration (nq,)."""
-        return self.quadratic.posed.q
+    residual: float
 
 
 class Seeker:
-    """Searches on one body; holds the workspace, no state that outlives a search."""
+    """Searches on one body; holds the workspace, no state that outlives a search but counts."""
 
     def __init__(self, body: Body, settings: SeekSettings | None = None) -> None:
         self.body = body
@@ -71,59 +79,57 @@ class Seeker:
 
     def kkt_residual(self, quadratic: QuadraticModel) -> float:
         """Largest entry of the projected gradient at a posed body: zero at a minimum within the joint limits."""
-        body = self.body
+        solver = self.solver
         return float(
             projected_gradient(
-                quadratic.gradient, quadratic.posed.q, body.bounded_q, body.bounded_v, body.lower, body.upper,
-                self._residual,
+                quadratic.gradient, quadratic.posed.q, solver.places, solver.limits, self._residual
             )
         )  # fmt: skip
 
     def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Solution:
-        """Descend from q (nq,), clamped into the limits first; the energy never rises."""
-        settings = settings or self.settings
-        here = cost.at(self.body.clamp(q))
-        active = np.zeros(self.body.nv, dtype=np.int8)
-        damping, growth, radius = settings.damping, 2.0, self.trust_box(settings)
-        residual = self.kkt_residual(here)
-        for iteration in range(settings.max_iterations):
-            if residual < settings.kkt_tolerance:
-                return Solution(here, "converged", residual, iteration)
-            step, damping = self._step(here, damping, radius, active)
-            if step is None:
-                return Solution(here, "stalled", residual, iteration)
-            predicted = model_decrease(here.hessian, here.gradient, step)
-            if predicted < settings.decrease_tolerance:
-                return Solution(here, "stalled", residual, iteration)
-            trial = cost.at(self.body.integrate(here.posed.q, step), predicted < settings.exact_below)
-            ratio = (here.value - trial.value) / max(predicted, 1e-300)
-            trial_residual = self.kkt_residual(trial)
-            if ratio > 1e-4 or _equal_but_flatter(here.value, trial.value, residual, trial_residual):
-                here, residual = trial, trial_residual
-                if ratio > TOO_CAUTIOUS and not trial.exact:
-                    here = cost.of(trial.posed, exact=True)
-                damping, growth = max(1e-12, damping * max(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)), 2.0
-            else:
-                damping, growth = max(damping, 1e-6) * growth, growth * 2.0
-                if damping > MAX_DAMPING:
-                    return Solution(here, "stalled", residual, iteration)
-        status = "converged" if residual < settings.kkt_tolerance else "iterations"
-        return Solution(here, status, residual, settings.max_iterations)
-
-    def _step(
-        self, here: QuadraticModel, damping: float, radius: np.ndarray, active: np.ndarray
-    ) -> tuple[np.ndarray | None, float]:
-        """A step and its damping, raised as far as an indefinite true curvature needs; None where that is too far."""
-        while True:
-            step = self.solver.solve(here.hessian, here.gradient, damping, radius, here.posed.q, active)
-            if step is not None or damping >= MAX_DAMPING:
-                return step, damping
-            damping = max(4.0 * damping, 1e-3)
+        """Descend from q (nq,), clamped into the limits first; the energy never rises but by rounding."""
+        settings, before = settings or self.settings, self.solver.counts
+        search = _Search(self, cost, settings)
+        end, status, tried = minimise(search, search.point(cost.at(self.body.clamp(q))), settings.newton)
+        return Solution(end.quadratic, status, end.residual, tried, self.solver.counts.since(before))
 
 
-def _equal_but_flatter(value: float, trial: float, residual: float, trial_residual: float) -> bool:
-    """At the bottom the energy's last digits are noise; there the gradient decides."""
-    return trial <= value + ROUNDING * max(1.0, abs(value)) and trial_residual < 0.9 * residual
+class _Search(Problem[_Point]):
+    """One search: a cost within joint limits and a trust box."""
+
+    def __init__(self, seeker: Seeker, cost: Cost, settings: SeekSettings) -> None:
+        self._seeker, self._cost, self._settings = seeker, cost, settings
+        self._body, self._radius = seeker.body, seeker.trust_box(settings)
+        self._active = np.zeros(seeker.body.nv, dtype=np.int8)  # the last step's is the guess at the next one's
+
+    def point(self, quadratic: QuadraticModel) -> _Point:
+        """A quadratic model with its residual."""
+        return _Point(quadratic.value, quadratic, self._seeker.kkt_residual(quadratic))
+
+    def converged(self, model: _Point) -> bool:
+        return model.residual < self._settings.kkt_tolerance
+
+    def step(self, model: _Point, damping: float) -> Step | None:
+        posed, _, gradient, hessian, _ = model.quadratic
+        move = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
+        return None if move is None else Step(move, model_decrease(hessian, gradient, move))
+
+    def at(self, model: _Point, step: Step) -> _Point:
+        """The true curvature is worth its price once little is left to gain."""
+        q = self._body.integrate(model.quadratic.posed.q, step.move)
+        assert step.promised is not None
+        return self.point(self._cost.at(q, step.promised < self._settings.exact_below))
+
+    def as_good(self, model: _Point, trial: _Point) -> bool:
+        """At the bottom the energy's last digits are noise; there the gradient decides."""
+        equal = trial.value <= model.value + ROUNDING * max(1.0, abs(model.value))
+        return equal and trial.residual < 0.9 * model.residual
+
+    def taken(self, trial: _Point, ratio: float) -> _Point:
+        if ratio > TOO_CAUTIOUS and not trial.quadratic.exact:
+            exact = self._cost.of(trial.quadratic.posed, exact=True)
+            return _Point(exact.value, exact, trial.residual)
+        return trial
 
 
 def trust_box(body: Body, max_turn: float, max_slide: float) -> np.ndarray:

@@ -14,7 +14,8 @@ from estimator.modes.mixture import Mode
 from estimator.modes.origin import START, Origin
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings, Solution
+from estimator.optimise.seek import Seeker, SeekSettings
+from estimator.optimise.solution import Solution
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.terms.reprojection import Reprojection

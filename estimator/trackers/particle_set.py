@@ -13,6 +13,7 @@ from estimator.inference.particles import Particles
 from estimator.modes.merge import body_size
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import PARTICLES, Origin
+from estimator.optimise.solution import SAMPLED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import AS_DETECTED, ModeSearch
 from estimator.terms.term import QuadraticModel
@@ -138,7 +139,7 @@ def _mode(
         q=at.posed.q,
         covariance=covariance,
         energy=at.value,
-        status="sampled",
+        status=SAMPLED,
         velocity=velocity,
         kkt_residual=search.seeker.kkt_residual(at),
         penetration=0.0 if search.clearance is None else search.clearance.penetration(at.posed),

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from estimator.numerics.linear import factorise, solve_factorised
 from humanoid.support.compiled import jit
 
 EXACT = 1e-9  # m
@@ -22,6 +23,7 @@ ALONG = 0.2  # weight of an error along a ray
 TRIED = 2  # starts outside the limits that are pulled, the least outside first
 SLOW = 0.1  # share of the error: a step that gains less is the last
 LARGEST_TURN = 0.8  # rad a step
+SINGULAR = 1e-15  # m^2: least pivot of a step's matrix
 STRAIGHT = 1e-6  # sine of the angle between two segments that leave the plane of a limb open
 
 
@@ -279,20 +281,9 @@ def _step(A, g, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
             g[a] = 0.0
             A[a, :a] = 0.0
             A[a + 1 :, a] = 0.0
-    for a in range(m):  # Cholesky, in place
-        for b in range(a + 1):
-            x = A[a, b]
-            for c in range(b):
-                x -= A[a, c] * A[b, c]
-            A[a, b] = math.sqrt(max(x, 1e-15)) if a == b else x / A[b, b]
+    factorise(A, m, SINGULAR)
+    solve_factorised(A, m, g)
     for a in range(m):
-        for b in range(a):
-            g[a] -= A[a, b] * g[b]
-        g[a] /= A[a, a]
-    for a in range(m - 1, -1, -1):
-        for b in range(a + 1, m):
-            g[a] -= A[b, a] * g[b]
-        g[a] /= A[a, a]
         turns[a] = min(max(turns[a] + min(max(g[a], -LARGEST_TURN), LARGEST_TURN), lower[a]), upper[a])
 
 

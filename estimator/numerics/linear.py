@@ -1,0 +1,74 @@
+"""Compiled solutions of small linear systems, for kernels that cannot call LAPACK at a cost that small systems bear."""
+
+from __future__ import annotations
+
+import math
+
+from humanoid.support.compiled import jit
+
+
+@jit
+def factorise(A, n, floor):  # type: ignore[no-untyped-def]
+    """Cholesky factor of the leading n x n part of A, in place of its lower triangle; the upper one is not read.
+
+    A pivot (a square of a diagonal entry) below `floor` becomes `floor`. With a floor of 0 the matrix has to be
+    positive definite: False, with A half done, where it is not.
+    """
+    for a in range(n):
+        for b in range(a + 1):
+            x = A[a, b]
+            for c in range(b):
+                x -= A[a, c] * A[b, c]
+            if a > b:
+                A[a, b] = x / A[b, b]
+                continue
+            if x <= floor:
+                if floor == 0.0:
+                    return False
+                x = floor
+            A[a, a] = math.sqrt(x)
+    return True
+
+
+@jit
+def solve_factorised(L, n, x):  # type: ignore[no-untyped-def]
+    """Solve L L' y = x for the leading n entries of x in place; L as `factorise` leaves it."""
+    for a in range(n):
+        t = x[a]
+        for b in range(a):
+            t -= L[a, b] * x[b]
+        x[a] = t / L[a, a]
+    for a in range(n - 1, -1, -1):
+        t = x[a]
+        for b in range(a + 1, n):
+            t -= L[b, a] * x[b]
+        x[a] = t / L[a, a]
+
+
+@jit
+def eliminate(K, x):  # type: ignore[no-untyped-def]
+    """Solve K y = x in place of x (n,), K (n, n) being used up, by Gaussian elimination with partial pivoting; False
+    if K is singular."""
+    n = x.shape[0]
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(K[i, k]) > abs(K[p, k]):
+                p = i
+        if abs(K[p, k]) < 1e-300:
+            return False
+        if p != k:
+            for j in range(n):
+                K[k, j], K[p, j] = K[p, j], K[k, j]
+            x[k], x[p] = x[p], x[k]
+        for i in range(k + 1, n):
+            w = K[i, k] / K[k, k]
+            if w != 0.0:
+                for j in range(k, n):
+                    K[i, j] -= w * K[k, j]
+                x[i] -= w * x[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= K[k, j] * x[j]
+        x[k] /= K[k, k]
+    return True
