@@ -21,7 +21,7 @@ from benchmarks.tracking import timed_track
 from estimator.fitting.person import fit_person
 from estimator.imaging.observation import Observation
 from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import Solution
+from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost
 from estimator.trackers.base import Tracker
 from estimator.tracking.registry import GROUPS, make_tracker, settings_for
@@ -195,7 +195,7 @@ def searched(job: Job, make: Callable[[], Tracker], seed: int) -> dict[str, Any]
     before = tracker.search.seeker.solver.counts
     with tallied(tally):
         frames = sum(1 for _ in results)
-    steps = tracker.search.seeker.solver.counts.since(before)
+    steps = StepCounts.between(before, tracker.search.seeker.solver.counts)
     return {
         "searches_per_frame": sum(tally.searches.values()) / frames,
         "steps_per_search": sum(tally.steps.values()) / max(1, sum(tally.searches.values())),

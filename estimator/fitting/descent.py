@@ -58,10 +58,10 @@ class _Descent(Problem[_Point]):
             return None
         move = np.zeros(len(expansion.gradient))
         move[free] = part
-        return Step(move)
+        return move, None
 
     def at(self, model: _Point, step: Step) -> _Point:
-        x = self._shaped.moved(model.x, step.move)
+        x = self._shaped.moved(model.x, step[0])
         return _Point(x, self._energy.at(x))
 
 

@@ -113,11 +113,11 @@ class LengthsEnergy(Problem[LengthsModel]):
         """A step (P,) of the scales, within their range."""
         low, high = self._body.low - model.scales, self._body.high - model.scales
         move = bounded_step(model.hessian, model.gradient, low, high, damping)
-        return None if move is None else Step(move)
+        return None if move is None else (move, None)
 
     def at(self, model: LengthsModel, step: Step) -> LengthsModel:
         """The model after a step, the poses searched from where they were."""
-        return self.model(np.clip(model.scales + step.move, self._body.low, self._body.high), model.poses)
+        return self.model(np.clip(model.scales + step[0], self._body.low, self._body.high), model.poses)
 
     def model(self, scales: np.ndarray, poses: Sequence[np.ndarray]) -> LengthsModel:
         """The model at scales (P,); the poses (F) of (nq,) are searched from the given ones."""

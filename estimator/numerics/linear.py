@@ -8,31 +8,27 @@ from humanoid.support.compiled import jit
 
 
 @jit
-def factorise(A, n, floor):  # type: ignore[no-untyped-def]
-    """Cholesky factor of the leading n x n part of A, in place of its lower triangle; the upper one is not read.
+def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
+    """Solve B y = x by Cholesky, in place of x: B is A at the leading n of `rows` and of the columns of the same names.
 
-    A pivot (a square of a diagonal entry) below `floor` becomes `floor`. With a floor of 0 the matrix has to be
-    positive definite: False, with A half done, where it is not.
+    Only the lower triangle of B is read; L, n x n or larger, is filled with its factor, and may be A itself. A pivot (a
+    square of a diagonal entry of the factor) below `floor` becomes `floor`. With a floor of 0 the matrix has to be
+    positive definite: False, with x as it was, where it is not.
     """
     for a in range(n):
+        i = rows[a]
         for b in range(a + 1):
-            x = A[a, b]
+            t = A[i, rows[b]]
             for c in range(b):
-                x -= A[a, c] * A[b, c]
-            if a > b:
-                A[a, b] = x / A[b, b]
-                continue
-            if x <= floor:
-                if floor == 0.0:
-                    return False
-                x = floor
-            A[a, a] = math.sqrt(x)
-    return True
-
-
-@jit
-def solve_factorised(L, n, x):  # type: ignore[no-untyped-def]
-    """Solve L L' y = x for the leading n entries of x in place; L as `factorise` leaves it."""
+                t -= L[a, c] * L[b, c]
+            if a == b:
+                if t <= floor:
+                    if floor == 0.0:
+                        return False
+                    t = floor
+                L[a, a] = math.sqrt(t)
+            else:
+                L[a, b] = t / L[b, b]
     for a in range(n):
         t = x[a]
         for b in range(a):
@@ -43,6 +39,7 @@ def solve_factorised(L, n, x):  # type: ignore[no-untyped-def]
         for b in range(a + 1, n):
             t -= L[b, a] * x[b]
         x[a] = t / L[a, a]
+    return True
 
 
 @jit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.numerics.linear import eliminate, factorise, solve_factorised
+from estimator.numerics.linear import eliminate, solve_definite
 from humanoid.support.compiled import jit
 
 NOT_CONVEX, UNSETTLED, FREE, BOUNDED = -1, 0, 1, 2  # verdicts on a step; FREE: no bound is active
@@ -28,61 +28,43 @@ def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-unty
         if (active[i] < 0 and lower[i] == -np.inf) or (active[i] > 0 and upper[i] == np.inf):
             active[i] = 0
     for sweep in range(1, rounds + 1):
-        m = _reduce(M, g, lower, upper, active, step, free, L, x)
-        if not factorise(L, m, 0.0):
+        m = 0
+        for i in range(n):
+            if active[i] == 0:
+                free[m] = i
+                m += 1
+            else:
+                step[i] = lower[i] if active[i] < 0 else upper[i]
+        for a in range(m):  # the system of the free variables with the others on their bounds
+            i, t = free[a], -g[free[a]]
+            if m < n:
+                for k in range(n):
+                    if active[k] != 0:
+                        t -= M[i, k] * step[k]
+            x[a] = t
+        if not solve_definite(M, free, m, 0.0, L, x):
             return -1
-        solve_factorised(L, m, x)
         for a in range(m):
             step[free[a]] = x[a]
-        if not _correct(M, g, lower, upper, active, step, 1e-12 * scale):
+        certified = True
+        for i in range(n):
+            if active[i] == 0:
+                if step[i] < lower[i]:
+                    active[i] = -1
+                    certified = False
+                elif step[i] > upper[i]:
+                    active[i] = 1
+                    certified = False
+            else:
+                slope = g[i]
+                for k in range(n):
+                    slope += M[i, k] * step[k]
+                if slope * active[i] > 1e-12 * scale:  # the multiplier has the wrong sign
+                    active[i] = 0
+                    certified = False
+        if certified:
             return sweep
     return 0
-
-
-@jit
-def _reduce(M, g, lower, upper, active, step, free, L, x):  # type: ignore[no-untyped-def]
-    """The system of the free variables with the others on their bounds: `step` (n,) there, and the first m entries of
-    `free` (n,), which they are, the lower triangle of L (n, n), its matrix, and x (n,), its right-hand side. Returns m.
-    """
-    n, m = g.shape[0], 0
-    for i in range(n):
-        if active[i] == 0:
-            free[m] = i
-            m += 1
-        else:
-            step[i] = lower[i] if active[i] < 0 else upper[i]
-    for a in range(m):
-        i = free[a]
-        x[a] = -g[i]
-        if m < n:
-            for k in range(n):
-                if active[k] != 0:
-                    x[a] -= M[i, k] * step[k]
-        for b in range(a + 1):
-            L[a, b] = M[i, free[b]]
-    return m
-
-
-@jit
-def _correct(M, g, lower, upper, active, step, tolerance):  # type: ignore[no-untyped-def]
-    """Hold the variables that violate a bound and free those whose multiplier has the wrong sign; whether any was."""
-    n, wrong = g.shape[0], False
-    for i in range(n):
-        if active[i] == 0:
-            if step[i] < lower[i]:
-                active[i] = -1
-                wrong = True
-            elif step[i] > upper[i]:
-                active[i] = 1
-                wrong = True
-        else:
-            slope = g[i]
-            for k in range(n):
-                slope += M[i, k] * step[k]
-            if slope * active[i] > tolerance:
-                active[i] = 0
-                wrong = True
-    return wrong
 
 
 @jit

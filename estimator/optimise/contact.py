@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from estimator.optimise.box_step import model_decrease
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import CONVERGED, SEPARATED, Solution
+from estimator.optimise.solution import CONVERGED, SEPARATED, Solution, StepCounts
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
@@ -63,10 +63,10 @@ class _Separation(Problem[_Point]):
         move = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active, rows)
         if move is None or not np.any(np.abs(move) > STILL):
             return None
-        return Step(move, model_decrease(hessian, gradient, move))
+        return move, model_decrease(hessian, gradient, move)
 
     def at(self, model: _Point, step: Step) -> _Point:
-        quadratic = self._cost.at(self._seeker.body.integrate(model.quadratic.posed.q, step.move))
+        quadratic = self._cost.at(self._seeker.body.integrate(model.quadratic.posed.q, step[0]))
         return self.point(quadratic, self._clearance.penetration(quadratic.posed))
 
 
@@ -81,13 +81,13 @@ def separate(
     depth = clearance.penetration(overlapping.quadratic.posed)
     if depth <= settings.tolerance:
         return overlapping
-    before = seeker.solver.counts
+    before = tuple(seeker.solver.tally)
     separation = _Separation(seeker, clearance, cost, settings)
     newton = NewtonSettings(settings.steps, DAMPING, least_promise=-np.inf, enough=ENOUGH, unsolved="stop")
     end, _, tried = minimise(separation, separation.point(overlapping.quadratic, depth), newton)
     residual = contact_kkt_residual(seeker, clearance, end.quadratic)
     status = CONVERGED if residual < seeker.settings.kkt_tolerance else SEPARATED
-    steps = overlapping.steps.plus(seeker.solver.counts.since(before))
+    steps = overlapping.steps.plus(StepCounts.between(before, seeker.solver.tally))
     return Solution(end.quadratic, status, residual, overlapping.iterations + tried, steps)
 
 

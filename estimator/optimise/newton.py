@@ -31,15 +31,12 @@ class Valued(Protocol):
 Model = TypeVar("Model", bound=Valued)
 
 
-class Step(NamedTuple):
-    """A step, and the decrease of the energy that the undamped model promises of it; None where nobody asked."""
-
-    move: np.ndarray
-    promised: float | None = None
+Step = tuple[np.ndarray, float | None]
+"""A step, and the decrease of the energy that the undamped model promises of it; None where nobody asked."""
 
 
 class Problem(ABC, Generic[Model]):
-    """What is minimised."""
+    """What is minimised. The loop asks for one trial at a time, and it is taken or refused before the next."""
 
     @abstractmethod
     def step(self, model: Model, damping: float) -> Step | None:
@@ -47,7 +44,7 @@ class Problem(ABC, Generic[Model]):
 
     @abstractmethod
     def at(self, model: Model, step: Step) -> Model:
-        """The model at the end of a step."""
+        """The model at the end of a step: the trial."""
 
     def converged(self, model: Model) -> bool:
         """Whether the condition of a minimum holds."""
@@ -58,7 +55,7 @@ class Problem(ABC, Generic[Model]):
         return False
 
     def taken(self, trial: Model, ratio: float) -> Model:
-        """The model to go on from; ratio: decrease of the energy over the one promised."""
+        """The model to go on from; ratio: decrease of the energy over the one promised, or 1 where nobody asked."""
         return trial
 
 
@@ -83,9 +80,8 @@ class Damping:
     def lowered(self, damping: float, ratio: float) -> float:
         """After a step that was taken."""
         factor = self.shrink
-        if self.by_ratio:
-            ratio = min(max(ratio, -LARGEST_RATIO), 1.0)  # from 1 on the factor is the smallest
-            factor = max(factor, 1.0 - (2.0 * ratio - 1.0) ** 3)
+        if self.by_ratio and ratio < 1.0:  # from 1 on it is the smallest
+            factor = max(factor, 1.0 - (2.0 * max(ratio, -LARGEST_RATIO) - 1.0) ** 3)
         return max(self.least, damping * factor)
 
 
@@ -118,38 +114,32 @@ class Descent(NamedTuple, Generic[Model]):
 
 def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) -> Descent[Model]:
     """Descend from a model; the energy never rises, but for trials that the problem calls as good."""
-    schedule = settings.damping
+    schedule, accepted, unsolved = settings.damping, settings.accepted, settings.unsolved
     damping, growth = schedule.first, schedule.growth
     for tried in range(settings.iterations):
         if problem.converged(model):
             return Descent(model, CONVERGED, tried)
-        step, damping = _step(problem, model, damping, settings)
-        if step is None and settings.unsolved != "refuse":
-            return Descent(model, STALLED, tried)
+        step = problem.step(model, damping)
+        while step is None and unsolved == "retry" and damping < schedule.most:
+            damping = max(RETRIED[0] * damping, RETRIED[1])
+            step = problem.step(model, damping)
         if step is not None:
-            promised = step.promised
+            promised = step[1]
             if promised is not None and promised < settings.least_promise:
                 return Descent(model, STALLED, tried)
             trial = problem.at(model, step)
             gain = float(model.value - trial.value)
             ratio = float(gain > 0.0) if promised is None else gain / max(promised, LEAST_PROMISE)
-            if ratio > settings.accepted or problem.as_good(model, trial):
+            if ratio > accepted or problem.as_good(model, trial):
                 model, damping, growth = problem.taken(trial, ratio), schedule.lowered(damping, ratio), schedule.growth
                 if gain < settings.enough and (promised is None or promised < settings.enough):
                     return Descent(model, SETTLED, tried + 1)
                 continue
+        elif unsolved != "refuse":
+            return Descent(model, STALLED, tried)
         damping = max(damping, schedule.grown_from) * growth
         if schedule.by_ratio:
             growth *= 2.0
         if damping > schedule.most:
             return Descent(model, STALLED, tried + 1)
     return Descent(model, CONVERGED if problem.converged(model) else ITERATIONS, settings.iterations)
-
-
-def _step(problem: Problem[Model], model: Model, damping: float, settings: NewtonSettings) -> tuple[Step | None, float]:
-    """A step and its damping, raised as far as a model that is not convex needs where that is the setting."""
-    step = problem.step(model, damping)
-    while step is None and settings.unsolved == "retry" and damping < settings.damping.most:
-        damping = max(RETRIED[0] * damping, RETRIED[1])
-        step = problem.step(model, damping)
-    return step, damping

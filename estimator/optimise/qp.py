@@ -12,6 +12,7 @@ from estimator.optimise.solution import StepCounts
 from humanoid.kinematics.body import Body
 
 ACCURACY = 1e-8
+_FREE, _ACTIVE_SET, _PROXQP, _FAILED = range(4)  # see `StepCounts`
 UNBOUNDED = 1e20  # what ProxQP takes for infinity
 
 
@@ -21,7 +22,7 @@ class StepSolver:
 
     One persistent solver object for each number of rows; equal problems have equal solutions, whatever was solved
     before (`_exact`). places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their
-    lower and upper limits.
+    lower and upper limits. tally: how many steps were solved by whom, in the order of `StepCounts`.
     """
 
     body: Body
@@ -32,14 +33,14 @@ class StepSolver:
         self._M, self._bounds = np.zeros((n, n)), np.zeros((2, n))
         self._lower, self._upper = self._bounds
         self._solvers: dict[int, proxqp.dense.QP] = {}
-        self._free = self._active_set = self._by_proxqp = self._failed = 0
+        self.tally = [0, 0, 0, 0]
         self.places = np.stack((body.bounded_q, body.bounded_v), axis=1)
         self.limits = np.stack((body.lower[body.bounded_q], body.upper[body.bounded_q]))
 
     @property
     def counts(self) -> StepCounts:
         """Steps solved so far."""
-        return StepCounts(self._free, self._active_set, self._by_proxqp, self._failed)
+        return StepCounts(*self.tally)
 
     def solve(
         self,
@@ -62,10 +63,7 @@ class StepSolver:
             self._bounds, step,
         )  # fmt: skip
         if verdict > UNSETTLED and (rows is None or np.all(rows[0] @ step >= rows[1])):
-            if verdict == FREE:
-                self._free += 1
-            else:
-                self._active_set += 1
+            self.tally[_FREE if verdict == FREE else _ACTIVE_SET] += 1
             return step
         if verdict == NOT_CONVEX or not _convex(self._M):  # the rounds look only at the variables they left free
             return None
@@ -91,9 +89,9 @@ class StepSolver:
         solver.solve()
         x = np.array(solver.results.x)
         if not np.all(np.isfinite(x)):
-            self._failed += 1
+            self.tally[_FAILED] += 1
             return None
-        self._by_proxqp += 1
+        self.tally[_PROXQP] += 1
         return self._exact(x, np.array(solver.results.z), gradient, active, rows)
 
     def _exact(

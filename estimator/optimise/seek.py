@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from estimator.optimise.box_step import model_decrease, projected_gradient
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.qp import StepSolver
-from estimator.optimise.solution import Solution
+from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
 
@@ -52,14 +51,6 @@ class SeekSettings:
         )
 
 
-class _Point(NamedTuple):
-    """A pose looked at: its energy, the quadratic model, and the KKT residual."""
-
-    value: float
-    quadratic: QuadraticModel
-    residual: float
-
-
 class Seeker:
     """Searches on one body; holds the workspace, no state that outlives a search but counts."""
 
@@ -73,9 +64,10 @@ class Seeker:
     def trust_box(self, settings: SeekSettings) -> np.ndarray:
         """Half-width (nv,) of the trust box of a search."""
         size = settings.max_turn, settings.max_slide
-        if size not in self._boxes:
-            self._boxes[size] = trust_box(self.body, *size)
-        return self._boxes[size]
+        box = self._boxes.get(size)
+        if box is None:
+            box = self._boxes[size] = trust_box(self.body, *size)
+        return box
 
     def kkt_residual(self, quadratic: QuadraticModel) -> float:
         """Largest entry of the projected gradient at a posed body: zero at a minimum within the joint limits."""
@@ -88,47 +80,48 @@ class Seeker:
 
     def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Solution:
         """Descend from q (nq,), clamped into the limits first; the energy never rises but by rounding."""
-        settings, before = settings or self.settings, self.solver.counts
-        search = _Search(self, cost, settings)
-        end, status, tried = minimise(search, search.point(cost.at(self.body.clamp(q))), settings.newton)
-        return Solution(end.quadratic, status, end.residual, tried, self.solver.counts.since(before))
+        settings = settings or self.settings
+        before = tuple(self.solver.tally)
+        start = cost.at(self.body.clamp(q))
+        search = _Search(self, cost, settings, self.kkt_residual(start))
+        end, status, tried = minimise(search, start, settings.newton)
+        return Solution(end, status, search.residual, tried, StepCounts.between(before, self.solver.tally))
 
 
-class _Search(Problem[_Point]):
-    """One search: a cost within joint limits and a trust box."""
+class _Search(Problem[QuadraticModel]):
+    """One search: a cost within joint limits and a trust box. residual: KKT residual of the model last taken."""
 
-    def __init__(self, seeker: Seeker, cost: Cost, settings: SeekSettings) -> None:
-        self._seeker, self._cost, self._settings = seeker, cost, settings
-        self._body, self._radius = seeker.body, seeker.trust_box(settings)
+    def __init__(self, seeker: Seeker, cost: Cost, settings: SeekSettings, residual: float) -> None:
+        self._seeker, self._solver, self._cost, self._settings = seeker, seeker.solver, cost, settings
+        self._radius, self._integrate = seeker.trust_box(settings), seeker.body.integrate
         self._active = np.zeros(seeker.body.nv, dtype=np.int8)  # the last step's is the guess at the next one's
+        self.residual = self._of_trial = residual
 
-    def point(self, quadratic: QuadraticModel) -> _Point:
-        """A quadratic model with its residual."""
-        return _Point(quadratic.value, quadratic, self._seeker.kkt_residual(quadratic))
+    def converged(self, model: QuadraticModel) -> bool:
+        return self.residual < self._settings.kkt_tolerance
 
-    def converged(self, model: _Point) -> bool:
-        return model.residual < self._settings.kkt_tolerance
+    def step(self, model: QuadraticModel, damping: float) -> Step | None:
+        posed, _, gradient, hessian, _ = model
+        move = self._solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
+        return None if move is None else (move, model_decrease(hessian, gradient, move))
 
-    def step(self, model: _Point, damping: float) -> Step | None:
-        posed, _, gradient, hessian, _ = model.quadratic
-        move = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
-        return None if move is None else Step(move, model_decrease(hessian, gradient, move))
-
-    def at(self, model: _Point, step: Step) -> _Point:
+    def at(self, model: QuadraticModel, step: Step) -> QuadraticModel:
         """The true curvature is worth its price once little is left to gain."""
-        q = self._body.integrate(model.quadratic.posed.q, step.move)
-        assert step.promised is not None
-        return self.point(self._cost.at(q, step.promised < self._settings.exact_below))
+        move, promised = step
+        assert promised is not None
+        trial = self._cost.at(self._integrate(model.posed.q, move), promised < self._settings.exact_below)
+        self._of_trial = self._seeker.kkt_residual(trial)
+        return trial
 
-    def as_good(self, model: _Point, trial: _Point) -> bool:
+    def as_good(self, model: QuadraticModel, trial: QuadraticModel) -> bool:
         """At the bottom the energy's last digits are noise; there the gradient decides."""
         equal = trial.value <= model.value + ROUNDING * max(1.0, abs(model.value))
-        return equal and trial.residual < 0.9 * model.residual
+        return equal and self._of_trial < 0.9 * self.residual
 
-    def taken(self, trial: _Point, ratio: float) -> _Point:
-        if ratio > TOO_CAUTIOUS and not trial.quadratic.exact:
-            exact = self._cost.of(trial.quadratic.posed, exact=True)
-            return _Point(exact.value, exact, trial.residual)
+    def taken(self, trial: QuadraticModel, ratio: float) -> QuadraticModel:
+        self.residual = self._of_trial
+        if ratio > TOO_CAUTIOUS and not trial.exact:
+            return self._cost.of(trial.posed, exact=True)
         return trial
 
 

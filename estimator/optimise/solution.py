@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,13 +10,14 @@ import numpy as np
 from estimator.terms.term import QuadraticModel
 
 # How a descent ended: the condition of a minimum holds; a step gained too little for another; no step helps; the
-# budget was spent. Parts that overlapped were parted, and the residual did not become small. A mean of particles.
+# budget was spent.
 CONVERGED, SETTLED, STALLED, ITERATIONS = "converged", "settled", "stalled", "iterations"
+# Parts that overlapped were parted, and the residual did not become small; a mean of particles, no end of a search.
 SEPARATED, SAMPLED = "separated", "sampled"
 
 
 class StepCounts(NamedTuple):
-    """How many steps were solved by whom.
+    """How many steps of a search were solved by whom.
 
     free: no bound was active. active_set: on a guessed set of active bounds. proxqp: by ProxQP. failed: by none, as
     ProxQP's answer was not finite. A model that is not convex has no step and is not counted.
@@ -31,9 +33,12 @@ class StepCounts(NamedTuple):
         """Steps that needed no ProxQP."""
         return self.free + self.active_set
 
-    def since(self, before: StepCounts) -> StepCounts:
-        """What was counted after `before`."""
-        return StepCounts(*(now - then for now, then in zip(self, before, strict=True)))
+    @staticmethod
+    def between(before: Sequence[int], after: Sequence[int]) -> StepCounts:
+        """What was counted from one count to another."""
+        return StepCounts(
+            after[0] - before[0], after[1] - before[1], after[2] - before[2], after[3] - before[3]
+        )  # fmt: skip
 
     def plus(self, other: StepCounts) -> StepCounts:
         """The steps of both."""

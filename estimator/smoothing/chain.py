@@ -127,10 +127,13 @@ class _Poses(Problem[ChainModel]):
         self._chain, self._held = chain, held
 
     def step(self, model: ChainModel, damping: float) -> Step | None:
-        return Step(self._chain.step(model, self._held, damping))
+        try:
+            return self._chain.step(model, self._held, damping), None
+        except np.linalg.LinAlgError:  # not positive definite
+            return None
 
     def at(self, model: ChainModel, step: Step) -> ChainModel:
-        return self._chain.at(model.q, step.move)
+        return self._chain.at(model.q, step[0])
 
 
 def _banded(blocks: np.ndarray) -> np.ndarray:

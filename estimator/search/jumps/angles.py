@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from estimator.numerics.linear import factorise, solve_factorised
+from estimator.numerics.linear import solve_definite
 from humanoid.support.compiled import jit
 
 EXACT = 1e-9  # m
@@ -281,8 +281,7 @@ def _step(A, g, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
             g[a] = 0.0
             A[a, :a] = 0.0
             A[a + 1 :, a] = 0.0
-    factorise(A, m, SINGULAR)
-    solve_factorised(A, m, g)
+    solve_definite(A, np.arange(m), m, SINGULAR, A, g)
     for a in range(m):
         turns[a] = min(max(turns[a] + min(max(g[a], -LARGEST_TURN), LARGEST_TURN), lower[a]), upper[a])
 
