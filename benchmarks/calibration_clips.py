@@ -13,7 +13,7 @@ from benchmarks.common import data_folder
 from estimator import synthesis
 from estimator.cameras.camera import Camera
 from estimator.cost.model import image_extent
-from estimator.fitting.lengths import fit_proportions
+from estimator.fitting.person import fit_person
 from estimator.imaging.observation import Observation
 from estimator.sequences.sequence import assemble
 from estimator.synthesis import ViewSettings, framing_cameras
@@ -123,7 +123,7 @@ def tracked(task: Task) -> Tracked:
     view = ViewSettings(count=task.condition.cameras, azimuth=float(rng.uniform(-180.0, 180.0)))
     cameras = framing_cameras(points, view)
     observations = _observed(body, q, times, cameras, task.condition, rng)
-    subject = body.subject if task.known_body else fit_proportions(load_subject("human34"), observations).subject
+    subject = body.subject if task.known_body else fit_person(load_subject("human34"), observations).subject
     settings = settings_for(task.tracker, changes=task.changes)
     if task.known_noise:
         noise = _true_noise(observations, task.condition)

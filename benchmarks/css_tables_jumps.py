@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.css_tables_minima import RULE, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem
 from estimator.optimise.covariance import free_directions, mode_covariance
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import Solution
 from estimator.search.jumps import KinematicJumps
 from estimator.search.proposals import CovarianceScaledProposal
 

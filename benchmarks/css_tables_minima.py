@@ -12,7 +12,8 @@ import numpy as np
 
 from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
 from estimator.optimise.covariance import free_directions
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import Solution
 from estimator.search.proposals import CovarianceScaledProposal, Proposal, SphericalProposal, WeakestDirections
 
 

@@ -10,7 +10,8 @@ import pinocchio as pin
 from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.optimise.covariance import free_directions, mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings, Solution
+from estimator.optimise.seek import Seeker, SeekSettings
+from estimator.optimise.solution import Solution
 from estimator.terms.priors import Stabilisers
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term

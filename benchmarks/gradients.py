@@ -18,7 +18,8 @@ from estimator.cues.assigned import AssignedPoints
 from estimator.cues.evidence import CameraEvidence, ImageModel, Past
 from estimator.imaging.observation import Observation
 from estimator.optimise.qp import StepSolver
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import Solution
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.potentials import POTENTIALS

@@ -18,9 +18,10 @@ from cyclopts import Parameter
 from benchmarks.common import Changes, data_folder, nested, save, spread, start
 from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
-from estimator.fitting.lengths import fit_proportions
+from estimator.fitting.person import fit_person
 from estimator.imaging.observation import Observation
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost
 from estimator.trackers.base import Tracker
 from estimator.tracking.registry import GROUPS, make_tracker, settings_for
@@ -110,7 +111,7 @@ def make_job(data: Path | None, camera: str, folder: Path, seed: int) -> Job:
         files, cameras = {camera: clip.keypoints[camera]}, clip.cameras
     subject = load_subject("human34")
     observations = load_inputs(Body(subject), InputFiles(None, files, cameras)).observations
-    subject = fit_proportions(subject, observations, seed).subject
+    subject = fit_person(subject, observations, seed=seed).subject
     return Job(f"{name} {camera}", files, cameras, subject, observations)
 
 
@@ -193,13 +194,10 @@ def searched(job: Job, make: Callable[[], Tracker], seed: int) -> dict[str, Any]
     tracker, tally = make(), Tally()
     results = run(tracker, job.observations, seed)
     next(results)
-    counts = tracker.search.seeker.solver.counts
-    before = (counts.active_set, counts.proxqp, counts.failed)
+    before = tracker.search.seeker.solver.counts
     with tallied(tally):
         frames = sum(1 for _ in results)
-    guessed, solved, failed = (
-        now - then for now, then in zip((counts.active_set, counts.proxqp, counts.failed), before, strict=True)
-    )
+    steps = StepCounts.between(before, tracker.search.seeker.solver.counts)
     return {
         "searches_per_frame": sum(tally.searches.values()) / frames,
         "steps_per_search": sum(tally.steps.values()) / max(1, sum(tally.searches.values())),
@@ -207,9 +205,9 @@ def searched(job: Job, make: Callable[[], Tracker], seed: int) -> dict[str, Any]
             str(b): {"searches_per_frame": n / frames, "steps_per_search": tally.steps[b] / n}
             for b, n in sorted(tally.searches.items())
         },
-        "steps_by_active_set": guessed,
-        "steps_by_proxqp": solved,
-        "steps_failed": failed,
+        "steps_by_active_set": steps.guessed,
+        "steps_by_proxqp": steps.proxqp,
+        "steps_failed": steps.failed,
     }
 
 

@@ -220,7 +220,7 @@ def compared(contest: Contest, times: dict[str, np.ndarray]) -> dict[str, Any]:
         "reduced_by_both": int(np.sum((np.array(ours) < before) & (np.array(theirs) < before))),
         "within_limits": inside,
         "limits_active_after": float(np.mean(active)),
-        "settled_by_guess": counts.active_set / max(1, counts.active_set + counts.proxqp),
+        "settled_by_guess": counts.guessed / max(1, counts.guessed + counts.proxqp),
         "count": len(before),
     }  # fmt: skip
 

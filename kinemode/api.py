@@ -12,8 +12,8 @@ from typing import Any, cast
 
 from threadpoolctl import threadpool_limits
 
-from estimator.fitting.lengths import Fit, fit_proportions
-from estimator.fitting.stages import fit_subject
+from estimator.fitting import person
+from estimator.fitting.fit import Fit
 from estimator.parallel.pool import checked_count
 from estimator.results.run_checks import checked_state
 from estimator.results.run_file import Run, RunHeader, RunWriter
@@ -115,14 +115,10 @@ def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> S
         stored = Run.open(job.target.path)
         if stored.header.subject_source == subject.source:
             return stored.subject  # fitted when the run began
-    return _fit(subject, inputs, job.seed, cues if job.fit == "auto" else None, job.chosen.for_fit).subject
-
-
-def _fit(subject: Subject, inputs: Inputs, seed: int, cues: Cues | None, settings: Settings | None) -> Fit:
-    """All that the input allows: without pictures the proportions alone."""
-    if cues is None:
-        return fit_proportions(subject, inputs.observations, seed, track_settings=settings)
-    return fit_subject(subject, inputs.observations, cues, seed, track_settings=settings)
+    shown = cues if job.fit == "auto" else None
+    return person.fit_person(
+        subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit
+    ).subject
 
 
 def fit_person(loaded: Subject, files: InputFiles, cues: str | Iterable[str], seed: int, out: PathLike | None) -> Fit:
@@ -140,7 +136,7 @@ def fit_person(loaded: Subject, files: InputFiles, cues: str | Iterable[str], se
                 notes += (*reader.notes, *notes_on_silhouettes(reader, inputs))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
-            result = _fit(loaded, inputs, seed, reader, None)
+            result = person.fit_person(loaded, inputs.observations, reader, seed=seed)
     if out is not None:
         result.subject.write(out)
     return result

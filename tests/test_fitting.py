@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.fitting import lengths as fitting
-from estimator.fitting.lengths import Fit, FitSettings, chosen_frames, fit_proportions
+from estimator.fitting.fit import Fit
+from estimator.fitting.lengths import LengthsEnergy, chosen_frames
+from estimator.fitting.person import fit_person
+from estimator.fitting.settings import FitSettings
 from estimator.imaging.observation import Observation
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import settings_for
@@ -40,7 +42,7 @@ def clip(subject: Subject, noise: float, count: int = 8) -> list[Observation]:
 
 @cache
 def fitted() -> Fit:
-    return fit_proportions(body_of("human34").subject, clip(person()[0], 0.5), 0, FEW, TRACK)
+    return fit_person(body_of("human34").subject, clip(person()[0], 0.5), settings=FEW, track_settings=TRACK)
 
 
 def test_known_lengths_come_back() -> None:
@@ -74,7 +76,7 @@ def test_lengths_stay_within_their_hard_range() -> None:
     low, high = (np.array([getattr(p, f"scale_{end}") for p in subject.proportions]) for end in ("min", "max"))
     away = tuple(replace(c, t_camera_world=1.35 * c.t_camera_world) for c in AROUND)
     seen = [replace(o, cameras=away) for o in clip(subject, 0.5, 4)]
-    fit = fit_proportions(subject, seen, 0, replace(FEW, rounds=1), TRACK)
+    fit = fit_person(subject, seen, settings=replace(FEW, rounds=1), track_settings=TRACK)
     assert np.all((fit.scales >= low) & (fit.scales <= high))
     thighs = fit.names.index("left_knee_flexion")
     assert fit.scales[thighs] > 1.1
@@ -84,7 +86,7 @@ def test_nothing_usable_leaves_the_subject_as_it_is() -> None:
     subject = body_of("human34").subject
     blank = [replace(o, pixels=o.pixels * np.nan, confidence=o.confidence * 0.0) for o in clip(subject, 0.0, 2)]
     for seen in ([], blank):
-        fit = fit_proportions(subject, seen)
+        fit = fit_person(subject, seen)
         assert fit.subject is subject
         assert fit.frames == ()
         assert np.array_equal(fit.scales, np.ones(len(fit.names)))
@@ -100,8 +102,8 @@ def test_frames_are_chosen_evenly_among_the_usable() -> None:
 
 def test_fits_repeat() -> None:
     seen = clip(person()[0], 0.5, 3)
-    one = replace(FEW, rounds=1)
-    first, second = (fit_proportions(body_of("human34").subject, seen, 3, one, TRACK) for _ in range(2))
+    once, given = replace(FEW, rounds=1), body_of("human34").subject
+    first, second = (fit_person(given, seen, seed=3, settings=once, track_settings=TRACK) for _ in range(2))
     assert np.array_equal(first.scales, second.scales)
     assert first.subject.urdf == second.subject.urdf
 
@@ -111,14 +113,13 @@ def test_the_profiles_gradient_is_that_of_the_minimised_energy() -> None:
     proportions = ProportionedBody(body_of("human34").subject)
     body = body_of("human34")
     seen = clip(person()[0], 0.5, 2)
-    profile = fitting._Profile(proportions, seen, replace(TRACK.cost, interpenetration_weight=0.0), FEW)
+    energy = LengthsEnergy(proportions, seen, replace(TRACK.cost, interpenetration_weight=0.0), FEW.effective_frames)
     scales = np.full(len(proportions.names), 1.01)
     poses = list(authored_motion(body, np.linspace(0.3, 2.3, 2)))
-    value, gradient, hessian, poses = profile.at(scales, poses)
-    assert isinstance(value, float)
+    model = energy.model(scales, poses)
     for k in range(len(scales)):
         step = 1e-4 * np.eye(len(scales))[k]
-        ahead, behind = profile.at(scales + step, poses), profile.at(scales - step, poses)
-        assert (ahead[0] - behind[0]) / 2e-4 == pytest.approx(gradient[k], abs=2e-4 * np.abs(gradient).max())
-    assert np.array_equal(hessian, hessian.T)
-    assert np.linalg.eigvalsh(hessian)[0] > 0.0
+        ahead, behind = (energy.model(scales + sign * step, model.poses).value for sign in (1.0, -1.0))
+        assert (ahead - behind) / 2e-4 == pytest.approx(model.gradient[k], abs=2e-4 * np.abs(model.gradient).max())
+    assert np.array_equal(model.hessian, model.hessian.T)
+    assert np.linalg.eigvalsh(model.hessian)[0] > 0.0

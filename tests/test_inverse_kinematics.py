@@ -19,7 +19,8 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import body_size
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import Solution
 from estimator.search.first_pose import random_configuration
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis

@@ -11,7 +11,7 @@ import pytest
 import kinemode as km
 from benchmarks.resume import Pace, differences, moments
 from benchmarks.resume_kills import BEFORE_THE_FILE, SOON, Moment, command, finish, frames_in, kill_at
-from estimator.fitting.lengths import fit_proportions
+from estimator.fitting.person import fit_person
 from estimator.trackers.base import TrackState
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
@@ -71,7 +71,7 @@ def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     subject = load_subject("human34")
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
     observations = load_inputs(Body(subject), InputFiles(None, keypoints, clip.cameras)).observations
-    body = Body(fit_proportions(subject, observations).subject)
+    body = Body(fit_person(subject, observations).subject)
     states = [state for _, state in run(make_tracker("css", body), observations, 0)]
     for first in range(1, len(observations)):
         before = states[first - 1]

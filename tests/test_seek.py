@@ -12,7 +12,8 @@ from builders import BROWN, bent, body_of, camera_at, inside, observe, random_po
 from estimator.cost.model import CostModel, CostSettings
 from estimator.optimise.contact import ContactSettings, contact_kkt_residual, separate
 from estimator.optimise.covariance import MAX_STD, free_directions, mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings, Solution, trust_box
+from estimator.optimise.seek import Seeker, SeekSettings, trust_box
+from estimator.optimise.solution import Solution
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from estimator.terms.term import Cost, Term
 from humanoid.collision.clearance import Clearance
@@ -85,6 +86,21 @@ def test_searches_repeat_and_have_no_memory() -> None:
     for again in (seeker.seek(cost, start), Seeker(body).seek(cost, start)):
         assert np.array_equal(again.q, first.q)
         assert again[1:] == first[1:]
+
+
+def test_solutions_say_who_solved_their_steps() -> None:
+    body, cost, start = problem(6)
+    seeker = Seeker(body)
+    ends = [seeker.seek(cost, start) for _ in range(2)]
+    assert ends[0].steps == ends[1].steps  # its own, not the solver's so far
+    assert ends[0].steps.plus(ends[1].steps) == seeker.solver.counts
+    assert ends[0].steps.free > 0
+    assert ends[0].steps.active_set > 0
+    assert sum(ends[0].steps) >= ends[0].iterations > 3
+    seeker.solver.active_set_rounds = 0
+    forced = seeker.seek(cost, start)
+    assert forced.steps.guessed == 0
+    assert forced.steps.proxqp >= forced.iterations > 3
 
 
 def test_starts_outside_the_limits_are_clamped_first() -> None:
@@ -185,6 +201,8 @@ def test_overlapping_limbs_are_separated() -> None:
     after = clearance.penetration(body.at(end.q))
     assert after <= settings.tolerance
     assert inside(body, end.q)
+    assert end.steps.proxqp > found.steps.proxqp  # rows that bite
+    assert sum(end.steps) - sum(found.steps) >= end.iterations - found.iterations > 0
     merits = [f.quadratic.value + settings.force * depth for f, depth in ((found, before), (end, after))]
     assert merits[1] <= merits[0]
     assert end.quadratic.value == cost.at(end.q).value

@@ -14,13 +14,15 @@ from builders import SUBJECTS, bent, body_of, camera_at, inside
 
 from estimator.cameras.camera import Camera
 from estimator.cost.model import CostSettings
-from estimator.fitting import stages
+from estimator.fitting import flesh
 from estimator.fitting.body_energy import BodyEnergy, Gaussian
-from estimator.fitting.descent import DescentSettings, descend
-from estimator.fitting.lengths import Fit, fit_proportions
+from estimator.fitting.descent import descend
+from estimator.fitting.fit import Fit
+from estimator.fitting.flesh import fit_flesh
+from estimator.fitting.person import fit_person
+from estimator.fitting.settings import DescentSettings, FitSettings, FleshSettings
 from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.fitting.stages import ShapeSettings, fit_shape
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.edges import EdgeSettings, edge_map
 from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
@@ -94,12 +96,16 @@ def first_stage(count: int) -> Fit:
     pixels = np.array([camera.project(landmarks) for camera in CAMERAS[:count]])
     pixels += 2.0 * rng.normal(size=pixels.shape)
     seen = Observation(0, 0.0, CAMERAS[:count], pixels, np.ones(pixels.shape[:2]), given=True)
-    return fit_proportions(load_subject("human34"), [seen])
+    return fit_person(load_subject("human34"), [seen])
 
 
 @cache
 def fitted(count: int) -> Fit:
-    return fit_shape(load_subject("human34"), first_stage(count), OneFrame(pictures()[:count]))
+    return with_pictures(first_stage(count), OneFrame(pictures()[:count]), FleshSettings())
+
+
+def with_pictures(first: Fit, cues: OneFrame, settings: FleshSettings) -> Fit:
+    return fit_flesh(load_subject("human34"), first, cues, FitSettings(flesh=settings), CostSettings())
 
 
 def overlap(subject: Subject, q: np.ndarray, count: int) -> float:
@@ -174,7 +180,7 @@ def test_parts_stay_apart() -> None:
     own, body = Clearance(body_of("human34")), Body(fit.subject)
     clearance = Clearance(body)
     assert clearance.pairs == own.pairs
-    assert clearance.penetration(body.at(fit.shape.poses[0])) < ShapeSettings().overlap
+    assert clearance.penetration(body.at(fit.shape.poses[0])) < FleshSettings().overlap
 
 
 def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
@@ -182,14 +188,14 @@ def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
     first, body = first_stage(1), body_of("human34")
     seen = [replace(o, cues=pictures()[:1]) for o in first.observations]
     shaped = ShapedBody(load_subject("human34"), 300)
-    made = stages._Stages(shaped, seen, first, ShapeSettings(), CostSettings())
+    made = flesh._Stages(shaped, seen, first, FitSettings(), CostSettings())
     q = bent(body, left_shoulder_elevation=0.0, right_shoulder_elevation=0.0)
     thick = np.where(shaped.shape.kind == 0, shaped.shape.high, 0.0)
     x = Unknowns(q[None], np.ones(len(first.scales)), thick)
     found = made.apart(x)
     assert np.array_equal(found.shape, 0.75 * thick)
     before, after = (Clearance(Body(shaped.at(u))).penetration(body.at(q)) for u in (x, found))
-    assert after < ShapeSettings().overlap < before
+    assert after < FleshSettings().overlap < before
 
 
 def elsewhere(cues: ImageCues) -> ImageCues:
@@ -209,7 +215,7 @@ def nothing(cues: ImageCues) -> ImageCues:
 def test_poor_pictures_leave_the_first_stage(seen: Callable[[ImageCues], ImageCues]) -> None:
     first = first_stage(1)
     cues = OneFrame(tuple(map(seen, pictures()[:1])))
-    assert fit_shape(load_subject("human34"), first, cues, ShapeSettings(rounds=1)) is first
+    assert with_pictures(first, cues, FleshSettings(rounds=1)) is first
 
 
 def test_girths_stay_within_their_hard_range() -> None:
@@ -218,7 +224,7 @@ def test_girths_stay_within_their_hard_range() -> None:
     assert cues.silhouette is not None
     wide = cv2.dilate(cues.silhouette.mask.astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
     giant = OneFrame((replace(cues, edges=None, silhouette=silhouette_of(wide)),))
-    fit = fit_shape(load_subject("human34"), first, giant, ShapeSettings(agreement=0.0, worse=1.0, outline_noise=0.1))
+    fit = with_pictures(first, giant, FleshSettings(agreement=0.0, worse=1.0, outline_noise=0.1))
     assert fit.shape is not None
     assert 1.25 < np.sqrt(fit.shape.factors.prod(axis=1)).max() <= GIRTHS[1] * (1.0 + 1e-12)
     body = ProportionedBody(load_subject("human34"))
@@ -234,9 +240,9 @@ def test_every_shape_in_range_is_a_surface_and_its_limbs_stay_limbs() -> None:
         limb = [limb_capsule(f) is not None for f in subject.flesh]
         for _ in range(30):
             drawn = np.where(rng.random(len(shape.low)) < 0.5, shape.low, shape.high)
-            flesh = [f.with_parameters(p) for f, p in zip(subject.flesh, shape.of_parts(drawn), strict=True)]
-            assert all(fault(f.parameters) is None for f in flesh)
-            assert [limb_capsule(f) is not None for f in flesh] == limb
+            drawn_flesh = [f.with_parameters(p) for f, p in zip(subject.flesh, shape.of_parts(drawn), strict=True)]
+            assert all(fault(f.parameters) is None for f in drawn_flesh)
+            assert [limb_capsule(f) is not None for f in drawn_flesh] == limb
         assert shape.subject(subject, np.zeros(len(shape.low))).urdf == subject.urdf
 
 

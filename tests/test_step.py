@@ -11,6 +11,7 @@ from proxsuite import proxqp
 
 from estimator.optimise.box_step import model_decrease, solve_box
 from estimator.optimise.qp import StepSolver
+from estimator.optimise.solution import StepCounts
 
 DAMPING = 1e-2
 
@@ -138,8 +139,30 @@ def test_steps_equal_proxqp_on_both_ways(rounds: int) -> None:
         assert np.all((step >= problem.lower) & (step <= problem.upper))
         assert np.abs(step - reference).max() < 1e-5
         assert inside(problem.body, problem.body.integrate(problem.q, step))
-    assert (solver.counts.active_set == 0) == (rounds == 0)
-    assert solver.counts.active_set + solver.counts.proxqp == 12
+    assert (solver.counts.guessed == 0) == (rounds == 0)
+    assert solver.counts.guessed + solver.counts.proxqp == 12
+
+
+def test_steps_are_counted_by_what_they_took() -> None:
+    body = body_of("human34")
+    solver, q, wide = StepSolver(body), body.neutral, np.full(body.nv, 10.0)
+    hessian, free, held = np.eye(body.nv), np.zeros(body.nv), np.zeros(body.nv)
+    free[0], held[body.bounded_v[3]] = 0.1, -1e3  # the root moves a little; a joint is pressed onto its limit
+
+    def solve(gradient: np.ndarray, rows: tuple[np.ndarray, np.ndarray] | None = None) -> StepCounts:
+        before = solver.counts
+        solver.solve(hessian, gradient, DAMPING, wide, q, np.zeros(body.nv, dtype=np.int8), rows)
+        return StepCounts.between(before, solver.counts)
+
+    assert solve(free) == StepCounts(free=1)
+    assert solve(held) == StepCounts(active_set=1)
+    onward = np.eye(body.nv)[:1], np.array([0.05])  # of the root, against its gradient
+    assert solve(free, onward) == StepCounts(proxqp=1)
+    assert solve(free, (onward[0], -onward[1] * 10.0)) == StepCounts(free=1)  # a row that does not bite
+    hessian = -hessian
+    assert solve(free) == StepCounts()
+    assert solver.counts == StepCounts(free=2, active_set=1, proxqp=1)
+    assert solver.counts.guessed == 3
 
 
 def test_steps_satisfy_the_kkt_conditions() -> None:

@@ -93,9 +93,9 @@ class BodyEnergy:
         of_scales, of_shape = self._shaped.places(len(x.poses))
         gradient, hessian = np.zeros(of_shape.stop), np.zeros((of_shape.stop, of_shape.stop))
         value, flesh = 0.0, Gaussian(np.zeros(len(x.shape)), self._shaped.shape.precision)
-        for place, found, prior in ((of_scales, x.scales, self._on_scales), (of_shape, x.shape, flesh)):
-            gradient[place], hessian[place, place] = prior.precision @ (found - prior.mean), prior.precision
-            value += 0.5 * float((found - prior.mean) @ gradient[place])
+        for place, at, prior in ((of_scales, x.scales, self._on_scales), (of_shape, x.shape, flesh)):
+            gradient[place], hessian[place, place] = prior.precision @ (at - prior.mean), prior.precision
+            value += 0.5 * float((at - prior.mean) @ gradient[place])
         return Expansion(value, gradient, hessian)
 
     def _frame(self, model: CostModel, posed: PosedBody, observation: Observation) -> Expansion:
@@ -106,10 +106,10 @@ class BodyEnergy:
         by_scales = shaped.proportions.landmark_derivatives(posed)
         by_scales = np.concatenate([by_scales, np.zeros((*by_scales.shape[:2], len(shaped.shape.low)))], axis=2)
         loads = PointLoads(0.0, body.landmarks(posed), *term.point_loads(posed))
-        found = _gathered(body, posed, body.landmark_joint, loads, by_scales)
+        frame = _gathered(body, posed, body.landmark_joint, loads, by_scales)
         nv = body.nv
-        found.gradient[:nv], found.hessian[:nv, :nv] = own.gradient, own.hessian  # the priors' among them
-        return found._replace(value=own.value)
+        frame.gradient[:nv], frame.hessian[:nv, :nv] = own.gradient, own.hessian  # the priors' among them
+        return frame._replace(value=own.value)
 
 
 def seen_at(

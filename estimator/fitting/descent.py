@@ -2,83 +2,93 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.fitting.body_energy import BodyEnergy, Expansion
+from estimator.fitting.settings import DescentSettings
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.optimise.box_step import solve_box
 from estimator.optimise.covariance import free_directions
+from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.seek import trust_box
 
 _ROUNDS = 30  # of the active set iteration; bounds and frames are few
-_MOST_DAMPING = 1e6
+_DAMPING = Damping(least=1e-6)
 _UNSEEN = 1e-9  # curvature of directions that nothing is known of, relative to none
-
-
-@dataclass(frozen=True)
-class DescentSettings:
-    """When a descent ends and how far it steps.
-
-    iterations: steps tried. enough: decrease of the energy that a step has to bring for another to follow.
-    max_turn [rad], max_slide [m]: half-width of the trust box of the poses.
-    """
-
-    iterations: int = 6
-    enough: float = 1e-2
-    max_turn: float = 0.3
-    max_slide: float = 0.2
 
 
 def descend(
     shaped: ShapedBody, energy: BodyEnergy, x: Unknowns, free: slice, settings: DescentSettings
 ) -> tuple[Unknowns, float]:
-    """Damped Gauss-Newton within joint limits and hard ranges, and the energy it ends with, which never rises.
+    """Damped Gauss-Newton within joint limits and hard ranges: where it ends, and the energy there, which never rises.
 
     free: the part of a step (`ShapedBody.places`) that may move; the rest is held.
     """
     radius = trust_box(shaped.proportions.base, settings.max_turn, settings.max_slide)
-    here, damping = energy.at(x), 1e-3
-    for _ in range(settings.iterations):
-        step = _step(here, *shaped.bounds(x, radius), free, damping)
-        trial_x = x if step is None else shaped.moved(x, step)
-        trial = here if step is None else energy.at(trial_x)
-        gain = here.value - trial.value
-        if gain > 0.0:
-            x, here, damping = trial_x, trial, max(1e-6, 0.1 * damping)
-            if gain < settings.enough:
-                break
-        else:
-            damping *= 10.0
-            if damping > _MOST_DAMPING:
-                break
-    return x, here.value
+    newton = NewtonSettings(settings.iterations, _DAMPING, enough=settings.enough)
+    end = minimise(_Descent(shaped, energy, free, radius), _Point(x, energy.at(x)), newton).model
+    return end.x, end.value
 
 
-def _step(here: Expansion, low: np.ndarray, high: np.ndarray, free: slice, damping: float) -> np.ndarray | None:
-    H = here.hessian[free, free]
-    M = H + np.diag(damping * np.diag(H) + _UNSEEN)
-    found, active = np.zeros(len(H)), np.zeros(len(H), dtype=np.int8)
-    if solve_box(M, here.gradient[free], low[free], high[free], active, _ROUNDS, found) <= 0:
-        return None
-    step = np.zeros(len(here.gradient))
-    step[free] = found
-    return step
+class _Point(NamedTuple):
+    """Unknowns looked at, and the energy's model there."""
+
+    x: Unknowns
+    model: Expansion
+
+    @property
+    def value(self) -> float:
+        return self.model.value
 
 
-def covariance_at(shaped: ShapedBody, here: Expansion, x: Unknowns) -> np.ndarray:
-    """Covariance (n, n) of all unknowns together: inverse Hessian where no joint limit holds a pose, zero elsewhere.
+class _Descent(Problem[_Point]):
+    """An energy of which a part of the unknowns moves; radius (nv,): half-width of the poses' trust box."""
+
+    def __init__(self, shaped: ShapedBody, energy: BodyEnergy, free: slice, radius: np.ndarray) -> None:
+        self._shaped, self._energy, self._free, self._radius = shaped, energy, free, radius
+
+    def step(self, model: _Point, damping: float) -> Step | None:
+        free, expansion = self._free, model.model
+        low, high = self._shaped.bounds(model.x, self._radius)
+        hessian, gradient = expansion.hessian[free, free], expansion.gradient[free]
+        part = bounded_step(hessian, gradient, low[free], high[free], damping, _UNSEEN)
+        if part is None:
+            return None
+        move = np.zeros(len(expansion.gradient))
+        move[free] = part
+        return move, None
+
+    def at(self, model: _Point, step: Step) -> _Point:
+        x = self._shaped.moved(model.x, step[0])
+        return _Point(x, self._energy.at(x))
+
+
+def bounded_step(
+    hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float, unseen: float = 0.0
+) -> np.ndarray | None:
+    """The step (n,) between bounds (n,) that minimises a damped model; None where none is certified.
+
+    hessian (n, n), gradient (n,). unseen: curvature added to all directions.
+    """
+    M = hessian + np.diag(damping * np.diag(hessian) + unseen)
+    step, active = np.zeros(len(gradient)), np.zeros(len(gradient), dtype=np.int8)
+    return step if solve_box(M, gradient, low, high, active, _ROUNDS, step) > 0 else None
+
+
+def covariance_at(shaped: ShapedBody, model: Expansion, x: Unknowns) -> np.ndarray:
+    """Covariance (n, n) of all unknowns together: inverse Hessian where no joint limit holds a pose, zero elsewmodel.
 
     A block of it is the covariance of what it belongs to with all the rest as uncertain as it is.
     """
     body = shaped.proportions.base
     starts = np.arange(len(x.poses)) * body.nv
     free = [
-        start + free_directions(body, q, here.gradient[start : start + body.nv])
+        start + free_directions(body, q, model.gradient[start : start + body.nv])
         for start, q in zip(starts, x.poses, strict=True)
     ]
-    index = np.concatenate([*free, np.arange(len(x.poses) * body.nv, len(here.gradient))])
-    found = np.zeros_like(here.hessian)
-    found[np.ix_(index, index)] = np.linalg.inv(here.hessian[np.ix_(index, index)] + _UNSEEN * np.eye(len(index)))
-    return 0.5 * (found + found.T)
+    index = np.concatenate([*free, np.arange(len(x.poses) * body.nv, len(model.gradient))])
+    covariance = np.zeros_like(model.hessian)
+    covariance[np.ix_(index, index)] = np.linalg.inv(model.hessian[np.ix_(index, index)] + _UNSEEN * np.eye(len(index)))
+    return 0.5 * (covariance + covariance.T)

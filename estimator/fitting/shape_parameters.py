@@ -53,24 +53,24 @@ class ShapeParameters:
         """Parameters of every part (B, 9), see `humanoid.subject.superquadric`, of shape parameters (S,)."""
         values = np.zeros((len(self.parts), len(OF_PART)))
         values[self.group, self.kind] = shape
-        found = np.array([f.parameters for f in self._flesh])
+        parameters = np.array([f.parameters for f in self._flesh])
         for (girth, flatness, *tapers), members in zip(values, self._members, strict=True):
-            found[members, :2] *= np.exp([girth + flatness, girth - flatness])
-            found[members, 5:7] += tapers
-        return found
+            parameters[members, :2] *= np.exp([girth + flatness, girth - flatness])
+            parameters[members, 5:7] += tapers
+        return parameters
 
     def derivatives(self, shape: np.ndarray) -> np.ndarray:
         """Derivatives of `of_parts`, (B, 9, S)."""
-        found = np.zeros((len(self._flesh), 9, len(shape)))
+        by_shape = np.zeros((len(self._flesh), 9, len(shape)))
         parameters = self.of_parts(shape)
         for s, (g, kind) in enumerate(zip(self.group, self.kind, strict=True)):
             members = self._members[g]
             if kind < 2:
-                found[members, 0, s] = parameters[members, 0]
-                found[members, 1, s] = parameters[members, 1] * (1.0 if kind == 0 else -1.0)
+                by_shape[members, 0, s] = parameters[members, 0]
+                by_shape[members, 1, s] = parameters[members, 1] * (1.0 if kind == 0 else -1.0)
             else:
-                found[members, 3 + kind, s] = 1.0
-        return found
+                by_shape[members, 3 + kind, s] = 1.0
+        return by_shape
 
     def subject(self, subject: Subject, shape: np.ndarray) -> Subject:
         """The subject with the flesh of shape parameters (S,); parts whose parameters are zero stay as written."""
@@ -94,8 +94,7 @@ def _prior_covariance(group: np.ndarray, kind: np.ndarray) -> np.ndarray:
     same = group[:, None] == group
     girths, tapers = np.outer(kind == 0, kind == 0), np.outer(kind >= 2, kind >= 2)
     own = np.where(kind == 0, _OWN, np.where(kind == 1, _FLAT, _TAPER * np.sqrt(1.0 - _TAPERS_ALIKE)))
-    found = np.diag(own**2) + _COMMON**2 * girths + _TAPERS_ALIKE * _TAPER**2 * (tapers & same)
-    return np.asarray(found)
+    return np.asarray(np.diag(own**2) + _COMMON**2 * girths + _TAPERS_ALIKE * _TAPER**2 * (tapers & same))
 
 
 def _range(flesh: Flesh) -> list[tuple[float, float]]:
@@ -115,8 +114,8 @@ def _range(flesh: Flesh) -> list[tuple[float, float]]:
         low = max(low, np.log(c / 1.5 / np.sqrt(a * b)) + _INSIDE)
     tapers = [_taper_range(t) for t in flesh.taper]
     high = min(high, np.log(_room_in_bend(flesh, ends, tapers)) - _INSIDE)
-    found = [(low, high), (ends[0] + _INSIDE, ends[1] - _INSIDE), *tapers]
-    return [(min(0.0, float(lowest)), max(0.0, float(highest))) for lowest, highest in found]
+    ranges = [(low, high), (ends[0] + _INSIDE, ends[1] - _INSIDE), *tapers]
+    return [(min(0.0, float(lowest)), max(0.0, float(highest))) for lowest, highest in ranges]
 
 
 def _taper_range(taper: float) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from humanoid.subject.subject import Subject
 
 
 class Unknowns(NamedTuple):
-    """What is found: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
+    """What is fitted: poses (F, nq), scales (P,) of the proportions, shape (S,), see `ShapeParameters`."""
 
     poses: np.ndarray
     scales: np.ndarray

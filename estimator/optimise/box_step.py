@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from estimator.numerics.linear import eliminate, solve_definite
 from humanoid.support.compiled import jit
+
+NOT_CONVEX, UNSETTLED, FREE, BOUNDED = -1, 0, 1, 2  # verdicts on a step; FREE: no bound is active
 
 
 @jit
 def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-untyped-def]
-    """Minimise 1/2 x'Mx + g'x subject to lower <= x <= upper, M (n, n) positive definite.
+    """Minimise 1/2 x'Mx + g'x subject to lower <= x <= upper, M (n, n) positive definite; g, lower, upper (n,).
 
     `active` (n,) int: -1 at the lower bound, +1 at the upper, 0 free: the guess on entry, the last set tried on exit.
     Each round solves the free variables exactly; a set whose KKT conditions hold is the solution, otherwise violated
@@ -19,16 +20,13 @@ def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-unty
     Returns the rounds used if the solution is certified, 0 if not, -1 if M is not positive definite.
     """
     n = g.shape[0]
-    L = np.zeros((n, n))
-    free = np.zeros(n, dtype=np.int64)
-    rhs = np.zeros(n)
-    for i in range(n):
-        # a bound that lies on the start is the usual guess: a step into it cannot move
-        if (active[i] < 0 and lower[i] == -np.inf) or (active[i] > 0 and upper[i] == np.inf):
-            active[i] = 0
+    L, free, x = np.zeros((n, n)), np.zeros(n, dtype=np.int64), np.zeros(n)
     scale = 0.0
     for i in range(n):
         scale = max(scale, abs(g[i]))
+        # a bound that lies on the start is the usual guess: a step into it cannot move
+        if (active[i] < 0 and lower[i] == -np.inf) or (active[i] > 0 and upper[i] == np.inf):
+            active[i] = 0
     for sweep in range(1, rounds + 1):
         m = 0
         for i in range(n):
@@ -37,35 +35,17 @@ def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-unty
                 m += 1
             else:
                 step[i] = lower[i] if active[i] < 0 else upper[i]
-        for a in range(m):
-            i = free[a]
-            s = -g[i]
+        for a in range(m):  # the system of the free variables with the others on their bounds
+            i, t = free[a], -g[free[a]]
             if m < n:
                 for k in range(n):
                     if active[k] != 0:
-                        s -= M[i, k] * step[k]
-            rhs[a] = s
-            for b in range(a + 1):  # Cholesky, row by row
-                t = M[i, free[b]]
-                for c in range(b):
-                    t -= L[a, c] * L[b, c]
-                if a == b:
-                    if t <= 0.0:
-                        return -1
-                    L[a, a] = math.sqrt(t)
-                else:
-                    L[a, b] = t / L[b, b]
+                        t -= M[i, k] * step[k]
+            x[a] = t
+        if not solve_definite(M, free, m, 0.0, L, x):
+            return -1
         for a in range(m):
-            t = rhs[a]
-            for b in range(a):
-                t -= L[a, b] * rhs[b]
-            rhs[a] = t / L[a, a]
-        for a in range(m - 1, -1, -1):
-            t = rhs[a]
-            for b in range(a + 1, m):
-                t -= L[b, a] * rhs[b]
-            rhs[a] = t / L[a, a]
-            step[free[a]] = rhs[a]
+            step[free[a]] = x[a]
         certified = True
         for i in range(n):
             if active[i] == 0:
@@ -91,6 +71,7 @@ def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-unty
 def solve_sets(M, g, lower, upper, A, b, active, held, step):  # type: ignore[no-untyped-def]
     """Minimise 1/2 x'Mx + g'x with given sets: x on its `active` (n,) bounds, rows A x = b where `held` (m,) is true.
 
+    M (n, n); g, lower, upper (n,): as in `solve_box`. A (m, n), b (m,).
     Fills `step` (n,) and returns whether it solves the problem with all bounds and all rows A x >= b: a solver's sets
     become a solution exact to rounding, the same on every machine state, or are found wanting.
     """
@@ -134,34 +115,6 @@ def solve_sets(M, g, lower, upper, A, b, active, held, step):  # type: ignore[no
 
 
 @jit
-def eliminate(K, x):  # type: ignore[no-untyped-def]
-    """Solve K x = x in place by Gaussian elimination with partial pivoting; False if K is singular."""
-    n = x.shape[0]
-    for k in range(n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(K[i, k]) > abs(K[p, k]):
-                p = i
-        if abs(K[p, k]) < 1e-300:
-            return False
-        if p != k:
-            for j in range(n):
-                K[k, j], K[p, j] = K[p, j], K[k, j]
-            x[k], x[p] = x[p], x[k]
-        for i in range(k + 1, n):
-            w = K[i, k] / K[k, k]
-            if w != 0.0:
-                for j in range(k, n):
-                    K[i, j] -= w * K[k, j]
-                x[i] -= w * x[k]
-    for k in range(n - 1, -1, -1):
-        for j in range(k + 1, n):
-            x[k] -= K[k, j] * x[j]
-        x[k] /= K[k, k]
-    return True
-
-
-@jit
 def _certified(M, g, lower, upper, A, b, active, multipliers, step):  # type: ignore[no-untyped-def]
     """KKT conditions of min 1/2 x'Mx + g'x, lower <= x <= upper, A x >= b, at x = step, to rounding."""
     n, m = g.shape[0], b.shape[0]
@@ -190,15 +143,16 @@ def _certified(M, g, lower, upper, A, b, active, multipliers, step):  # type: ig
 
 
 @jit
-def damped_step(  # type: ignore[no-untyped-def]
-    H, g, damping, radius, q, bounded_q, bounded_v, lower_q, upper_q, active, rounds, M, lower, upper, step
-):
-    """Form M = H + damping diag(H) and the bounds of a step from q, then `solve_box`.
+def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bounds, step):  # type: ignore[no-untyped-def]
+    """The step from q (nq,) that minimises the damped model within joint limits and a trust box.
 
-    The bounds are the joint limits and a trust box of half-width `radius` (nv,). Returns solve_box's verdict and the
-    decrease -(g'x + 1/2 x'Hx) that the undamped model predicts.
+    H (nv, nv), g (nv,): the model. radius (nv,): half-width of the trust box. places (B, 2) int: where a bounded joint
+    stands in q and in the tangent. limits (2, B): its lower and upper limit. active (nv,), rounds, step (nv,): see
+    `solve_box`. M (nv, nv), bounds (2, nv): filled with the damped matrix H + damping diag(H) and the step's bounds.
+    Returns a verdict: NOT_CONVEX, UNSETTLED, FREE or BOUNDED; `step` is the solution in the last two.
     """
     n = g.shape[0]
+    lower, upper = bounds[0], bounds[1]
     floor = 0.0
     for i in range(n):
         floor = max(floor, H[i, i])
@@ -208,16 +162,22 @@ def damped_step(  # type: ignore[no-untyped-def]
         for k in range(n):
             M[i, k] = H[i, k]
         M[i, i] += damping * max(H[i, i], floor) + 1e-12
-    for b in range(bounded_v.shape[0]):
-        i, k = bounded_v[b], bounded_q[b]
-        lower[i] = max(lower[i], lower_q[k] - q[k])
-        upper[i] = min(upper[i], upper_q[k] - q[k])
-    return solve_box(M, g, lower, upper, active, rounds, step)
+    for b in range(places.shape[0]):
+        k, i = places[b, 0], places[b, 1]
+        lower[i] = max(lower[i], limits[0, b] - q[k])
+        upper[i] = min(upper[i], limits[1, b] - q[k])
+    settled = solve_box(M, g, lower, upper, active, rounds, step)
+    if settled <= 0:
+        return NOT_CONVEX if settled < 0 else UNSETTLED
+    for i in range(n):
+        if active[i] != 0:
+            return BOUNDED
+    return FREE
 
 
 @jit
 def model_decrease(H, g, step):  # type: ignore[no-untyped-def]
-    """Decrease -(g'x + 1/2 x'Hx) of the quadratic model."""
+    """Decrease -(g'x + 1/2 x'Hx) that the model g (n,), H (n, n) promises of a step x (n,)."""
     s = 0.0
     for i in range(g.shape[0]):
         row = 0.0
@@ -228,15 +188,18 @@ def model_decrease(H, g, step):  # type: ignore[no-untyped-def]
 
 
 @jit
-def projected_gradient(g, q, bounded_q, bounded_v, lower_q, upper_q, residual):  # type: ignore[no-untyped-def]
-    """Fill `residual` (nv,) with the part of the gradient that no bound balances; returns its largest entry."""
+def projected_gradient(g, q, places, limits, residual):  # type: ignore[no-untyped-def]
+    """Fill `residual` (nv,) with the part of the gradient g (nv,) that no bound balances; returns its largest entry.
+
+    q (nq,), places, limits: see `damped_step`.
+    """
     for i in range(g.shape[0]):
         residual[i] = g[i]
-    for b in range(bounded_v.shape[0]):
-        i, k = bounded_v[b], bounded_q[b]
-        if q[k] <= lower_q[k]:
+    for b in range(places.shape[0]):
+        k, i = places[b, 0], places[b, 1]
+        if q[k] <= limits[0, b]:
             residual[i] = min(residual[i], 0.0)
-        if q[k] >= upper_q[k]:
+        if q[k] >= limits[1, b]:
             residual[i] = max(residual[i], 0.0)
     largest = 0.0
     for i in range(g.shape[0]):

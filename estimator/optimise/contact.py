@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
 
 from estimator.optimise.box_step import model_decrease
-from estimator.optimise.seek import Seeker, Solution
+from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
+from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import CONVERGED, SEPARATED, Solution, StepCounts
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
 
 TOUCH = 1e-5  # m; closer pairs can carry a contact force
+STILL = 1e-9  # rad or m; a step of less is none
+DAMPING = Damping(most=1e9, growth=8.0, shrink=0.2, grown_from=1e-6)
+ENOUGH = 1e-9  # energy: a step that gains and promises less is the last
 
 
 @dataclass(frozen=True)
@@ -32,41 +38,57 @@ class ContactSettings:
     force: float = 1e5
 
 
-def separate(seeker: Seeker, clearance: Clearance, cost: Cost, found: Solution, settings: ContactSettings) -> Solution:
-    """`found` itself if no parts overlap by more than the tolerance, else the end of a search with hard rows.
+class _Point(NamedTuple):
+    """A pose looked at: energy + force * overlap, and the energy's quadratic model."""
+
+    value: float
+    quadratic: QuadraticModel
+
+
+class _Separation(Problem[_Point]):
+    """Energy and overlap of a pose, with the linearised clearance of near pairs as rows of the step's QP."""
+
+    def __init__(self, seeker: Seeker, clearance: Clearance, cost: Cost, settings: ContactSettings) -> None:
+        self._seeker, self._clearance, self._cost, self._settings = seeker, clearance, cost, settings
+        self._radius = seeker.trust_box(seeker.settings)
+        self._active = np.zeros(seeker.body.nv, dtype=np.int8)
+
+    def point(self, quadratic: QuadraticModel, depth: float) -> _Point:
+        """A quadratic model with the deepest overlap [m] at its pose."""
+        return _Point(quadratic.value + self._settings.force * depth, quadratic)
+
+    def step(self, model: _Point, damping: float) -> Step | None:
+        posed, _, gradient, hessian, _ = model.quadratic
+        rows = clearance_rows(self._clearance, posed, self._settings.margin)
+        move = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active, rows)
+        if move is None or not np.any(np.abs(move) > STILL):
+            return None
+        return move, model_decrease(hessian, gradient, move)
+
+    def at(self, model: _Point, step: Step) -> _Point:
+        quadratic = self._cost.at(self._seeker.body.integrate(model.quadratic.posed.q, step[0]))
+        return self.point(quadratic, self._clearance.penetration(quadratic.posed))
+
+
+def separate(
+    seeker: Seeker, clearance: Clearance, cost: Cost, overlapping: Solution, settings: ContactSettings
+) -> Solution:
+    """`overlapping` itself if no parts overlap by more than the tolerance, else the end of a search with hard rows.
 
     Every step solves the QP with the linearised clearance d + n'J dx >= target of all near pairs, target being 0 or,
     deep inside, half of the overlap; a step is taken when it lowers energy + force * overlap.
     """
-    here = found.quadratic
-    depth = clearance.penetration(here.posed)
+    depth = clearance.penetration(overlapping.quadratic.posed)
     if depth <= settings.tolerance:
-        return found
-    body, damping, radius = seeker.body, 1e-3, seeker.trust_box(seeker.settings)
-    active = np.zeros(body.nv, dtype=np.int8)
-    merit = here.value + settings.force * depth
-    tried = 0
-    while tried < settings.steps:
-        tried += 1
-        rows = clearance_rows(clearance, here.posed, settings.margin)
-        step = seeker.solver.solve(here.hessian, here.gradient, damping, radius, here.posed.q, active, rows)
-        if step is None or not np.any(np.abs(step) > 1e-9):
-            break
-        trial = cost.at(body.integrate(here.posed.q, step))
-        depth = clearance.penetration(trial.posed)
-        trial_merit = trial.value + settings.force * depth
-        if trial_merit < merit:
-            flat = merit - trial_merit < 1e-9 and model_decrease(here.hessian, here.gradient, step) < 1e-9
-            here, merit, damping = trial, trial_merit, max(1e-9, 0.2 * damping)
-            if flat:
-                break
-        else:
-            damping = max(damping, 1e-6) * 8.0
-            if damping > 1e9:
-                break
-    residual = contact_kkt_residual(seeker, clearance, here)
-    status = "converged" if residual < seeker.settings.kkt_tolerance else "separated"
-    return Solution(here, status, residual, found.iterations + tried)
+        return overlapping
+    before = tuple(seeker.solver.tally)
+    separation = _Separation(seeker, clearance, cost, settings)
+    newton = NewtonSettings(settings.steps, DAMPING, least_promise=-np.inf, enough=ENOUGH, unsolved="stop")
+    end, _, tried = minimise(separation, separation.point(overlapping.quadratic, depth), newton)
+    residual = contact_kkt_residual(seeker, clearance, end.quadratic)
+    status = CONVERGED if residual < seeker.settings.kkt_tolerance else SEPARATED
+    steps = overlapping.steps.plus(StepCounts.between(before, seeker.solver.tally))
+    return Solution(end.quadratic, status, residual, overlapping.iterations + tried, steps)
 
 
 def contact_kkt_residual(seeker: Seeker, clearance: Clearance, quadratic: QuadraticModel) -> float:

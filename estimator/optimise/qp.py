@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from proxsuite import proxqp
 
-from estimator.optimise.box_step import damped_step, solve_sets
+from estimator.optimise.box_step import FREE, NOT_CONVEX, UNSETTLED, damped_step, solve_sets
+from estimator.optimise.solution import StepCounts
 from humanoid.kinematics.body import Body
 
 ACCURACY = 1e-8
+_FREE, _ACTIVE_SET, _PROXQP, _FAILED = range(4)  # see `StepCounts`
 UNBOUNDED = 1e20  # what ProxQP takes for infinity
-
-
-@dataclass
-class StepCounts:
-    """How the steps were solved: on a guessed active set, or by ProxQP."""
-
-    active_set: int = 0
-    proxqp: int = 0
-    failed: int = 0
 
 
 @dataclass
@@ -28,18 +21,26 @@ class StepSolver:
     """min 1/2 x'(H + damping diag H)x + g'x  s.t. joint limits, trust box, rows A x >= b  (CSS eq. 13 as a QP).
 
     One persistent solver object for each number of rows; equal problems have equal solutions, whatever was solved
-    before (`_exact`).
+    before (`_exact`). places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their
+    lower and upper limits. tally: how many steps were solved by whom, in the order of `StepCounts`.
     """
 
     body: Body
     active_set_rounds: int = 6
-    counts: StepCounts = field(default_factory=StepCounts)
 
     def __post_init__(self) -> None:
-        n = self.body.nv
-        self._M = np.zeros((n, n))
-        self._lower, self._upper = np.zeros(n), np.zeros(n)
+        body, n = self.body, self.body.nv
+        self._M, self._bounds = np.zeros((n, n)), np.zeros((2, n))
+        self._lower, self._upper = self._bounds
         self._solvers: dict[int, proxqp.dense.QP] = {}
+        self.tally = [0, 0, 0, 0]
+        self.places = np.stack((body.bounded_q, body.bounded_v), axis=1)
+        self.limits = np.stack((body.lower[body.bounded_q], body.upper[body.bounded_q]))
+
+    @property
+    def counts(self) -> StepCounts:
+        """Steps solved so far."""
+        return StepCounts(*self.tally)
 
     def solve(
         self,
@@ -56,16 +57,15 @@ class StepSolver:
         hessian (nv, nv), gradient (nv,): the model at q (nq,). radius (nv,): half-width of the trust box.
         active (nv,) int8: guess of the active bounds, updated in place. rows: A (m, nv) and b (m,).
         """
-        body = self.body
-        step = np.empty(body.nv)
-        rounds = damped_step(
-            hessian, gradient, damping, radius, q, body.bounded_q, body.bounded_v, body.lower, body.upper, active,
-            self.active_set_rounds, self._M, self._lower, self._upper, step,
+        step = np.empty(self.body.nv)
+        verdict = damped_step(
+            hessian, gradient, damping, radius, q, self.places, self.limits, active, self.active_set_rounds, self._M,
+            self._bounds, step,
         )  # fmt: skip
-        if rounds > 0 and (rows is None or np.all(rows[0] @ step >= rows[1])):
-            self.counts.active_set += 1
+        if verdict > UNSETTLED and (rows is None or np.all(rows[0] @ step >= rows[1])):
+            self.tally[_FREE if verdict == FREE else _ACTIVE_SET] += 1
             return step
-        if rounds < 0 or not _convex(self._M):  # the rounds look only at the variables they left free
+        if verdict == NOT_CONVEX or not _convex(self._M):  # the rounds look only at the variables they left free
             return None
         return self._proxqp(gradient, active, rows)
 
@@ -89,9 +89,9 @@ class StepSolver:
         solver.solve()
         x = np.array(solver.results.x)
         if not np.all(np.isfinite(x)):
-            self.counts.failed += 1
+            self.tally[_FAILED] += 1
             return None
-        self.counts.proxqp += 1
+        self.tally[_PROXQP] += 1
         return self._exact(x, np.array(solver.results.z), gradient, active, rows)
 
     def _exact(

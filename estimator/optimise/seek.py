@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from estimator.optimise.box_step import model_decrease, projected_gradient
+from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.qp import StepSolver
+from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
 
-MAX_DAMPING = 1e12
+DAMPING = Damping(least=1e-12, most=1e12, growth=2.0, grown_from=1e-6, by_ratio=True)
+ACCEPTED = 1e-4  # share of the promised decrease that a step has to bring
 ROUNDING = 16.0 * float(np.finfo(float).eps)  # relative; the energy sums about a hundred terms
 TOO_CAUTIOUS = 1.5  # actual over promised decrease from which Gauss-Newton's curvature is plainly too large
 
@@ -36,24 +39,20 @@ class SeekSettings:
     max_turn: float = 0.6
     max_slide: float = 0.5
 
-
-class Solution(NamedTuple):
-    """End of a search: the quadratic model at the last accepted q, status as in `Mode`, recomputed KKT residual,
-    steps tried."""
-
-    quadratic: QuadraticModel
-    status: str
-    kkt_residual: float
-    iterations: int
-
-    @property
-    def q(self) -> np.ndarray:
-        """Configuration (nq,)."""
-        return self.quadratic.posed.q
+    @cached_property
+    def newton(self) -> NewtonSettings:
+        """What of this the loop has to know."""
+        return NewtonSettings(
+            iterations=self.max_iterations,
+            damping=replace(DAMPING, first=self.damping),
+            accepted=ACCEPTED,
+            least_promise=self.decrease_tolerance,
+            unsolved="retry",
+        )
 
 
 class Seeker:
-    """Searches on one body; holds the workspace, no state that outlives a search."""
+    """Searches on one body; holds the workspace, no state that outlives a search but counts."""
 
     def __init__(self, body: Body, settings: SeekSettings | None = None) -> None:
         self.body = body
@@ -65,65 +64,65 @@ class Seeker:
     def trust_box(self, settings: SeekSettings) -> np.ndarray:
         """Half-width (nv,) of the trust box of a search."""
         size = settings.max_turn, settings.max_slide
-        if size not in self._boxes:
-            self._boxes[size] = trust_box(self.body, *size)
-        return self._boxes[size]
+        box = self._boxes.get(size)
+        if box is None:
+            box = self._boxes[size] = trust_box(self.body, *size)
+        return box
 
     def kkt_residual(self, quadratic: QuadraticModel) -> float:
         """Largest entry of the projected gradient at a posed body: zero at a minimum within the joint limits."""
-        body = self.body
+        solver = self.solver
         return float(
             projected_gradient(
-                quadratic.gradient, quadratic.posed.q, body.bounded_q, body.bounded_v, body.lower, body.upper,
-                self._residual,
+                quadratic.gradient, quadratic.posed.q, solver.places, solver.limits, self._residual
             )
         )  # fmt: skip
 
     def seek(self, cost: Cost, q: np.ndarray, settings: SeekSettings | None = None) -> Solution:
-        """Descend from q (nq,), clamped into the limits first; the energy never rises."""
+        """Descend from q (nq,), clamped into the limits first; the energy never rises but by rounding."""
         settings = settings or self.settings
-        here = cost.at(self.body.clamp(q))
-        active = np.zeros(self.body.nv, dtype=np.int8)
-        damping, growth, radius = settings.damping, 2.0, self.trust_box(settings)
-        residual = self.kkt_residual(here)
-        for iteration in range(settings.max_iterations):
-            if residual < settings.kkt_tolerance:
-                return Solution(here, "converged", residual, iteration)
-            step, damping = self._step(here, damping, radius, active)
-            if step is None:
-                return Solution(here, "stalled", residual, iteration)
-            predicted = model_decrease(here.hessian, here.gradient, step)
-            if predicted < settings.decrease_tolerance:
-                return Solution(here, "stalled", residual, iteration)
-            trial = cost.at(self.body.integrate(here.posed.q, step), predicted < settings.exact_below)
-            ratio = (here.value - trial.value) / max(predicted, 1e-300)
-            trial_residual = self.kkt_residual(trial)
-            if ratio > 1e-4 or _equal_but_flatter(here.value, trial.value, residual, trial_residual):
-                here, residual = trial, trial_residual
-                if ratio > TOO_CAUTIOUS and not trial.exact:
-                    here = cost.of(trial.posed, exact=True)
-                damping, growth = max(1e-12, damping * max(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)), 2.0
-            else:
-                damping, growth = max(damping, 1e-6) * growth, growth * 2.0
-                if damping > MAX_DAMPING:
-                    return Solution(here, "stalled", residual, iteration)
-        status = "converged" if residual < settings.kkt_tolerance else "iterations"
-        return Solution(here, status, residual, settings.max_iterations)
-
-    def _step(
-        self, here: QuadraticModel, damping: float, radius: np.ndarray, active: np.ndarray
-    ) -> tuple[np.ndarray | None, float]:
-        """A step and its damping, raised as far as an indefinite true curvature needs; None where that is too far."""
-        while True:
-            step = self.solver.solve(here.hessian, here.gradient, damping, radius, here.posed.q, active)
-            if step is not None or damping >= MAX_DAMPING:
-                return step, damping
-            damping = max(4.0 * damping, 1e-3)
+        before = tuple(self.solver.tally)
+        start = cost.at(self.body.clamp(q))
+        search = _Search(self, cost, settings, self.kkt_residual(start))
+        end, status, tried = minimise(search, start, settings.newton)
+        return Solution(end, status, search.residual, tried, StepCounts.between(before, self.solver.tally))
 
 
-def _equal_but_flatter(value: float, trial: float, residual: float, trial_residual: float) -> bool:
-    """At the bottom the energy's last digits are noise; there the gradient decides."""
-    return trial <= value + ROUNDING * max(1.0, abs(value)) and trial_residual < 0.9 * residual
+class _Search(Problem[QuadraticModel]):
+    """One search: a cost within joint limits and a trust box. residual: KKT residual of the model last taken."""
+
+    def __init__(self, seeker: Seeker, cost: Cost, settings: SeekSettings, residual: float) -> None:
+        self._seeker, self._solver, self._cost, self._settings = seeker, seeker.solver, cost, settings
+        self._radius, self._integrate = seeker.trust_box(settings), seeker.body.integrate
+        self._active = np.zeros(seeker.body.nv, dtype=np.int8)  # the last step's is the guess at the next one's
+        self.residual = self._of_trial = residual
+
+    def converged(self, model: QuadraticModel) -> bool:
+        return self.residual < self._settings.kkt_tolerance
+
+    def step(self, model: QuadraticModel, damping: float) -> Step | None:
+        posed, _, gradient, hessian, _ = model
+        move = self._solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
+        return None if move is None else (move, model_decrease(hessian, gradient, move))
+
+    def at(self, model: QuadraticModel, step: Step) -> QuadraticModel:
+        """The true curvature is worth its price once little is left to gain."""
+        move, promised = step
+        assert promised is not None
+        trial = self._cost.at(self._integrate(model.posed.q, move), promised < self._settings.exact_below)
+        self._of_trial = self._seeker.kkt_residual(trial)
+        return trial
+
+    def as_good(self, model: QuadraticModel, trial: QuadraticModel) -> bool:
+        """At the bottom the energy's last digits are noise; there the gradient decides."""
+        equal = trial.value <= model.value + ROUNDING * max(1.0, abs(model.value))
+        return equal and self._of_trial < 0.9 * self.residual
+
+    def taken(self, trial: QuadraticModel, ratio: float) -> QuadraticModel:
+        self.residual = self._of_trial
+        if ratio > TOO_CAUTIOUS and not trial.exact:
+            return self._cost.of(trial.posed, exact=True)
+        return trial
 
 
 def trust_box(body: Body, max_turn: float, max_slide: float) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimator.formats.opensim import Coordinates
 from estimator.formats.reference import load_reference
+from estimator.numerics.alignment import similarity_onto
 from estimator.results.coordinate_errors import coordinate_errors, joint_coordinates
 from estimator.results.pairs import Pairs, match_frames, paired
 from estimator.results.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
@@ -127,15 +128,9 @@ def _aligned_error(points: np.ndarray, reference: np.ndarray) -> float:
 def procrustes(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """`points` (L, 3) under the similarity that brings them nearest to `reference` (L, 3) in least squares.
 
-    Reflections are excluded. Source: Umeyama, IEEE TPAMI 13(4), 1991, equations 39 to 43.
+    See `estimator.numerics.alignment.similarity_onto`.
     """
-    mean_points, mean_reference = points.mean(axis=0), reference.mean(axis=0)
-    x, y = points - mean_points, reference - mean_reference
-    U, singular, Vt = np.linalg.svd(y.T @ x)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
-    spread = float((x * x).sum())
-    scale = float(singular @ sign) / spread if spread > 0.0 else 1.0
-    return cast(np.ndarray, scale * x @ ((U * sign) @ Vt).T + mean_reference)
+    return similarity_onto(points, reference, scaled=True).of(points)
 
 
 def best_of_k(

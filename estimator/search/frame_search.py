@@ -15,7 +15,8 @@ from estimator.modes.mixture import Mode
 from estimator.modes.origin import Origin, PoseKey, PreviousPose
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings, Solution
+from estimator.optimise.seek import Seeker, SeekSettings
+from estimator.optimise.solution import Solution
 from estimator.search.association import Association
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -10,9 +11,24 @@ from scipy.linalg import solveh_banded
 
 from estimator.modes.motion import MotionPrior
 from estimator.optimise.covariance import free_mask
+from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.terms.kernels import LORENTZIAN, robust_square
 from estimator.terms.term import Cost
 from humanoid.kinematics.body import Body
+
+DAMPING = Damping(first=1e-6)
+
+
+class ChainModel(NamedTuple):
+    """Quadratic model of a chain's energy at poses q (T, nq).
+
+    gradient (T, nv). blocks (3, T, nv, nv): of the Hessian; block k couples frame t with frame t + k.
+    """
+
+    value: float
+    q: np.ndarray
+    gradient: np.ndarray
+    blocks: np.ndarray
 
 
 class Chain:
@@ -31,40 +47,25 @@ class Chain:
 
     def energy(self, q: np.ndarray) -> float:
         """Of poses (T, nq)."""
-        return self._model(q)[0]
+        return self._model(q).value
 
     def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
         """At most so many damped Newton steps from q (T, nq), after which the energy is no higher; the frames in `held`
         (T,) stay."""
-        energy, gradient, blocks = self._model(q)
-        damping = 1e-6
-        for _ in range(iterations):
-            step = self._step(q, gradient, blocks, held, damping)
-            trial = np.array([self._body.integrate(a, v) for a, v in zip(q, step, strict=True)])
-            model = self._model(trial)
-            if model[0] < energy:
-                gained = energy - model[0]
-                q, (energy, gradient, blocks), damping = trial, model, max(1e-9, 0.1 * damping)
-                if gained < self._tolerance:
-                    break
-            else:
-                damping *= 10.0
-                if damping > 1e6:
-                    break
-        return q
+        newton = NewtonSettings(iterations, DAMPING, enough=self._tolerance)
+        return minimise(_Poses(self, held), self._model(q), newton).model.q
 
-    def _model(self, q: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Energy, gradient (T, nv), Hessian blocks (3, T, nv, nv): block k couples frame t with frame t + k."""
+    def _model(self, q: np.ndarray) -> ChainModel:
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((3, count, nv, nv))
         energy = 0.0
         for t, cost in enumerate(self._costs):
-            here = cost.at(q[t])
-            energy += here.value
-            gradient[t] += here.gradient
-            blocks[0, t] += here.hessian
+            own = cost.at(q[t])
+            energy += own.value
+            gradient[t] += own.gradient
+            blocks[0, t] += own.hessian
         energy += self._motion(q, gradient, blocks)
-        return energy, gradient, blocks
+        return ChainModel(energy, q, gradient, blocks)
 
     def _motion(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
         model, energy = self._body.model, 0.0
@@ -100,13 +101,16 @@ class Chain:
                     blocks[s - t, t] += J.T @ (weight[:, None] * K)
         return value
 
-    def _step(
-        self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray, held: np.ndarray, damping: float
-    ) -> np.ndarray:
-        """Newton step (T, nv) of the variables that neither a limit nor `held` stops."""
+    def at(self, q: np.ndarray, step: np.ndarray) -> ChainModel:
+        """The energy's model after a step (T, nv) from q (T, nq)."""
+        return self._model(np.array([self._body.integrate(a, v) for a, v in zip(q, step, strict=True)]))
+
+    def step(self, model: ChainModel, held: np.ndarray, damping: float) -> np.ndarray:
+        """Damped Newton step (T, nv) of the variables that neither a limit nor `held` (T,) stops."""
+        q, gradient = model.q, model.gradient
         count, nv = gradient.shape
         free = free_mask(self._body, q, gradient) & ~held[:, None]
-        blocks = blocks * free[None, :, :, None]
+        blocks = model.blocks * free[None, :, :, None]
         for k in range(3):
             blocks[k, : count - k] *= free[k:, None, :]
         diagonal = np.einsum("tii->ti", blocks[0])
@@ -114,6 +118,22 @@ class Chain:
         diagonal[~free] = 1.0
         step = solveh_banded(_banded(blocks), np.where(free, -gradient, 0.0).ravel(), lower=True, check_finite=False)
         return np.asarray(step).reshape(count, nv)
+
+
+class _Poses(Problem[ChainModel]):
+    """A chain in which the frames in `held` (T,) stay."""
+
+    def __init__(self, chain: Chain, held: np.ndarray) -> None:
+        self._chain, self._held = chain, held
+
+    def step(self, model: ChainModel, damping: float) -> Step | None:
+        try:
+            return self._chain.step(model, self._held, damping), None
+        except np.linalg.LinAlgError:  # not positive definite
+            return None
+
+    def at(self, model: ChainModel, step: Step) -> ChainModel:
+        return self._chain.at(model.q, step[0])
 
 
 def _banded(blocks: np.ndarray) -> np.ndarray:

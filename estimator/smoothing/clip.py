@@ -11,7 +11,7 @@ from estimator.imaging.observation import Observation
 from estimator.modes.best_path import best_path
 from estimator.modes.motion import MotionPrior
 from estimator.optimise.contact import separate
-from estimator.optimise.seek import Solution
+from estimator.optimise.solution import STALLED, Solution
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.sequences.source import Cues, Progress
@@ -112,7 +112,7 @@ def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
     if search.clearance is None or search.clearance.penetration(body.at(q)) <= contact.tolerance:
         return q
     held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
-    found = Solution(held.at(q), "stalled", np.inf, 0)
+    found = Solution(held.at(q), STALLED, np.inf, 0)
     return separate(search.seeker, search.clearance, held, found, contact).q
 
 

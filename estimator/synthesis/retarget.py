@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.cost.model import CostSettings, per_dof
+from estimator.numerics.alignment import similarity_onto
 from estimator.optimise.seek import Seeker, SeekSettings
 from estimator.synthesis.mocap import Mocap
 from estimator.terms.interpenetration import Interpenetration
@@ -55,7 +56,7 @@ def retarget(body: Body, mocap: Mocap, times: np.ndarray) -> Retargeted:
     points = np.stack([targets[name] for name in names], axis=1)
     dt = float(times[1] - times[0]) if len(times) > 1 else 1.0
     q = _smoothed(body, _followed(body, index, names, points, dt), dt)
-    reached = np.array([body.landmarks(body.at(one))[index] for one in q])
+    reached = np.array([body.landmarks(body.at(pose))[index] for pose in q])
     return Retargeted(q, names, points, np.linalg.norm(reached - points, axis=2))
 
 
@@ -76,20 +77,20 @@ def _targets(rest: dict[str, np.ndarray], mocap: Mocap, times: np.ndarray) -> di
     hips, shoulders = (_middle(own, name) for name in ("hip", "shoulder"))
     root = scale * hips
     chest = root + (shoulders - hips) * _ratio(_middle(rest, "shoulder") - _middle(rest, "hip"), shoulders - hips)
-    found = {}
+    placed = {}
     for name, middle, place in (("hip", hips, root), ("shoulder", shoulders, chest)):
         width = np.linalg.norm(rest[f"left_{name}"] - rest[f"right_{name}"])
         width /= np.linalg.norm(own[f"left_{name}"] - own[f"right_{name}"], axis=-1).mean()
         for side in ("left_", "right_"):
-            found[side + name] = place + width * (own[side + name] - middle)
+            placed[side + name] = place + width * (own[side + name] - middle)
     for above, below in _LIMBS:
         for side in ("left_", "right_"):
             bone = own[side + below] - own[side + above]
             length = np.linalg.norm(rest[side + below] - rest[side + above])
-            found[side + below] = found[side + above] + length * bone / np.linalg.norm(bone, axis=-1, keepdims=True)
+            placed[side + below] = placed[side + above] + length * bone / np.linalg.norm(bone, axis=-1, keepdims=True)
     head = own["head_top"] - shoulders
-    found["head_top"] = chest + head * _ratio(rest["head_top"] - _middle(rest, "shoulder"), head)
-    return found
+    placed["head_top"] = chest + head * _ratio(rest["head_top"] - _middle(rest, "shoulder"), head)
+    return placed
 
 
 def _middle(points: dict[str, np.ndarray], name: str) -> np.ndarray:
@@ -138,23 +139,22 @@ def _followed(body: Body, index: list[int], names: tuple[str, ...], points: np.n
     seeker = Seeker(body, SeekSettings(decrease_tolerance=1e-4))
     trunk = [names.index(name) for name in _TRUNK]
     q = _aligned(body, [index[i] for i in trunk], points[0, trunk])
-    found = []
+    poses = []
     for t, targets in enumerate(points):
         terms = [_Pull(body, index, targets, sigma), *always]
         if t > 0:
             terms.append(Transition(body, q, std))
         q = seeker.seek(Cost(body, terms), q).q
-        found.append(q)
-    return np.array(found)
+        poses.append(q)
+    return np.array(poses)
 
 
 def _aligned(body: Body, index: list[int], targets: np.ndarray) -> np.ndarray:
-    """The neutral pose with its root placed so that some landmarks (K) fit their targets (K, 3) (Kabsch 1976)."""
+    """The neutral pose with its root placed so that some landmarks (K) fit their targets (K, 3) [m]."""
     q = body.neutral.copy()
     own = body.landmarks(body.at(q))[index]
-    U, _, Vt = np.linalg.svd((own - own.mean(axis=0)).T @ (targets - targets.mean(axis=0)))
-    R = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
-    T_world_root = pin.SE3(R, targets.mean(axis=0) - R @ own.mean(axis=0)) * pin.XYZQUATToSE3(q[:7])
+    moved = similarity_onto(own, targets)
+    T_world_root = pin.SE3(moved.R, moved.t) * pin.XYZQUATToSE3(q[:7])
     q[:7] = pin.SE3ToXYZQUAT(T_world_root)
     return q
 
@@ -164,10 +164,10 @@ def _smoothed(body: Body, q: np.ndarray, dt: float) -> np.ndarray:
     reach = int(np.ceil(3.0 * _SMOOTHING / dt))
     weight = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) * dt / _SMOOTHING))
     smooth = []
-    for t, here in enumerate(q):
+    for t, pose in enumerate(q):
         step, total = np.zeros(body.nv), 0.0
         for k, w in zip(range(t - reach, t + reach + 1), weight, strict=True):
             if 0 <= k < len(q):
-                step, total = step + w * body.difference(here, q[k]), total + w
-        smooth.append(body.integrate(here, step / total))
+                step, total = step + w * body.difference(pose, q[k]), total + w
+        smooth.append(body.integrate(pose, step / total))
     return np.array(smooth)

@@ -12,6 +12,7 @@ from estimator.imaging.observation import Observation
 from estimator.inference.particles import Particles
 from estimator.modes.mixture import Mixture, Mode
 from estimator.modes.origin import Origins
+from estimator.optimise.solution import ITERATIONS
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
@@ -123,7 +124,7 @@ def judged(search: ModeSearch, observation: Observation, mixture: Mixture) -> tu
     agreement = [float(np.mean(seen < FAR))] if seen.size else []
     agreement += [] if evidence is None else evidence.agreement(posed)
     overlapping = best.penetration > search.settings.contact.limit
-    hard = min(agreement, default=0.0) < 0.5 or best.status == "iterations" or overlapping
+    hard = min(agreement, default=0.0) < 0.5 or best.status == ITERATIONS or overlapping
     return TrackState(mixture, observation.time), result_of(observation, mixture, "hard" if hard else "tracked")
 
 

@@ -13,6 +13,7 @@ from estimator.inference.particles import Particles
 from estimator.modes.merge import body_size
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.optimise.solution import SAMPLED
 from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
@@ -140,7 +141,7 @@ def _mode(
         q=at.posed.q,
         covariance=covariance,
         energy=at.value,
-        status="sampled",
+        status=SAMPLED,
         velocity=velocity,
         kkt_residual=search.seeker.kkt_residual(at),
         penetration=0.0 if search.clearance is None else search.clearance.penetration(at.posed),

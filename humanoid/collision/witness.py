@@ -7,6 +7,8 @@ too little for gradients. Newton's method on the sphere takes it to the last dig
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from humanoid.support.compiled import jit
@@ -14,6 +16,17 @@ from humanoid.support.compiled import jit
 _STEPS = 8
 _ABSURD = 1e6  # [m]
 _BALL, _CYLINDER = 0, 1  # where a capsule is touched: at one of its ends, or between them
+
+
+class _Touch(NamedTuple):
+    """Which solids touch, and how: a, b; which of them is a capsule (-1: neither); on which piece it is touched, and at
+    which end (-1.0 or 1.0) where that is `_BALL`."""
+
+    a: int
+    b: int
+    capsule: int
+    piece: int
+    end: float
 
 
 @jit
@@ -32,7 +45,12 @@ def sharpen(
     first: int,
     guessed: bool,
 ) -> int:
-    """Improve the contacts from `first` to `count` in place; arrays as in `broad_phase.candidates` and `Contacts`.
+    """Improve the contacts from `first` to `count` in place.
+
+    world (S, 12): rotations, column by column, and translations of the solids. segment (S, 6): centre and half of the
+    core. radius (S,): about the core. radii (S, 3): of an ellipsoid, zero for others. pairs (P, 2) int: solids.
+    near (M,) int: the contacts' pairs. distance (M,), point_a, point_b, normal (M, 3): see
+    `humanoid.collision.clearance.Contacts`. The buffers may have more than `count` rows.
 
     Capsules and hulls are exact already and left alone. Stops at a contact whose query failed and returns it, else -1:
     coal reports an overlap of 1.8e308 m, NaN or no normal; or, where a core just touches an ellipsoid, a normal from
@@ -44,16 +62,18 @@ def sharpen(
         if not (abs(square - 1.0) < 1e-6 and distance[m] > -_ABSURD):
             return m
         if radii[a, 0] + radii[b, 0] > 0.0:
-            found = _sharpen_one(world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m])
-            if np.isfinite(found):
-                distance[m] = found
+            improved = _sharpen_pair(
+                world, segment, radius, radii, a, b, distance[m], point_a[m], point_b[m], normal[m]
+            )
+            if np.isfinite(improved):
+                distance[m] = improved
             elif not (guessed and m == first):
                 return m
     return -1
 
 
 @jit
-def _sharpen_one(
+def _sharpen_pair(
     world: np.ndarray,
     segment: np.ndarray,
     radius: np.ndarray,
@@ -65,10 +85,13 @@ def _sharpen_one(
     q: np.ndarray,
     n: np.ndarray,
 ) -> float:
-    """One pair with an ellipsoid: writes p, q, n (3,), returns the distance; on failure NaN, with nothing written."""
+    """A pair with an ellipsoid: writes p, q, n (3,), returns the distance [m]; on failure NaN, with nothing written.
+
+    Other arrays as in `sharpen`. They are passed one by one: in a tuple they would take a third longer.
+    """
     capsule = a if radii[a, 0] == 0.0 else (b if radii[b, 0] == 0.0 else -1)
     if capsule < 0:
-        return _newton(world, segment, radius, radii, a, b, -1, _BALL, 0.0, distance, p, q, n)
+        return _newton(world, segment, radius, radii, _Touch(a, b, -1, _BALL, 0.0), distance, p, q, n)
     uu = along = 0.0
     for i in range(3):
         u = segment[capsule, 3 + i]
@@ -78,9 +101,9 @@ def _sharpen_one(
     end = 1.0 if along >= 0.0 else -1.0
     first = _CYLINDER if abs(along) < (1.0 - 1e-9) * uu else _BALL
     for piece in (first, 1 - first):  # rounding may have put the touched point on the wrong side of an end
-        found = _newton(world, segment, radius, radii, a, b, capsule, piece, end, distance, p, q, n)
-        if np.isfinite(found):
-            return found
+        improved = _newton(world, segment, radius, radii, _Touch(a, b, capsule, piece, end), distance, p, q, n)
+        if np.isfinite(improved):
+            return improved
     return np.nan
 
 
@@ -90,18 +113,19 @@ def _newton(
     segment: np.ndarray,
     radius: np.ndarray,
     radii: np.ndarray,
-    a: int,
-    b: int,
-    capsule: int,
-    piece: int,
-    end: float,
+    touch: _Touch,
     distance: float,
     p: np.ndarray,
     q: np.ndarray,
     n: np.ndarray,
 ) -> float:
-    """Ascend the gap with the capsule (-1: none) touched on one piece; NaN, and nothing written, if that fails."""
+    """Ascend the gap from the normal n (3,); NaN, and nothing written, if that fails or ends below `distance`.
+
+    Other arrays as in `sharpen`. In one piece: with the gap and its derivatives in a function of their own, a contact
+    takes a quarter longer.
+    """
     x, c, u = n.copy(), np.empty(3), np.zeros(3)
+    a, b, capsule, piece, end = touch
     thick = 0.0
     for i in range(3):
         c[i] = segment[b, i] - segment[a, i]
@@ -111,8 +135,8 @@ def _newton(
                 c[i] += end * u[i] * (1.0 if capsule == b else -1.0)
     if capsule >= 0:
         thick = radius[capsule]
-    uu = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
     on_cylinder = capsule >= 0 and piece == _CYLINDER
+    uu = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
     if on_cylinder and uu == 0.0:
         return np.nan
     pa, pb, first, second = np.zeros(3), np.zeros(3), np.empty(3), np.empty(3)
@@ -156,33 +180,32 @@ def _newton(
             break
     if not gap - thick > distance - 1e-4:
         return np.nan
-    return _touch(segment, radius, radii, a, b, capsule, piece, end, pa, pb, x, u, uu, p, q, n)
+    return _write(segment, radius, radii, touch, pa, pb, x, u, p, q, n)
 
 
 @jit
-def _touch(
+def _write(
     segment: np.ndarray,
     radius: np.ndarray,
     radii: np.ndarray,
-    a: int,
-    b: int,
-    capsule: int,
-    piece: int,
-    end: float,
+    touch: _Touch,
     pa: np.ndarray,
     pb: np.ndarray,
     x: np.ndarray,
     u: np.ndarray,
-    uu: float,
     p: np.ndarray,
     q: np.ndarray,
     n: np.ndarray,
 ) -> float:
-    """Witness points for the direction x; NaN, and nothing written, if they are not on the piece assumed."""
+    """Write the contact of the direction x (3,), return its distance [m]; NaN, and nothing written, if the points are
+    not on the piece assumed. pa, pb (3,): the points touched, from the
+    centres; u (3,): half of the capsule's core [m]."""
+    a, b, capsule, end = touch.a, touch.b, touch.capsule, touch.end
     t = end
     if capsule >= 0:
         side = x[0] * u[0] + x[1] * u[1] + x[2] * u[2]
-        if piece == _CYLINDER:
+        uu = u[0] ** 2 + u[1] ** 2 + u[2] ** 2
+        if touch.piece == _CYLINDER:
             t = 0.0
             for i in range(3):
                 touched = segment[a, i] + pa[i] if capsule == b else segment[b, i] - pb[i]
@@ -202,6 +225,7 @@ def _touch(
 
 @jit
 def _normalise(x: np.ndarray) -> bool:
+    """Make x (3,) a unit vector in place; False where it is almost zero."""
     size = np.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
     if size < 1e-9:
         return False
@@ -212,7 +236,8 @@ def _normalise(x: np.ndarray) -> bool:
 
 @jit
 def _tangents(x: np.ndarray, u: np.ndarray, across: bool, first: np.ndarray, second: np.ndarray) -> None:
-    """Two unit vectors at right angles to x and to each other; `across`: the first one at right angles to u as well."""
+    """Fill two unit vectors (3,) at right angles to x (3,) and to each other; `across`: the first one at right angles
+    to u (3,) as well."""
     if across:
         for i in range(3):
             second[i] = u[i]
@@ -231,7 +256,10 @@ def _tangents(x: np.ndarray, u: np.ndarray, across: bool, first: np.ndarray, sec
 
 @jit
 def _support(world: np.ndarray, radii: np.ndarray, k: int, x: np.ndarray, point: np.ndarray) -> float:
-    """Support function of ellipsoid k about its centre; point (3,): its furthest point along x, from the centre."""
+    """Support function [m] of ellipsoid k about its centre; world (S, 12), radii (S, 3): see `sharpen`.
+
+    point (3,): filled with the furthest point along x (3,), from the centre [m].
+    """
     square = 0.0
     point[:] = 0.0
     for j in range(3):
@@ -249,7 +277,8 @@ def _support(world: np.ndarray, radii: np.ndarray, k: int, x: np.ndarray, point:
 def _curvature(
     world: np.ndarray, radii: np.ndarray, k: int, h: float, point: np.ndarray, y: np.ndarray, z: np.ndarray
 ) -> float:
-    """Second derivative of the support function of ellipsoid k along y and z, where `_support` gave h and point."""
+    """Second derivative [m] of the support function of ellipsoid k along y and z (3,), where `_support` gave h and
+    point (3,)."""
     total = along_y = along_z = 0.0
     for j in range(3):
         yj = y[0] * world[k, 3 * j] + y[1] * world[k, 3 * j + 1] + y[2] * world[k, 3 * j + 2]

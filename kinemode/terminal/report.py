@@ -9,7 +9,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from estimator.fitting.lengths import Fit, ShapeFit
+from estimator.fitting.fit import Fit, ShapeFit
 from estimator.results.evaluation import LIMB_JOINTS, Evaluation
 from estimator.results.run_file import Run
 from estimator.results.shared_landmarks import CENTRED

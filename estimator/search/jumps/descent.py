@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from estimator.numerics.linear import solve_definite
 from estimator.search.jumps.vectors import cross, dot, plus, turn_in_place
 from humanoid.support.compiled import jit
 
@@ -16,6 +17,7 @@ STEPS = 8
 ALONG = 0.2  # weight of an error along a ray
 TRIED = 2  # starts outside the limits that are pulled, the least outside first
 SLOW = 0.1  # share of the error: a step that gains less is the last
+SINGULAR = 1e-15  # m^2: least pivot of a step's matrix
 LARGEST_TURN = 0.8  # rad a step
 
 
@@ -132,20 +134,8 @@ def _step(A, g, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
             g[a] = 0.0
             A[a, :a] = 0.0
             A[a + 1 :, a] = 0.0
-    for a in range(m):  # Cholesky, in place
-        for b in range(a + 1):
-            x = A[a, b]
-            for c in range(b):
-                x -= A[a, c] * A[b, c]
-            A[a, b] = math.sqrt(max(x, 1e-15)) if a == b else x / A[b, b]
+    solve_definite(A, np.arange(m), m, SINGULAR, A, g)
     for a in range(m):
-        for b in range(a):
-            g[a] -= A[a, b] * g[b]
-        g[a] /= A[a, a]
-    for a in range(m - 1, -1, -1):
-        for b in range(a + 1, m):
-            g[a] -= A[b, a] * g[b]
-        g[a] /= A[a, a]
         turns[a] = min(max(turns[a] + min(max(g[a], -LARGEST_TURN), LARGEST_TURN), lower[a]), upper[a])
 
 

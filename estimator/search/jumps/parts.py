@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
+from estimator.numerics.alignment import rotation_onto
 from estimator.search.jumps.anatomy import Anatomy, Part
 from estimator.search.jumps.angles import part_turns
 from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, limb_solutions
@@ -76,11 +77,10 @@ def _furthest(a: np.ndarray, b: np.ndarray) -> float:
 
 def _rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) that brings vectors (k, 3) nearest to others; the smallest where one direction is all there
-    is (Kabsch 1976)."""
+    is."""
     axis = np.cross(before, after).sum(axis=0)
     rows = np.vstack([before, 1e-3 * axis]), np.vstack([after, 1e-3 * axis])
-    u, _, v = np.linalg.svd(rows[1].T @ rows[0])
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
+    return rotation_onto(*rows)
 
 
 def _root_turned(q: np.ndarray, turn: np.ndarray, pivot: np.ndarray) -> np.ndarray:

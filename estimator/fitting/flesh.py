@@ -1,21 +1,21 @@
-"""A person's body from the first frames, in three stages (CSS section 5): proportions, shape, everything together."""
+"""The later stages of a fit (CSS section 5): a person's shape from pictures, then everything together."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from estimator.cost.model import CostSettings
 from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
-from estimator.fitting.descent import DescentSettings, covariance_at, descend
-from estimator.fitting.lengths import Fit, FitSettings, ShapeFit, fit_proportions
+from estimator.fitting.descent import covariance_at, descend
+from estimator.fitting.fit import Fit, ShapeFit
+from estimator.fitting.settings import FitSettings
 from estimator.fitting.shape_parameters import OF_PART
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.observation import Observation
 from estimator.sequences.source import Cues
-from estimator.tracking.registry import Settings
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
@@ -23,63 +23,16 @@ from humanoid.subject.subject import Subject
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the new shape that are tried where its parts overlap
 
 
-@dataclass(frozen=True)
-class ShapeSettings:
-    """How the second and third stage are made.
-
-    frames: pictures that are looked at, evenly spread over the frames of the first stage. rounds: times that features
-    are assigned anew, in either stage. edge_noise, outline_noise: as shares of tracking's noise, most of which stands
-    for flesh of another shape; less of the outlines', as silhouettes are a pixel too large or too small on their own.
-    effective_frames: see `estimator.fitting.lengths.FitSettings`. agreement: share of the body's outline that has to
-    lie on the silhouettes' in the end; with less, or with `worse` less than before, they are somebody else's, and the
-    first stage stands. overlap [m]: of parts in the poses found, above which the new flesh is drawn back.
-    """
-
-    frames: int = 3
-    rounds: int = 3
-    edge_noise: float = 0.4
-    outline_noise: float = 0.7
-    effective_frames: float = 4.0
-    agreement: float = 0.5
-    worse: float = 0.1
-    overlap: float = 0.01
-    descent: DescentSettings = field(default_factory=DescentSettings)
-
-
-def fit_subject(
-    subject: Subject,
-    observations: Sequence[Observation],
-    cues: Cues,
-    seed: int = 0,
-    settings: FitSettings | None = None,
-    shape_settings: ShapeSettings | None = None,
-    track_settings: Settings | None = None,
-) -> Fit:
-    """All three stages; the first alone where the pictures show neither edges nor silhouettes that agree with it.
-
-    cues: what the pictures show. The other arguments are those of `estimator.fitting.lengths.fit_proportions`.
-    """
-    first = fit_proportions(subject, observations, seed, settings, track_settings)
-    cost = track_settings.cost if track_settings else CostSettings()
-    return fit_shape(subject, first, cues, shape_settings, cost)
-
-
-def fit_shape(
-    subject: Subject,
-    first: Fit,
-    cues: Cues,
-    settings: ShapeSettings | None = None,
-    cost: CostSettings | None = None,
-) -> Fit:
+def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, cost: CostSettings) -> Fit:
     """Stages two and three on the outcome of the first, which is returned where there is nothing to go by.
 
-    subject: what the first stage was given. In the second stage the shape follows keypoints and contours with
-    everything else held, in the third all is free. Sides are tied throughout, and the whole body is measured.
+    subject: what the first stage was given. cues: what the pictures show. In the second stage the shape follows
+    keypoints and contours with everything else held, in the third all is free. Sides are tied throughout, and the whole
+    body is measured.
     """
-    settings, cost = settings or ShapeSettings(), cost or CostSettings()
     if not first.observations or not any(f.shape == "superquadric" for f in subject.flesh):
         return first
-    picks = np.unique(np.linspace(0, len(first.observations) - 1, settings.frames).round().astype(int))
+    picks = np.unique(np.linspace(0, len(first.observations) - 1, settings.flesh.frames).round().astype(int))
     seen = [replace(o, cues=cues.at(o.index)) for o in (first.observations[k] for k in picks)]
     if not any(c.edges is not None or c.silhouette is not None for o in seen for c in o.cues):
         return first
@@ -96,11 +49,12 @@ class _Stages:
     """The later stages on some frames. shape, everything: what moves in the second and in the third."""
 
     def __init__(
-        self, shaped: ShapedBody, seen: Sequence[Observation], first: Fit, settings: ShapeSettings, cost: CostSettings
+        self, shaped: ShapedBody, seen: Sequence[Observation], first: Fit, settings: FitSettings, cost: CostSettings
     ) -> None:
-        self.shaped, self._seen, self._settings, self._cost = shaped, seen, settings, cost
-        image = cost.image
-        edge_noise, outline_noise = image.edge_noise * settings.edge_noise, image.outline_noise * settings.outline_noise
+        self.shaped, self._seen, self._settings, self._cost = shaped, seen, settings.flesh, cost
+        self._share = min(1.0, settings.effective_frames / len(seen))
+        image, flesh = cost.image, settings.flesh
+        edge_noise, outline_noise = image.edge_noise * flesh.edge_noise, image.outline_noise * flesh.outline_noise
         self._sharper = replace(cost, image=replace(image, edge_noise=edge_noise, outline_noise=outline_noise))
         self._on_scales = _with_the_rest(shaped, first, len(seen))
         self.shape = shaped.places(len(seen))[1]
@@ -108,8 +62,7 @@ class _Stages:
 
     def energy(self, assigned_at: Unknowns, clearance: Clearance | None = None) -> BodyEnergy:
         """The frames' energy with features as they are assigned at some unknowns."""
-        share = min(1.0, self._settings.effective_frames / len(self._seen))
-        return BodyEnergy(self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, share, clearance)
+        return BodyEnergy(self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, self._share, clearance)
 
     def clearance(self, x: Unknowns) -> Clearance | None:
         """Between the parts of some unknowns; None where they need not be kept apart."""
@@ -124,7 +77,7 @@ class _Stages:
     def apart(self, x: Unknowns) -> Unknowns:
         """Unknowns with the shape drawn back as far as its parts' clearance needs.
 
-        At rest parts may not come to overlap so that their pair would be left out, nor in the poses found by more than
+        At rest parts may not come to overlap so that their pair would be left out, nor in the fitted poses by more than
         is let be, or than with the given flesh.
         """
         own = self._overlap(x._replace(shape=0.0 * x.shape))
@@ -144,19 +97,19 @@ class _Stages:
     def agreement(self, x: Unknowns) -> float:
         """Share of the body's outline that lies on the silhouettes', mean of cameras and frames; NaN without any."""
         seen = seen_at(self.shaped, self._seen, x, self._cost.image)
-        found = [share for posed, evidence in seen for share in evidence.agreement(posed)]
-        return float(np.mean(found)) if found else np.nan
+        shares = [share for posed, evidence in seen for share in evidence.agreement(posed)]
+        return float(np.mean(shares)) if shares else np.nan
 
-    def outcome(self, first: Fit, start: Unknowns, found: Unknowns) -> Fit:
-        """The fit of what was found, or the first stage's where the silhouettes do not agree."""
-        agreement = before, after = self.agreement(start), self.agreement(found)
+    def outcome(self, first: Fit, start: Unknowns, end: Unknowns) -> Fit:
+        """The fit where the descent ended, or the first stage's where the silhouettes do not agree."""
+        agreement = before, after = self.agreement(start), self.agreement(end)
         if after < max(self._settings.agreement, before - self._settings.worse):
             return first
-        shaped, count, nv = self.shaped, len(found.poses), self.shaped.proportions.base.nv
-        covariance = covariance_at(shaped, self.energy(found, self.clearance(found)).at(found), found)
+        shaped, count, nv = self.shaped, len(end.poses), self.shaped.proportions.base.nv
+        covariance = covariance_at(shaped, self.energy(end, self.clearance(end)).at(end), end)
         of_scales, of_shape = shaped.places(count)
         values, std = np.zeros((2, len(shaped.shape.parts), len(OF_PART)))
-        values[shaped.shape.group, shaped.shape.kind] = found.shape
+        values[shaped.shape.group, shaped.shape.kind] = end.shape
         std[shaped.shape.group, shaped.shape.kind] = np.sqrt(np.diag(covariance)[of_shape])
         shape = ShapeFit(
             parts=shaped.shape.parts,
@@ -164,12 +117,12 @@ class _Stages:
             tapers=values[:, 2:],
             std=std,
             frames=tuple(o.index for o in self._seen),
-            poses=found.poses,
+            poses=end.poses,
             covariance=np.array([covariance[k : k + nv, k : k + nv] for k in range(0, count * nv, nv)]),
             agreement=agreement,
         )
         of_scales_too = covariance[of_scales, of_scales]
-        return replace(first, subject=shaped.at(found), scales=found.scales, covariance=of_scales_too, shape=shape)
+        return replace(first, subject=shaped.at(end), scales=end.scales, covariance=of_scales_too, shape=shape)
 
 
 def _with_the_rest(shaped: ShapedBody, first: Fit, count: int) -> Gaussian:

@@ -1,0 +1,62 @@
+"""What a fit gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.imaging.observation import Observation
+from humanoid.subject.subject import Subject
+
+
+@dataclass(frozen=True)
+class ShapeFit:
+    """The flesh that was fitted, part by part (CSS section 5, second and third stage).
+
+    parts (G): names of the parts, one for both where sides mirror each other. factors (G, 2): of the half-axes a and b
+    of the sections, relative to the given subject. tapers (G, 2): changes of the tapers along a and b. std (G, 4):
+    standard deviations of girth (the log of both factors), flatness (half the log of their ratio) and the tapers, zero
+    where a part has no such parameter. frames: indices of the frames whose pictures were looked at. poses (F, nq),
+    covariance (F, nv, nv): the body in these frames, and how uncertain it is with proportions and shape as uncertain
+    as they are. agreement: shares of the body's outline that lie on the silhouettes' before and after, NaN without any.
+    """
+
+    parts: tuple[str, ...]
+    factors: np.ndarray
+    tapers: np.ndarray
+    std: np.ndarray
+    frames: tuple[int, ...]
+    poses: np.ndarray
+    covariance: np.ndarray
+    agreement: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Outcome of a fit.
+
+    subject: the subject with the fitted lengths, and the fitted flesh if there is a `shape`. names (P): proportions by
+    joint. scales (P,): estimate relative to the given subject. covariance (P, P): of the scales. observations (F): the
+    frames used, in the readings that were chosen of them; none if none were usable, and the subject is then the given
+    one. poses (F, nq): of the subject with the fitted lengths, in these frames. shape: of the flesh, None where it was
+    not fitted.
+    """
+
+    subject: Subject
+    names: tuple[str, ...]
+    scales: np.ndarray
+    covariance: np.ndarray
+    observations: tuple[Observation, ...]
+    poses: np.ndarray
+    shape: ShapeFit | None = None
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the scales (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Indices of the frames used."""
+        return tuple(o.index for o in self.observations)

@@ -1,0 +1,1 @@
+"""Numbers alone: knows neither body nor image."""

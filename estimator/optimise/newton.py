@@ -1,0 +1,145 @@
+"""The damped Newton loop (Levenberg-Marquardt) behind every descent that is not compiled.
+
+A problem gives models of its energy and steps of a model; the loop decides which steps are taken, how much the next one
+is damped, and when it is enough. It returns a status and never raises.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Generic, Literal, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from estimator.optimise.solution import CONVERGED, ITERATIONS, SETTLED, STALLED
+
+RETRIED = 4.0, 1e-3  # factor on the damping of a model that had no step, and the least that it is then damped by
+LEAST_PROMISE = 1e-300  # divides
+LARGEST_RATIO = 1e100  # its cube is finite
+
+
+class Valued(Protocol):
+    """A model of an energy at some point."""
+
+    @property
+    def value(self) -> float:
+        """The energy there."""
+        ...
+
+
+Model = TypeVar("Model", bound=Valued)
+
+
+Step = tuple[np.ndarray, float | None]
+"""A step, and the decrease of the energy that the undamped model promises of it; None where nobody asked."""
+
+
+class Problem(ABC, Generic[Model]):
+    """What is minimised. The loop asks for one trial at a time, and it is taken or refused before the next."""
+
+    @abstractmethod
+    def step(self, model: Model, damping: float) -> Step | None:
+        """The minimum of the damped model; None where it has none."""
+
+    @abstractmethod
+    def at(self, model: Model, step: Step) -> Model:
+        """The model at the end of a step: the trial."""
+
+    def converged(self, model: Model) -> bool:
+        """Whether the condition of a minimum holds."""
+        return False
+
+    def as_good(self, model: Model, trial: Model) -> bool:
+        """Whether a trial that does not bring enough is taken all the same."""
+        return False
+
+    def taken(self, trial: Model, ratio: float) -> Model:
+        """The model to go on from; ratio: decrease of the energy over the one promised, or 1 where nobody asked."""
+        return trial
+
+
+@dataclass(frozen=True)
+class Damping:
+    """How the damping follows the steps.
+
+    first: of the first step. least: never less. most: with more the descent has stalled. growth: factor after a step
+    that was refused, on no less than `grown_from`. shrink: factor after one that was taken. by_ratio: growth doubles
+    with every further refusal, and the factor after a step taken is 1 - (2 ratio - 1)^3, no less than `shrink`, with
+    the ratio of actual to promised decrease (Nielsen, Damping parameter in Marquardt's method, IMM-REP-1999-05).
+    """
+
+    first: float = 1e-3
+    least: float = 1e-9
+    most: float = 1e6
+    growth: float = 10.0
+    shrink: float = 0.1
+    grown_from: float = 0.0
+    by_ratio: bool = False
+
+    def lowered(self, damping: float, ratio: float) -> float:
+        """After a step that was taken."""
+        factor = self.shrink
+        if self.by_ratio and ratio < 1.0:  # from 1 on it is the smallest
+            factor = max(factor, 1.0 - (2.0 * max(ratio, -LARGEST_RATIO) - 1.0) ** 3)
+        return max(self.least, damping * factor)
+
+
+@dataclass(frozen=True)
+class NewtonSettings:
+    """Which steps are taken and when the descent ends.
+
+    iterations: steps tried. accepted: a step is taken that brings more than this share of the decrease promised (where
+    nobody asked for a promise: that brings any). least_promise: the descent has stalled when less is promised.
+    enough: it is settled after a step that was taken and neither brought nor promised as much. unsolved: what a model
+    without a step means: a step refused, another try at once with more damping (not counted), or the end.
+    """
+
+    iterations: int
+    damping: Damping = Damping()
+    accepted: float = 0.0
+    least_promise: float = 0.0
+    enough: float = 0.0
+    unsolved: Literal["refuse", "retry", "stop"] = "refuse"
+
+
+class Descent(NamedTuple, Generic[Model]):
+    """End of a descent: the last model taken, CONVERGED, SETTLED, STALLED or ITERATIONS, and how many steps were
+    tried."""
+
+    model: Model
+    status: str
+    tried: int
+
+
+def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) -> Descent[Model]:
+    """Descend from a model; the energy never rises, but for trials that the problem calls as good."""
+    schedule, accepted, unsolved = settings.damping, settings.accepted, settings.unsolved
+    damping, growth = schedule.first, schedule.growth
+    for tried in range(settings.iterations):
+        if problem.converged(model):
+            return Descent(model, CONVERGED, tried)
+        step = problem.step(model, damping)
+        while step is None and unsolved == "retry" and damping < schedule.most:
+            damping = max(RETRIED[0] * damping, RETRIED[1])
+            step = problem.step(model, damping)
+        if step is not None:
+            promised = step[1]
+            if promised is not None and promised < settings.least_promise:
+                return Descent(model, STALLED, tried)
+            trial = problem.at(model, step)
+            gain = float(model.value - trial.value)
+            ratio = float(gain > 0.0) if promised is None else gain / max(promised, LEAST_PROMISE)
+            if ratio > accepted or problem.as_good(model, trial):
+                model, damping, growth = problem.taken(trial, ratio), schedule.lowered(damping, ratio), schedule.growth
+                if gain < settings.enough and (promised is None or promised < settings.enough):
+                    return Descent(model, SETTLED, tried + 1)
+                continue
+        elif unsolved != "refuse":
+            return Descent(model, STALLED, tried)
+        damping = max(damping, schedule.grown_from) * growth
+        if schedule.by_ratio:
+            growth *= 2.0
+        if damping > schedule.most:
+            return Descent(model, STALLED, tried + 1)
+    return Descent(model, CONVERGED if problem.converged(model) else ITERATIONS, settings.iterations)

@@ -1,0 +1,111 @@
+"""Small linear systems against LAPACK; alignments against what they were made from and against their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from estimator.numerics.alignment import rotation_onto, similarity_onto
+from estimator.numerics.linear import eliminate, solve_definite
+
+
+def definite(rng: np.random.Generator, n: int) -> np.ndarray:
+    root = rng.normal(size=(n, n))
+    return np.asarray(root @ root.T + 0.1 * np.eye(n))
+
+
+def test_definite_systems_are_solved_on_any_rows() -> None:
+    rng = np.random.default_rng(1)
+    for n in range(1, 9):
+        A, b = definite(rng, 9), rng.normal(size=9)
+        rows = np.sort(rng.permutation(9)[:n]).astype(np.int64)
+        given, x = A.copy(), b.copy()
+        given[np.triu_indices(9, 1)] = np.nan  # never read
+        L = np.empty((9, 9))
+        assert solve_definite(given, rows, n, 0.0, L, x)
+        part = A[np.ix_(rows, rows)]
+        assert x[:n] == pytest.approx(np.linalg.solve(part, b[:n]), rel=1e-9, abs=1e-12)
+        assert np.array_equal(x[n:], b[n:])
+        assert np.tril(L[:n, :n]) == pytest.approx(np.linalg.cholesky(part), rel=1e-10, abs=1e-12)
+        own = part.copy()
+        again = b[:n].copy()
+        assert solve_definite(own, np.arange(n), n, 0.0, own, again)  # in place
+        assert np.array_equal(again, x[:n])
+
+
+def test_pivots_below_the_floor() -> None:
+    A, x = np.diag([4.0, 0.0, -1.0]), np.array([1.0, 2.0, 3.0])
+    y = x.copy()
+    assert not solve_definite(A, np.arange(3), 3, 0.0, np.empty((3, 3)), y)
+    assert np.array_equal(y, x)
+    assert solve_definite(A, np.arange(3), 3, 0.25, np.empty((3, 3)), y)
+    assert y == pytest.approx(x / [4.0, 0.25, 0.25])
+
+
+def test_elimination() -> None:
+    rng = np.random.default_rng(2)
+    for n in range(1, 8):
+        K, b = rng.normal(size=(n, n)), rng.normal(size=n)
+        K[0, 0] = 0.0 if n > 1 else K[0, 0]  # needs a pivot
+        x = b.copy()
+        assert eliminate(K.copy(), x)
+        assert K @ x == pytest.approx(b, abs=1e-9)
+    assert not eliminate(np.ones((2, 2)), np.ones(2))
+
+
+def test_known_motions_come_back() -> None:
+    rng = np.random.default_rng(3)
+    for count in (3, 4, 20):
+        points = rng.normal(size=(count, 3))
+        R, t = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
+        rigid = similarity_onto(points, points @ R.T + t)
+        assert (rigid.R, rigid.t) == (pytest.approx(R, abs=1e-12), pytest.approx(t, abs=1e-12))
+        assert rigid.scale == 1.0
+        similar = similarity_onto(points, 2.5 * points @ R.T + t, scaled=True)
+        assert (similar.R, similar.t, similar.scale) == (
+            pytest.approx(R, abs=1e-12), pytest.approx(t, abs=1e-12), pytest.approx(2.5),
+        )  # fmt: skip
+        assert similar.of(points) == pytest.approx(2.5 * points @ R.T + t, abs=1e-12)
+        assert rotation_onto(points, points @ R.T) == pytest.approx(R, abs=1e-12)
+
+
+def test_mirror_images_are_turned_and_not_reflected() -> None:
+    """The best rotation onto the mirror image of points along the axes: the shortest axis is given up."""
+    points = np.diag([3.0, 2.0, 1.0])
+    assert rotation_onto(points, points * [1.0, 1.0, -1.0]) == pytest.approx(np.eye(3), abs=1e-12)
+    assert rotation_onto(points, points * [-1.0, 1.0, 1.0]) == pytest.approx(np.diag([-1.0, 1.0, -1.0]), abs=1e-12)
+    mirrored = similarity_onto(np.vstack([points, -points]), np.vstack([points, -points]) * [1, 1, -1], scaled=True)
+    assert mirrored.scale == pytest.approx((9.0 + 4.0 - 1.0) / 14.0)  # Umeyama's trace, one sign turned
+
+
+def test_no_neighbour_is_better() -> None:
+    rng = np.random.default_rng(4)
+    points, reference = rng.normal(size=(2, 8, 3))
+    best = similarity_onto(points, reference, scaled=True)
+
+    def error(R: np.ndarray, t: np.ndarray, scale: float) -> float:
+        return float(np.sum((scale * points @ R.T + t - reference) ** 2))
+
+    least = error(*best)
+    assert rotation_onto(points, reference) == pytest.approx(
+        Rotation.align_vectors(reference, points)[0].as_matrix(), abs=1e-9
+    )
+    for _ in range(50):
+        turned = Rotation.from_rotvec(0.01 * rng.normal(size=3)).as_matrix() @ best.R
+        assert error(turned, best.t, best.scale) > least
+        assert error(best.R, best.t + 0.01 * rng.normal(size=3), best.scale) > least
+    assert min(error(best.R, best.t, best.scale * s) for s in (0.99, 1.01)) > least
+
+
+def test_points_without_an_extent_are_only_moved() -> None:
+    here, there = np.full((4, 3), 0.5), np.random.default_rng(5).normal(size=(4, 3))
+    for scaled in (False, True):
+        moved = similarity_onto(here, there, scaled=scaled)
+        assert np.array_equal(moved.R, np.eye(3))
+        assert moved.scale == 1.0
+        assert moved.of(here) == pytest.approx(np.tile(there.mean(axis=0), (4, 1)))
+    line = np.outer(np.arange(4.0), [1.0, 0.0, 0.0])
+    turn = rotation_onto(line, line[:, [1, 0, 2]])
+    assert turn[:, 0] == pytest.approx([0.0, 1.0, 0.0])
+    assert np.linalg.det(turn) == pytest.approx(1.0)
