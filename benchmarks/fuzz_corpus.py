@@ -28,7 +28,7 @@ from kinemode.settings import describe_settings
 Files = Mapping[str, bytes]
 SIZE = (64, 48)
 FRAMES = 3
-QUICK: dict[str, Any] = {"css": {"samples": 1, "flips": 0, "modes": 2, "budget": {"searches": 4}}}
+QUICK: dict[str, Any] = {"css": {"samples": 1, "jumps": 0, "modes": 2, "budget": {"searches": 4}}}
 """Settings that make a track short."""
 
 

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.results.evaluation import Reference
 from estimator.results.run_file import Run
+from estimator.tracking.registry import common_settings
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import api
@@ -23,7 +24,7 @@ from kinemode.interruption import kept_if_interrupted
 from kinemode.named import Named, PathLike
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import made_folder
-from kinemode.settings import choose_for_all, read_settings
+from kinemode.settings import choose_for_all, loaded_changes
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ def compare(
     order = sorted(names, key=lambda n: not files[n].exists())  # runs that are there say who the person is
     # whatever is wrong with the settings is said before the first is tracked
     chosen = choose_for_all(order, settings, modes, how.pop("workers", 1), fits)
+    compared_by = common_settings(*loaded_changes(settings))
     truth = None if reference is None else Reference.load(reference)
     folder = made_folder(Path(out))
     _check_runs(files.values(), resume, overwrite)
@@ -107,7 +109,7 @@ def compare(
         tracked = runs[name].subject  # fitted now, and not again
     runs = {name: runs[name] for name in names}
     with kept_if_interrupted(tracked_frames), threadpool_limits(limits=1), report("comparing") as looked:
-        found = courses(runs, read_settings("css", settings, modes), truth, cameras is not None, looked)
+        found = courses(runs, compared_by, truth, cameras is not None, looked)
     scores = tuple(scored(name, runs[name], found[name], times.of(name), truth) for name in names)
     return Comparison(scores, found, runs, *write_comparison(folder, scores, found))
 

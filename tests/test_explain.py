@@ -78,7 +78,7 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     result, before, origins = run.result(t), run.result(t - 1), run.result(t).origins
     assert origins is not None
     parent = int(result.parent[0])
-    predicted = run.body.integrate(before.q[parent], settings.css.momentum * dt * run.mode_velocity[t - 1, parent])
+    predicted = run.body.integrate(before.q[parent], settings.own.momentum * dt * run.mode_velocity[t - 1, parent])
     np.testing.assert_array_equal(origins.q_previous[0], before.q[parent])
     np.testing.assert_array_equal(origins.q_predicted[0], predicted)
     evidence = search.evidence(observation, before.q[0])
@@ -96,7 +96,7 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
 
 
 JUMPING = {
-    "css": {"modes": 5, "samples": 2, "flips": 12, "limb_samples": 12, "flip_penalty": 1.0, "limb_penalty": 1.0},
+    "css": {"modes": 5, "samples": 2, "jumps": 12, "limb_samples": 12, "jump_penalty": 1.0, "limb_penalty": 1.0},
     "cost": {"exchange_penalty": 0.2},
     "cues": {"working_size": 160},
     "smooth": {"enabled": False},

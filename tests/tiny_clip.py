@@ -8,7 +8,7 @@ from typing import Any
 from estimator.synthesis import DetectorSettings, ViewSettings
 from kinemode.render import RenderedClip, render_clip
 
-QUICK: dict[str, Any] = {"css": {"samples": 2, "flips": 0, "modes": 2}, "cues": {"working_size": 160}}
+QUICK: dict[str, Any] = {"css": {"samples": 2, "jumps": 0, "modes": 2}, "cues": {"working_size": 160}}
 """Changes to the settings that make a search short."""
 
 

@@ -15,7 +15,7 @@ from estimator.fitting.shape_parameters import OF_PART
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.observation import Observation
 from estimator.sequences.source import Cues
-from estimator.tracking.registry import Settings
+from estimator.tracking.settings import Settings
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

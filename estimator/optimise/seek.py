@@ -11,6 +11,7 @@ from estimator.optimise.box_step import model_decrease, projected_gradient
 from estimator.optimise.qp import StepSolver
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
+from humanoid.support.settings import setting
 
 MAX_DAMPING = 1e12
 ROUNDING = 16.0 * float(np.finfo(float).eps)  # relative; the energy sums about a hundred terms
@@ -28,13 +29,13 @@ class SeekSettings:
     half-width of the trust box.
     """
 
-    max_iterations: int = 60
-    kkt_tolerance: float = 1e-6
-    decrease_tolerance: float = 0.0
-    damping: float = 1e-2
-    exact_below: float = 0.3
-    max_turn: float = 0.6
-    max_slide: float = 0.5
+    max_iterations: int = setting(60, at_least=1)
+    kkt_tolerance: float = setting(1e-6, above=0, tiny=True)
+    decrease_tolerance: float = setting(0.0, at_least=0, tiny=True)
+    damping: float = setting(1e-2, above=0)
+    exact_below: float = setting(0.3, at_least=0)
+    max_turn: float = setting(0.6, above=0)
+    max_slide: float = setting(0.5, above=0)
 
 
 class Solution(NamedTuple):

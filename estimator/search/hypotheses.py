@@ -33,7 +33,7 @@ class ProposalSettings(NamedTuple):
     forgetting: float
     transition: bool
     momentum: float
-    flip_penalty: float
+    jump_penalty: float
     limb_penalty: float
 
 
@@ -98,7 +98,7 @@ class Proposals:
         if self._camera is None or not (flips.limbs or flips.parts):
             return []
         propose = partial(flips.draw, self._rng, camera=self._camera)
-        return self._jumps(count, self._settings.flip_penalty, origin.JUMP, propose)
+        return self._jumps(count, self._settings.jump_penalty, origin.JUMP, propose)
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
         """One limb elsewhere, the best of so many looks at the pictures."""
