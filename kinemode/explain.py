@@ -117,7 +117,7 @@ def _first_pose(run: Run) -> str:
 def run_settings(run: Run) -> Settings:
     """The settings that a run was made with."""
     name = run.header.tracker
-    return settings_for(name, changes=stored_changes(name, run.header.settings), source=run.file)
+    return settings_for(name, changes=stored_changes(name, run.header.settings, run.file), source=run.file)
 
 
 def cue_reader(run: Run, settings: Settings) -> CueReader:

@@ -22,7 +22,7 @@ from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import api
-from kinemode.explain import explain
+from kinemode.explain import explain, run_settings
 from kinemode.render import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 from viz import palette
@@ -234,6 +234,22 @@ def test_frames_without_an_observation_of_their_own(clip: RenderedClip, tmp_path
     with pytest.raises(InputError, match=r"those of frame 1.*--frame 1"):
         explain(run, 2)
     assert explain(run, 3, 0).total == pytest.approx(run.mode_energy[3, 0], abs=1e-9)  # its parents were carried over
+
+
+def test_a_run_made_before_is_explained_with_its_own_settings(runs: dict[str, Run], tmp_path: Path) -> None:
+    """Headers once had the tables of all trackers, and some settings had other names."""
+    path = tmp_path / "old.run"
+    shutil.copy(runs["keypoints"].file, path)
+    connection = sqlite3.connect(path, isolation_level=None)
+    header = json.loads(connection.execute("SELECT json FROM header").fetchone()[0])
+    css = header["settings"]["css"]
+    css["flips"], css["flip_penalty"] = css.pop("jumps"), css.pop("jump_penalty")
+    header["settings"]["annealed"] = settings_for("annealed").to_dict()["annealed"]
+    connection.execute("UPDATE header SET json = ?", (json.dumps(header),))
+    connection.close()
+    old = Run.open(path)
+    assert run_settings(old) == run_settings(runs["keypoints"])
+    assert explain(old, 2, 0).parts == explain(runs["keypoints"], 2, 0).parts
 
 
 def write_late(clip: RenderedClip, path: Path) -> Path:

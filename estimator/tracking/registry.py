@@ -91,15 +91,15 @@ def changes_for(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     return {table: values for table, values in changes.items() if table not in others}
 
 
-def stored_settings(name: str, stored: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings in a run file as they would be stored now: files once had those of all trackers, and settings other
-    names."""
-    return renamed(_defaults(TRACKERS[name]), changes_for(name, stored))
+def stored_settings(name: str, stored: Mapping[str, Any], source: str | Path | None = None) -> dict[str, Any]:
+    """The settings in the run file `source` as they would be stored now: files once had those of all trackers, and
+    settings other names."""
+    return renamed(_defaults(TRACKERS[name]), changes_for(name, stored), source)
 
 
-def stored_changes(name: str, stored: Mapping[str, Any]) -> dict[str, Any]:
+def stored_changes(name: str, stored: Mapping[str, Any], source: str | Path | None = None) -> dict[str, Any]:
     """The same without what is no setting, as changes."""
-    return {table: values for table, values in stored_settings(name, stored).items() if table not in _BESIDE}
+    return {table: values for table, values in stored_settings(name, stored, source).items() if table not in _BESIDE}
 
 
 def current_changes(
