@@ -24,7 +24,7 @@ from kinemode.interruption import kept_if_interrupted
 from kinemode.named import Named, PathLike
 from kinemode.progress import Reporter, unreported
 from kinemode.render_files import made_folder
-from kinemode.settings import choose_for_all, loaded_changes
+from kinemode.settings import choose_for_all, former_names_in, loaded_changes
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,8 @@ def compare(
     order = sorted(names, key=lambda n: not files[n].exists())  # runs that are there say who the person is
     # whatever is wrong with the settings is said before the first is tracked
     chosen = choose_for_all(order, settings, modes, how.pop("workers", 1), fits)
+    for sentence in former_names_in(names, settings):
+        warnings.warn(sentence, api.InputWarning, stacklevel=2)
     compared_by = common_settings(*loaded_changes(settings))
     truth = None if reference is None else Reference.load(reference)
     folder = made_folder(Path(out))

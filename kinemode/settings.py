@@ -121,16 +121,12 @@ def choose_for_all(
     used = {name: modes if name in several else None for name in trackers}
     if modes is not None and not several:
         settings_for(trackers[0], modes=modes)
-    unused = set[str].intersection(*(other_tables(name) for name in trackers))
-    own_tables = {
-        name: {k: v for k, v in changes.items() if k in unused} | changes_for(name, changes) for name in trackers
+    strange = set[str].intersection(*(other_tables(name) for name in trackers))  # refused by whoever is first
+    given_to = {
+        name: {k: v for k, v in changes.items() if k in strange} | changes_for(name, changes) for name in trackers
     }
-    chosen = {name: _choose(name, own_tables[name], source, used[name]) for name in trackers}
-    idle = {name: c.idle(fits and name == trackers[0]) for name, c in chosen.items()}
-    acting = {n for name, c in chosen.items() for n in changed_names(name, c.settings) if n not in _names(idle[name])}
-    for i in (i for found in idle.values() for i in found):
-        if i.name not in acting:
-            raise i.refused(source)
+    chosen = {name: _choose(name, given_to[name], source, used[name]) for name in trackers}
+    _check_each_acts(list(chosen.values()), fits)
     if workers > 1 and not any(shares_work(name, c.settings) for name, c in chosen.items()):
         check_workers(chosen[trackers[0]], workers)
     own = {name: c.used(fits and name == trackers[0]) for name, c in chosen.items()}
@@ -138,8 +134,24 @@ def choose_for_all(
     return {name: (own[name], used[name], hands[name]) for name in trackers}
 
 
-def _names(idle: Sequence[Idle]) -> set[str]:
-    return {i.name for i in idle}
+def former_names_in(trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None) -> list[str]:
+    """What is to be said of settings that are called by a former name, for several trackers."""
+    changes, source = loaded_changes(given)
+    told = [sentence for name in trackers for sentence in current_changes(name, changes_for(name, changes), source)[1]]
+    return list(dict.fromkeys(told))
+
+
+def _check_each_acts(chosen: Sequence[Chosen], fits: bool) -> None:
+    """Raise InputError where a change has no effect on any of several trackers, the first of which may fit."""
+    idle: list[Idle] = []
+    acting: set[str] = set()
+    for c in chosen:
+        own = c.idle(fits and c is chosen[0])
+        acting |= set(changed_names(c.tracker, c.settings)) - {i.name for i in own}
+        idle += own
+    for i in idle:
+        if i.name not in acting:
+            raise i.refused(chosen[0].source)
 
 
 def check_workers(chosen: Chosen, workers: int) -> None:

@@ -19,6 +19,7 @@ from kinemode.settings import (
     choose,
     choose_for_all,
     describe_settings,
+    former_names_in,
     read_settings,
     write_settings,
 )
@@ -162,6 +163,8 @@ def test_a_setting_may_be_called_by_its_former_name() -> None:
         "the setting css.flips is called css.jumps now",
         "the setting css.flip_penalty is called css.jump_penalty now",
     ]
+    told = former_names_in(("css", "css-paper", "annealed"), {"css": {"flips": 3}, "annealed": {"layers": 3}})
+    assert told == ["the setting css.flips is called css.jumps now"]
     with pytest.raises(InputError, match=r"settings\.css\.flips: is called jumps now, and both are given"):
         choose("css", {"css": {"flips": 3, "jumps": 3}})
 
