@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.common import tell
 from benchmarks.scores import Outcome, outcome
 from benchmarks.sequences import Task, rendered, track_clip
-from estimator.tracking.registry import GROUPS, settings_for
+from estimator.tracking.registry import TRACKERS, changes_for, settings_for
 from kinemode.rendering.files import RenderedClip
 from kinemode.settings import choose
 
@@ -80,16 +80,18 @@ def race(r: Race) -> Attempt:
 
 def own_size(tracker: str, changes: Mapping[str, Any]) -> int | None:
     """A tracker's size by its own settings with these changes, None where it has none."""
-    if GROUPS[tracker] not in SIZES:
+    group = TRACKERS[tracker].group
+    if group not in SIZES:
         return None
-    return int(attrgetter(SIZES[GROUPS[tracker]])(settings_for(tracker, changes=changes)))
+    own = settings_for(tracker, changes=changes_for(tracker, changes)).own
+    return int(attrgetter(SIZES[group].removeprefix(f"{group}."))(own))
 
 
 def resized(tracker: str, changes: Mapping[str, Any], size: int | None) -> dict[str, Any]:
     """The changes to the settings that also give a tracker its size."""
     changed = deepcopy(dict(changes))
     if size is not None:
-        *groups, name = SIZES[GROUPS[tracker]].split(".")
+        *groups, name = SIZES[TRACKERS[tracker].group].split(".")
         place = changed
         for group in groups:
             place = place.setdefault(group, {})
@@ -127,6 +129,7 @@ def _attempt(task: Task, clip: RenderedClip, tracker: str, size: int | None, bud
 def _how(task: Task, tracker: str, size: int | None) -> dict[str, Any]:
     """Arguments of `timed_track` beside the task's: the settings that have an effect; modes are asked for of CSS alone,
     the others keep their own."""
-    modes = task.how["modes"] if GROUPS[tracker] == GROUPS[CSS] else None
-    settings = choose(tracker, resized(tracker, task.how["settings"], size)).used(fits=False)
+    modes = task.how["modes"] if TRACKERS[tracker].group == TRACKERS[CSS].group else None
+    changes = resized(tracker, changes_for(tracker, task.how["settings"]), size)
+    settings = choose(tracker, changes).used(fits=False)
     return {"tracker": tracker, "settings": settings, "modes": modes}

@@ -14,7 +14,7 @@ from benchmarks.common import Changes, Several, in_processes, nested, save, star
 from benchmarks.failure_runs import CSS, Attempt, Race, css_run, race
 from benchmarks.scores import FAR_MM, FAR_PX
 from benchmarks.sequences import FPS, Motion, Task
-from estimator.tracking.registry import GROUPS, TRACKERS
+from estimator.tracking.registry import TRACKERS
 from humanoid.support.errors import InputError
 from kinemode.pictures import CUES, cue_choice
 from kinemode.terminal import report
@@ -155,7 +155,7 @@ def _cells(a: Attempt, fps: float) -> list[str]:
 def verdict(attempts: Sequence[Attempt]) -> str:
     """Whether CSS, the first, is nearer to the truth than every baseline, and who kept the person to the end."""
     css, *rivals = attempts
-    baselines = [a for a in rivals if GROUPS[a.tracker] != GROUPS[CSS]]
+    baselines = [a for a in rivals if TRACKERS[a.tracker].group != TRACKERS[CSS].group]
     said = []
     for name, trajectory in (("final", "smoothed"), ("filtered", "filtered")):
         limit = css.outcome.errors[trajectory].mean

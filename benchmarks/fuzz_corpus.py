@@ -28,8 +28,8 @@ from kinemode.terminal.progress import Progress
 Files = Mapping[str, bytes]
 SIZE = (64, 48)
 FRAMES = 3
-QUICK: dict[str, Any] = {"css": {"samples": 1, "flips": 0, "modes": 2, "budget": {"searches": 4}}}
-"""Settings that make a km.track short."""
+QUICK: dict[str, Any] = {"css": {"samples": 1, "jumps": 0, "modes": 2, "budget": {"searches": 4}}}
+"""Settings that make a track short."""
 
 
 def corpus(subjects: Sequence[str] = ("arm8", "upper13")) -> dict[str, list[Files]]:

@@ -24,7 +24,7 @@ from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost
 from estimator.trackers.base import Tracker
-from estimator.tracking.registry import GROUPS, make_tracker, settings_for
+from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
@@ -86,7 +86,7 @@ def main(
     """
     nest = nested(changes)
     settings = settings_for(tracker, modes=modes, changes=nest)
-    kept = getattr(getattr(settings, GROUPS[tracker]), "modes", 1)
+    kept = getattr(settings.own, "modes", 1)
     with tempfile.TemporaryDirectory() as folder:
         job = make_job(data, camera, Path(folder), seed)
         make = lambda: make_tracker(tracker, Body(job.subject), settings)  # noqa: E731

@@ -23,8 +23,9 @@ from estimator.sequences.source import Cues
 from estimator.smoothing import smooth_track
 from estimator.trackers.base import MIN_KEYPOINTS, TrackState, startable
 from estimator.tracking.leaps import leap_note, leaps
-from estimator.tracking.registry import Settings, make_tracker
+from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run_into
+from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +21,9 @@ from estimator.prediction.prediction import Prediction
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.registry import Settings, make_tracker, settings_for
+from estimator.trackers.spec import mode_search
+from estimator.tracking.registry import settings_for, stored_changes
+from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.support.errors import InputError
 from kinemode import __version__
@@ -75,7 +76,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     """
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
-    search = make_tracker(run.header.tracker, run.body, settings).search
+    search = mode_search(run.body, settings)
     observation = run.observation(frame)
     if run.header.cues:
         with closing(cue_reader(run, settings)) as reader:
@@ -115,8 +116,8 @@ def _first_pose(run: Run) -> str:
 
 def run_settings(run: Run) -> Settings:
     """The settings that a run was made with."""
-    changes: dict[str, Any] = {k: v for k, v in run.header.settings.items() if k not in ("fit", "person")}
-    return settings_for(run.header.tracker, changes=changes, source=run.file)
+    name = run.header.tracker
+    return settings_for(name, changes=stored_changes(name, run.header.settings, run.file), source=run.file)
 
 
 def cue_reader(run: Run, settings: Settings) -> CueReader:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from estimator.results.diagnosis import diagnose
 from estimator.results.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
+from estimator.tracking.registry import TRACKERS
 from kinemode.explain import run_settings
 
 _FIRST = 5  # frames that are named
@@ -15,7 +16,9 @@ _FIRST = 5  # frames that are named
 
 def findings(run: Run, frame: int | None = None) -> tuple[str, ...]:
     """What contradicts subject or input, and what to do, a sentence each; of one frame, or of the run."""
-    return diagnose(run, run_settings(run).cost, frame).sentences
+    settings = run_settings(run)
+    limited = TRACKERS[run.header.tracker].keeps_limits(settings.own)
+    return diagnose(run, settings.cost, frame, limited=limited).sentences
 
 
 def status_counts(statuses: Iterable[str]) -> str:

@@ -9,8 +9,24 @@ from typing import Any, cast
 
 from estimator.formats.settings_file import load_settings, settings_text
 from estimator.imaging.cues import CueSettings
-from estimator.tracking.idle_settings import Idle, fit_settings, idle_settings, idle_with_input, without
-from estimator.tracking.registry import GROUPS, TRACKERS, Settings, keeps_several, settings_for, shares_work
+from estimator.tracking.idle_settings import (
+    Idle,
+    changed_names,
+    fit_settings,
+    idle_settings,
+    idle_with_input,
+    without,
+)
+from estimator.tracking.registry import (
+    DEFAULT,
+    TRACKERS,
+    changes_for,
+    current_changes,
+    other_tables,
+    settings_for,
+    shares_work,
+)
+from estimator.tracking.settings import Settings
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
@@ -20,12 +36,14 @@ PathLike = str | Path
 @dataclass(frozen=True)
 class Chosen:
     """A tracker with its settings. changes: what was changed of its own, as nested mappings; source: the file that they
-    are from, None where a program gave them."""
+    are from, None where a program gave them. former: what is to be said of settings that were called by a former
+    name."""
 
     tracker: str
     settings: Settings
     changes: Mapping[str, Any]
     source: PathLike | None = None
+    former: tuple[str, ...] = ()
 
     @property
     def for_fit(self) -> Settings:
@@ -46,14 +64,15 @@ class Chosen:
         return without(self.changes, [idle.name for idle in self.idle(fits)])
 
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
-        """What has no effect on this input. cues: those that are looked at, None for none."""
+        """What has no effect on this input, and former names. cues: those that are looked at, None for none."""
         settings = self.settings if cues is None else replace(self.settings, cues=cues)
         found = idle_with_input(
             self.tracker, settings, self.changes, fits=fits, pictures=cues is not None, cameras=cameras
         )
         why = dict.fromkeys(i.because for i in found)
         return [
-            f"settings without effect here: {', '.join(i.name for i in found if i.because == b)} ({b})" for b in why
+            *self.former,
+            *(f"settings without effect here: {', '.join(i.name for i in found if i.because == b)} ({b})" for b in why),
         ]
 
 
@@ -64,9 +83,20 @@ def choose(tracker: str, given: Mapping[str, Any] | PathLike | None, modes: int 
     ------
     InputError: an unknown tracker; a file that cannot be read; an unknown setting or a value that cannot be.
     """
+    return _choose(tracker, *loaded_changes(given), modes)
+
+
+def loaded_changes(given: Mapping[str, Any] | PathLike | None) -> tuple[Mapping[str, Any], PathLike | None]:
+    """Changes to settings, and the file that they are from, None where a program gave them. Raises InputError where the
+    file cannot be read."""
     source = None if given is None or isinstance(given, Mapping) else given
-    changes = load_settings(source) if source is not None else cast(Mapping[str, Any], given or {})
-    return Chosen(tracker, settings_for(tracker, modes=modes, changes=changes, source=source), changes, source)
+    return (load_settings(source) if source is not None else cast(Mapping[str, Any], given or {})), source
+
+
+def _choose(tracker: str, given: Mapping[str, Any], source: PathLike | None, modes: int | None) -> Chosen:
+    changes, former = current_changes(tracker, given, source)
+    settings = settings_for(tracker, modes=modes, changes=changes, source=source)
+    return Chosen(tracker, settings, changes, source, former)
 
 
 def read_settings(tracker: str, given: Mapping[str, Any] | PathLike | None, modes: int | None = None) -> Settings:
@@ -79,27 +109,49 @@ def choose_for_all(
 ) -> dict[str, tuple[dict[str, Any], int | None, int]]:
     """For each of several trackers the changes, the modes and the workers that have an effect on it.
 
-    trackers: in the order of their turns. fits: whether the subject is fitted, which the first does for all.
+    trackers: in the order of their turns. fits: whether the subject is fitted, which the first does for all. given: a
+    tracker takes its own table of it, and the common ones.
 
     Raises
     ------
     InputError: as `choose`; something that has no effect on any of them.
     """
-    several = [name for name in trackers if keeps_several(name)]
+    changes, source = loaded_changes(given)
+    several = [name for name in trackers if TRACKERS[name].keeps_several]
     used = {name: modes if name in several else None for name in trackers}
     if modes is not None and not several:
         settings_for(trackers[0], modes=modes)
-    chosen = {name: choose(name, given, used[name]) for name in trackers}
-    idle = {name: c.idle(fits and name == trackers[0]) for name, c in chosen.items()}
-    in_all = set.intersection(*({i.name for i in found} for found in idle.values()))
-    for i in idle[trackers[0]]:
-        if i.name in in_all:
-            raise i.refused(chosen[trackers[0]].source)
+    strange = set[str].intersection(*(other_tables(name) for name in trackers))  # refused by whoever is first
+    given_to = {
+        name: {k: v for k, v in changes.items() if k in strange} | changes_for(name, changes) for name in trackers
+    }
+    chosen = {name: _choose(name, given_to[name], source, used[name]) for name in trackers}
+    _check_each_acts(list(chosen.values()), fits)
     if workers > 1 and not any(shares_work(name, c.settings) for name, c in chosen.items()):
         check_workers(chosen[trackers[0]], workers)
     own = {name: c.used(fits and name == trackers[0]) for name, c in chosen.items()}
     hands = {name: workers if shares_work(name, c.settings) else 1 for name, c in chosen.items()}
     return {name: (own[name], used[name], hands[name]) for name in trackers}
+
+
+def former_names_in(trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None) -> list[str]:
+    """What is to be said of settings that are called by a former name, for several trackers."""
+    changes, source = loaded_changes(given)
+    told = [sentence for name in trackers for sentence in current_changes(name, changes_for(name, changes), source)[1]]
+    return list(dict.fromkeys(told))
+
+
+def _check_each_acts(chosen: Sequence[Chosen], fits: bool) -> None:
+    """Raise InputError where a change has no effect on any of several trackers, the first of which may fit."""
+    idle: list[Idle] = []
+    acting: set[str] = set()
+    for c in chosen:
+        own = c.idle(fits and c is chosen[0])
+        acting |= set(changed_names(c.tracker, c.settings)) - {i.name for i in own}
+        idle += own
+    for i in idle:
+        if i.name not in acting:
+            raise i.refused(chosen[0].source)
 
 
 def check_workers(chosen: Chosen, workers: int) -> None:
@@ -111,15 +163,13 @@ def check_workers(chosen: Chosen, workers: int) -> None:
         )
 
 
-def describe_settings(tracker: str = "css") -> str:
+def describe_settings(tracker: str = DEFAULT) -> str:
     """All settings of a tracker as the text of a TOML file that `track` takes; raises InputError for an unknown one."""
-    settings = settings_for(tracker)
-    unused = set(GROUPS.values()) - {GROUPS[tracker]}
     title = f"Settings of the tracker {tracker}, for: kinemode track --tracker {tracker} --settings FILE"
-    return settings_text(settings, title, leave_out=unused)
+    return settings_text(settings_for(tracker), title)
 
 
-def write_settings(path: PathLike, tracker: str = "css") -> Path:
+def write_settings(path: PathLike, tracker: str = DEFAULT) -> Path:
     """Write `describe_settings` to a file that is not there yet, and return its path.
 
     Raises

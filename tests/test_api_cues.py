@@ -142,7 +142,7 @@ def test_settings_reach_the_fit_whatever_the_tracker(
     track(clip, out=tmp_path / "a.run", fit="auto", tracker="annealed", cues="off", settings=settings)
     (found,) = given
     assert (found.cost.keypoint_noise, found.cost.transition_nu) == (0.05, 9.0)
-    assert found.css == CssSettings()
+    assert found.own == CssSettings()
     with pytest.raises(InputError, match=r"transition_nu: has no effect: particles"):  # nothing is fitted
         track(clip, out=tmp_path / "b.run", fit="off", tracker="annealed", cues="off", settings=settings)
 

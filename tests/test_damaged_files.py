@@ -120,7 +120,7 @@ def test_motion_capture_that_cannot_be(name: str, tmp_path: Path) -> None:
 SETTINGS = {
     "huge": ("[cost]\nnu = 1e308", "\\[cost\\] nu: 1e\\+308 cannot work .*at most 1e\\+09"),
     "tiny": ("[cost]\nnu = 1e-308", "1e-308 cannot work"),
-    "tiny that may be zero": ("[css]\nflip_penalty = 1e-308", "1e-308 cannot work .*0 or more"),
+    "tiny that may be zero": ("[css]\njump_penalty = 1e-308", "1e-308 cannot work .*0 or more"),
     "infinite": ("[cost]\nnu = inf", "inf cannot work"),
     "many": ("[css]\nsamples = 1000000000", "1000000000 cannot work .*at most 100000"),
     "thousands of digits": ("[css]\nsamples = " + 5000 * "9", "is not TOML"),

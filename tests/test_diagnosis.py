@@ -76,8 +76,9 @@ def good(body: Body) -> Made:
     return Made(q, np.array(places))
 
 
-def told(made: Made, path: Path, frame: int | None = None, **how: Any) -> Diagnosis:
-    return diagnose(made.written(path / "a.run", body_of("human34"), **how), CostSettings(), frame)
+def told(made: Made, path: Path, frame: int | None = None, *, limited: bool = True, **how: Any) -> Diagnosis:
+    run = made.written(path / "a.run", body_of("human34"), **how)
+    return diagnose(run, CostSettings(), frame, limited=limited)
 
 
 def test_a_good_run_is_silent(tmp_path: Path) -> None:
@@ -102,7 +103,7 @@ def test_joints_on_a_limit_in_most_frames_are_named(tmp_path: Path) -> None:
     assert "left_knee_flexion (upper limit 2.62, 58%)" in told(made, tmp_path).sentences[0]
     assert {r.joint for r in told(made, tmp_path, frame=3).resting} == {"left_knee_flexion", "right_elbow_flexion"}
     assert told(made, tmp_path, frame=8).resting == ()
-    assert told(made, tmp_path, tracker="gaussian-single-mode").resting == ()  # it has no limits
+    assert told(made, tmp_path, limited=False).resting == ()
     assert told(Made(q[:4], made.pixels[:4]), tmp_path).resting == ()  # too few frames to tell
 
 

@@ -23,7 +23,7 @@ from estimator.results.run_file import Run
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.explain import explain
+from kinemode.explain import explain, run_settings
 from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 from viz import palette
@@ -79,7 +79,7 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     result, before, origins = run.result(t), run.result(t - 1), run.result(t).origins
     assert origins is not None
     parent = int(result.parent[0])
-    predicted = run.body.integrate(before.q[parent], settings.css.momentum * dt * run.mode_velocity[t - 1, parent])
+    predicted = run.body.integrate(before.q[parent], settings.own.momentum * dt * run.mode_velocity[t - 1, parent])
     np.testing.assert_array_equal(origins.q_previous[0], before.q[parent])
     np.testing.assert_array_equal(origins.q_predicted[0], predicted)
     evidence = search.evidence(observation, before.q[0])
@@ -97,7 +97,7 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
 
 
 JUMPING = {
-    "css": {"modes": 5, "samples": 2, "flips": 12, "limb_samples": 12, "flip_penalty": 1.0, "limb_penalty": 1.0},
+    "css": {"modes": 5, "samples": 2, "jumps": 12, "limb_samples": 12, "jump_penalty": 1.0, "limb_penalty": 1.0},
     "cost": {"exchange_penalty": 0.2},
     "cues": {"working_size": 160},
     "smooth": {"enabled": False},
@@ -234,6 +234,22 @@ def test_frames_without_an_observation_of_their_own(clip: RenderedClip, tmp_path
     with pytest.raises(InputError, match=r"those of frame 1.*--frame 1"):
         explain(run, 2)
     assert explain(run, 3, 0).total == pytest.approx(run.mode_energy[3, 0], abs=1e-9)  # its parents were carried over
+
+
+def test_a_run_made_before_is_explained_with_its_own_settings(runs: dict[str, Run], tmp_path: Path) -> None:
+    """Headers once had the tables of all trackers, and some settings had other names."""
+    path = tmp_path / "old.run"
+    shutil.copy(runs["keypoints"].file, path)
+    connection = sqlite3.connect(path, isolation_level=None)
+    header = json.loads(connection.execute("SELECT json FROM header").fetchone()[0])
+    css = header["settings"]["css"]
+    css["flips"], css["flip_penalty"] = css.pop("jumps"), css.pop("jump_penalty")
+    header["settings"]["annealed"] = settings_for("annealed").to_dict()["annealed"]
+    connection.execute("UPDATE header SET json = ?", (json.dumps(header),))
+    connection.close()
+    old = Run.open(path)
+    assert run_settings(old) == run_settings(runs["keypoints"])
+    assert explain(old, 2, 0).parts == explain(runs["keypoints"], 2, 0).parts
 
 
 def write_late(clip: RenderedClip, path: Path) -> Path:

@@ -12,7 +12,7 @@ from benchmarks.failure_runs import CSS, Attempt, Race, css_run, own_size, race,
 from benchmarks.failures import PAPER, verdict
 from benchmarks.scores import TRAJECTORIES, Outcome, TrackErrors
 from benchmarks.sequences import FPS, Task
-from estimator.tracking.registry import GROUPS, TRACKERS
+from estimator.tracking.registry import TRACKERS
 
 
 def attempt(tracker: str, mean: float, lost: int | None = None) -> Attempt:
@@ -35,7 +35,7 @@ def test_time_grows_in_a_straight_line() -> None:
 def test_a_tracker_is_given_its_size(tracker: str) -> None:
     changes = {"css": {"modes": 3}}
     own = own_size(tracker, changes)
-    assert (own is None) == (GROUPS[tracker] == "single_mode")
+    assert (own is None) == (TRACKERS[tracker].group == "single_mode")
     if own is not None:
         assert own_size(tracker, resized(tracker, changes, own + 1)) == own + 1
     assert changes == {"css": {"modes": 3}}
@@ -55,7 +55,7 @@ def test_the_verdict() -> None:
 
 
 def test_a_short_race(tmp_path: Path) -> None:
-    how = {"cues": "off", "seed": 0, "modes": 2, "settings": {"css": {"samples": 2, "flips": 0}}}
+    how = {"cues": "off", "seed": 0, "modes": 2, "settings": {"css": {"samples": 2, "jumps": 0}}}
     task = Task("arm", 1, 0.24, False, tmp_path, how, detected=True)
     clip, css = css_run(task)
     assert css.times == 1.0

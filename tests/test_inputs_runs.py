@@ -101,7 +101,7 @@ def test_the_command_line_takes_them_all(
     clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name, settings = name_of(clip), tmp_path / "s.toml"
-    settings.write_text("[css]\nsamples = 2\nflips = 0\nmodes = 2\n")
+    settings.write_text("[css]\nsamples = 2\njumps = 0\nmodes = 2\n")
     content = json.loads(clip.keypoints[name].read_text())
     del content["fps"], content["image_size"]
     keypoints = tmp_path / "k.json"

@@ -15,7 +15,7 @@ from estimator.synthesis.crowd import placed
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import TrackState
 from estimator.tracking.leaps import FASTEST, LeapCheck, leap_note, leaps
-from estimator.tracking.registry import GROUPS, make_tracker, settings_for
+from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.runner import run
 
 CAMERA = camera_at(30.0, distance=4.5, focal=600.0, height=1.2, aim=(0.0, 0.0, 0.95))
@@ -42,7 +42,8 @@ def clip(step: float, gap: int = 0) -> tuple[Observation, ...]:
 @pytest.mark.parametrize("name", ["css", "robust-single-mode", "condensation"])
 def test_a_leap_is_hard_and_told(name: str) -> None:
     body = body_of("human34")
-    tracker = make_tracker(name, body, settings_for(name, changes={GROUPS[name]: FEW[GROUPS[name]]}))
+    group = TRACKERS[name].group
+    tracker = make_tracker(name, body, settings_for(name, changes={group: FEW[group]}))
     results = [r for r, _ in run(tracker, clip(1.4), 3)]
     moved = np.linalg.norm(np.diff([r.q[0, :3] for r in results], axis=0), axis=1)
     assert results[LEAP].status == "hard"

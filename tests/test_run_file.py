@@ -20,6 +20,7 @@ from estimator.imaging.observation import Observation
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack
+from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -189,6 +190,22 @@ def test_resume_refuses_another_run(tmp_path: Path, body: Body) -> None:
     second.close()
     with RunWriter.create(file, header(5), overwrite=True):
         assert Run.open(file).frame_count == 0
+
+
+def test_settings_of_runs_made_before_are_the_same_settings() -> None:
+    """Headers once had the tables of all trackers, and some settings had other names."""
+    now = {**settings_for("css").to_dict(), "fit": "auto", "person": "auto"}
+    css = {k: v for k, v in now["css"].items() if not k.startswith("jump")}
+    css |= {"flips": now["css"]["jumps"], "flip_penalty": now["css"]["jump_penalty"]}
+    of_others = {name: settings_for(name).to_dict()[name] for name in ("condensation", "annealed")}
+    old = now | {"css": css} | of_others
+    assert header(5, settings=old).differences(header(5, settings=now)) == ()
+    assert header(5, settings=old | {"fit": "off"}).differences(header(5, settings=now)) != ()
+    more = now | {"css": now["css"] | {"jumps": now["css"]["jumps"] + 1}}
+    (told,) = header(5, settings=old).differences(header(5, settings=more))
+    assert told.startswith("setting 'css'")
+    unknown = header(5, settings=old, tracker="of a plugin")
+    assert any("condensation" in d for d in unknown.differences(header(5, settings=now, tracker="of a plugin")))
 
 
 def test_foreign_and_damaged_files(tmp_path: Path, body: Body) -> None:

@@ -9,15 +9,17 @@ from pathlib import Path
 import pytest
 
 from estimator.formats.settings_file import load_settings, settings_text
-from estimator.tracking.idle_rules import OF_ONE_CAMERA, OF_PICTURES, RULES
-from estimator.tracking.registry import GROUPS, TRACKERS, settings_for
-from estimator.tracking.setting_changes import every_setting
+from estimator.tracking.idle_rules import RULES
+from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
+from humanoid.support.idle import ONE_CAMERA, PICTURES
+from humanoid.support.settings import declared, every_setting, is_group, members, setting
 from kinemode.settings import (
     check_workers,
     choose,
     choose_for_all,
     describe_settings,
+    former_names_in,
     read_settings,
     write_settings,
 )
@@ -37,20 +39,19 @@ class Inner:
     """
 
     word: str = 'a "b" \\ é'
-    size: int = 3
+    size: int = setting(3, at_least=1, at_most=9)
     flag: bool = True
 
 
 @dataclass(frozen=True)
 class Outer:
-    """All. inner: a group. other: never written."""
+    """All. inner: a group."""
 
     inner: Inner = field(default_factory=Inner)
-    other: Inner = field(default_factory=Inner)
 
 
 def test_comments_are_the_docstrings() -> None:
-    assert settings_text(Outer(), "title", leave_out=("other",)).splitlines() == [
+    assert settings_text(Outer(), "title").splitlines() == [
         "# title",
         "# A line that is left out keeps the tracker's own value.",
         "",
@@ -60,7 +61,7 @@ def test_comments_are_the_docstrings() -> None:
         "# flag, word: both",
         'word = "a \\"b\\" \\\\ é"',
         "# size [px]: first. It goes on: so",
-        "size = 3",
+        "size = 3  # 1 or more, at most 9",
         "flag = true",
     ]
 
@@ -87,15 +88,15 @@ def test_every_setting_is_written_and_nearly_all_are_explained() -> None:
 def test_the_option_goes_before_the_file_and_the_file_before_the_default(tmp_path: Path) -> None:
     path = tmp_path / "few.toml"
     path.write_text("[css]\nmodes = 3\n")
-    assert read_settings("css", path).css.modes == 3
-    assert read_settings("css", path, modes=5).css.modes == 5
-    assert read_settings("css", None).css.modes == 7
+    assert read_settings("css", path).own.modes == 3
+    assert read_settings("css", path, modes=5).own.modes == 5
+    assert read_settings("css", None).own.modes == 7
 
 
 IDLE = {
-    ("css", "[css]\ntransition = false\nflip_penalty = 2.0\n"): ("[css] flip_penalty", "css.transition is off"),
+    ("css", "[css]\ntransition = false\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.transition is off"),
     ("css", "[css]\nshape = 'weakest'\ntail = 4.0\n"): ("[css] tail", "css.shape is weakest"),
-    ("css", "[css]\nflips = 0\nflip_penalty = 2.0\n"): ("[css] flip_penalty", "css.flips is 0"),
+    ("css", "[css]\njumps = 0\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.jumps is 0"),
     ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css goes by [css]"),
     ("css", "[smooth]\nlag = 3\n"): ("[smooth] lag", "live use"),
     ("css", "[cost]\npose_prior_file = 'a.json'\n"): ("[cost] pose_prior_file", "cost.pose_prior_weight is 0"),
@@ -130,15 +131,42 @@ def test_a_settings_file_as_it_is_written_is_taken(tracker: str, tmp_path: Path)
     choose(tracker, write_settings(tmp_path / "all.toml", tracker)).check(fits=False)
 
 
-def test_rules_name_settings_that_there_are() -> None:
-    names = {f"{table}.{name}" for table, name, _ in every_setting(settings_for("css"))}
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_rules_name_settings_that_there_are(tracker: str) -> None:
+    names = {f"{table}.{name}" for table, name, _ in every_setting(settings_for(tracker))}
     groups = {name.rpartition(".")[0] for name in names}
-    for rule in RULES:
+    for rule in (*RULES, *TRACKERS[tracker].idle):
         assert set(rule.names) <= names | groups
         assert {name for name, _ in rule.where} <= names
-        assert rule.group in ("", *GROUPS.values())
-    for name in (*OF_PICTURES, *OF_ONE_CAMERA):
-        assert name in names | groups
+        assert rule.needs in ("", PICTURES, ONE_CAMERA)
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_every_number_declares_what_can_work_and_has_a_default_that_can(tracker: str) -> None:
+    def look(group: object) -> None:
+        valid = declared(group)
+        for name, value in members(group).items():
+            if is_group(value):
+                look(value)
+            elif isinstance(value, (int, float)) and not isinstance(value, bool):
+                assert valid[name].said
+                assert not valid[name].wanted(value, type(value))
+
+    look(settings_for(tracker))
+
+
+def test_a_setting_may_be_called_by_its_former_name() -> None:
+    chosen = choose("css", {"css": {"flips": 3, "flip_penalty": 2.0}})
+    assert chosen.settings == settings_for("css", changes={"css": {"jumps": 3, "jump_penalty": 2.0}})
+    assert chosen.changes == {"css": {"jumps": 3, "jump_penalty": 2.0}}
+    assert chosen.notes(cues=chosen.settings.cues, cameras=1, fits=False) == [
+        "the setting css.flips is called css.jumps now",
+        "the setting css.flip_penalty is called css.jump_penalty now",
+    ]
+    told = former_names_in(("css", "css-paper", "annealed"), {"css": {"flips": 3}, "annealed": {"layers": 3}})
+    assert told == ["the setting css.flips is called css.jumps now"]
+    with pytest.raises(InputError, match=r"settings\.css\.flips: is called jumps now, and both are given"):
+        choose("css", {"css": {"flips": 3, "jumps": 3}})
 
 
 def test_what_acts_on_the_fit_alone_is_no_setting_without_effect() -> None:
@@ -150,8 +178,8 @@ def test_what_acts_on_the_fit_alone_is_no_setting_without_effect() -> None:
     gaussian = choose("gaussian-single-mode", {"search": {"spare": 5}})
     assert gaussian.for_fit.search.spare == 5
     assert gaussian.for_fit.cost == settings_for("css").cost  # the tracker's own potential is not the fit's
-    assert choose("css-paper", {"css": {"samples": 9}}).for_fit.css == settings_for("css").css
-    assert choose("css", {"css": {"samples": 9}}).for_fit.css.samples == 9
+    assert choose("css-paper", {"css": {"samples": 9}}).for_fit.own == settings_for("css").own
+    assert choose("css", {"css": {"samples": 9}}).for_fit.own.samples == 9
 
 
 def test_several_hypotheses_of_a_single_mode_are_refused() -> None:
@@ -172,13 +200,14 @@ def test_processes_are_refused_where_they_share_nothing() -> None:
 def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
     changes = {"css": {"samples": 3}, "single_mode": {"limits": False}, "cost": {"nu": 5.0}}
     found = choose_for_all(("single-mode", "css", "condensation"), changes, 4, 2, fits=False)
-    assert found["single-mode"] == ({"css": {}, "single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None, 1)
-    assert found["css"] == ({"css": {"samples": 3}, "single_mode": {}, "cost": {"nu": 5.0}}, 4, 2)
+    assert found["single-mode"] == ({"single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None, 1)
+    assert found["css"] == ({"css": {"samples": 3}, "cost": {"nu": 5.0}}, 4, 2)
     assert found["condensation"][1:] == (4, 1)
     for name, (own, modes, _) in found.items():
         choose(name, own, modes).check(fits=False)
     for trackers, wrong in (
         (("single-mode", "condensation"), {"given": {"css": {"samples": 3}}}),
+        (("single-mode", "css"), {"given": {"css": {"shape": "weakest", "tail": 4.0}}}),
         (("single-mode", "robust-single-mode"), {"modes": 3}),
         (("single-mode", "condensation"), {"workers": 2}),
     ):
@@ -188,10 +217,10 @@ def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
 
 
 def test_what_has_no_effect_on_this_input_is_noted() -> None:
-    chosen = choose("css", {"css": {"flips": 3}, "cost": {"image": {"flow_nu": 3.0, "edge_nu": 3.0}}})
+    chosen = choose("css", {"css": {"jumps": 3}, "cost": {"image": {"flow_nu": 3.0, "edge_nu": 3.0}}})
     assert chosen.notes(cues=chosen.settings.cues, cameras=1, fits=False) == []
     (several,) = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
-    assert several == "settings without effect here: css.flips (it is for one camera, there are 4)"
+    assert several == "settings without effect here: css.jumps (it is for one camera, there are 4)"
     (blind,) = chosen.notes(cues=None, cameras=1, fits=False)
     assert blind.endswith("cost.image.edge_nu, cost.image.flow_nu (no pictures are looked at)")
     (edges,) = chosen.notes(cues=replace(chosen.settings.cues, use_flow=False), cameras=1, fits=False)
@@ -210,11 +239,11 @@ BAD = {
     "[cost]\nnu = 'wide'\n": ("[cost] nu: 'wide' is no number",),
     "[cost]\nnu = nan\n": ("[cost] nu: nan cannot work", "more than 0"),
     f"[cost]\nnu = 1{'0' * 400}\n": ("[cost] nu", "cannot work"),
-    "[cost]\npotential = 'soft'\n": ("[cost] potential: no potential 'soft'", "lorentzian"),
+    "[cost]\npotential = 'soft'\n": ("[cost] potential: 'soft' cannot work", "one of gaussian, lorentzian"),
     "[cost.image]\nmotion_boundary = 1.5\n": ("[cost.image] motion_boundary: 1.5", "at most 1"),
     "cost = 3\n": ("cost: is a group of settings", "give a table"),
-    "[cues.flow]\nfinest_scale = 7\n": ("[cues.flow]: finest_scale is 7", "0, 1 or 2"),
-    "[cues]\nworking_size = 8\n": ("[cues]: working_size is 8", "at least 64"),
+    "[cues.flow]\nfinest_scale = 7\n": ("[cues.flow] finest_scale: 7 cannot work", "0 or more, at most 2"),
+    "[cues]\nworking_size = 8\n": ("[cues] working_size: 8 cannot work", "64 or more"),
     "[css]\nmodes = = 3\n": ("line 2, column 9", "is not TOML"),
     "[css]\nmodes = 3\nmodes = 4\n": ("line 3", "is not TOML"),
     "[css": ("is not TOML",),

@@ -16,16 +16,9 @@ from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import Tracker, TrackState
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.registry import (
-    GROUPS,
-    TRACKERS,
-    UNCONSTRAINED,
-    Settings,
-    keeps_several,
-    make_tracker,
-    settings_for,
-)
+from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.runner import run, run_into
+from estimator.tracking.settings import Settings
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError
@@ -60,12 +53,13 @@ FEW: dict[str, dict[str, object]] = {
     "multiple_hypothesis": {"starts": 8},
 }
 PARTICLES = ("annealed", "condensation")
+UNCONSTRAINED = ("gaussian-single-mode", "robust-single-mode", "gaussian-multiple-hypothesis")
 
 
 def small(name: str) -> Settings:
     """The tracker's own settings, with few samples."""
-    modes = MODES if keeps_several(name) else None
-    return settings_for(name, modes=modes, changes={GROUPS[name]: FEW[GROUPS[name]]})
+    spec = TRACKERS[name]
+    return settings_for(name, modes=MODES if spec.keeps_several else None, changes={spec.group: FEW[spec.group]})
 
 
 def tracker(name: str) -> Tracker:
@@ -287,20 +281,20 @@ def test_a_single_mode_takes_keypoints_as_detected() -> None:
 def test_settings_by_name() -> None:
     for name in TRACKERS:
         assert settings_for(name, changes=settings_for(name).to_dict()) == settings_for(name)
-        if keeps_several(name):
-            assert getattr(settings_for(name, modes=3), GROUPS[name]).modes == 3
+        if TRACKERS[name].keeps_several:
+            assert settings_for(name, modes=3).own.modes == 3
         else:
             with pytest.raises(InputError, match="keeps a single hypothesis"):
                 settings_for(name, modes=3)
     changed = settings_for(
         "css", modes=3, changes={"cost": {"nu": 2, "potential": "leclerc"}, "search": {"refine": {"max_iterations": 9}}}
     )
-    assert (changed.css.modes, changed.cost.nu, changed.cost.potential) == (3, 2.0, "leclerc")
+    assert (changed.own.modes, changed.cost.nu, changed.cost.potential) == (3, 2.0, "leclerc")
     assert isinstance(changed.cost.nu, float)
     assert changed.search.refine.max_iterations == 9
     assert changed.search.explore == settings_for("css").search.explore
     assert settings_for("css-paper") != settings_for("css")
-    assert settings_for("spherical").css == replace(settings_for("css-paper").css, shape="spherical")
+    assert settings_for("spherical").own == replace(settings_for("css-paper").own, shape="spherical")
 
 
 @pytest.mark.parametrize(

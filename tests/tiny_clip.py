@@ -9,7 +9,7 @@ import kinemode as km
 from estimator.synthesis import DetectorSettings, ViewSettings
 from kinemode.rendering.files import RenderedClip
 
-QUICK: dict[str, Any] = {"css": {"samples": 2, "flips": 0, "modes": 2}, "cues": {"working_size": 160}}
+QUICK: dict[str, Any] = {"css": {"samples": 2, "jumps": 0, "modes": 2}, "cues": {"working_size": 160}}
 """Changes to the settings that make a search short."""
 
 

@@ -14,6 +14,7 @@ from estimator.imaging.observation import Observation
 from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.pose_mixture import SHIPPED, load_mixture
 from estimator.terms.pose_prior import PosePrior
+from estimator.terms.potentials import POTENTIALS
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
@@ -21,6 +22,7 @@ from estimator.terms.upright import Upright, world_up
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread
+from humanoid.support.settings import setting
 
 ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as detected: COCO's limbs
 
@@ -46,22 +48,22 @@ class CostSettings:
     image: of the pictures' cues.
     """
 
-    potential: str = "lorentzian"
-    nu: float = 8.0
-    keypoint_noise: float = 0.03
-    landmark_mismatch: float = 0.7
-    stabiliser_weight: float = 1.0
-    upright_weight: float = 1.0
-    pose_prior_weight: float = 0.0
+    potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
+    nu: float = setting(8.0, above=0)
+    keypoint_noise: float = setting(0.03, above=0)
+    landmark_mismatch: float = setting(0.7, at_least=0)
+    stabiliser_weight: float = setting(1.0, at_least=0)
+    upright_weight: float = setting(1.0, at_least=0)
+    pose_prior_weight: float = setting(0.0, at_least=0, at_most=1)
     pose_prior_file: str = ""
-    interpenetration_weight: float = 1.0
-    clearance_scale: float = 0.005
-    turn_speed: float = 6.0
-    root_turn_speed: float = 3.0
-    root_slide_speed: float = 1.5
-    transition_potential: str = "lorentzian"
-    transition_nu: float = 20.0
-    exchange_penalty: float = 3.0
+    interpenetration_weight: float = setting(1.0, at_least=0)
+    clearance_scale: float = setting(0.005, above=0)
+    turn_speed: float = setting(6.0, above=0)
+    root_turn_speed: float = setting(3.0, above=0)
+    root_slide_speed: float = setting(1.5, above=0)
+    transition_potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
+    transition_nu: float = setting(20.0, above=0)
+    exchange_penalty: float = setting(3.0, at_least=0)
     image: ImageSettings = field(default_factory=ImageSettings)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from humanoid.support.settings import setting
+
 
 @dataclass(frozen=True)
 class ImageSettings:
@@ -29,23 +31,23 @@ class ImageSettings:
     rounds: how often features are assigned anew during a search.
     """
 
-    nodes: int = 1000
-    fineness: int = 6000
-    edge_evidence: float = 20.0
-    edge_noise: float = 0.02
-    edge_window: float = 0.12
-    edge_candidates: int = 4
-    edge_nu: float = 6.0
-    motion_boundary: float = 0.3
-    outline_evidence: float = 40.0
-    outline_noise: float = 0.02
-    outline_nu: float = 8.0
-    beside_keypoints: float = 0.15
-    flow_evidence: float = 60.0
-    flow_noise: float = 0.5
-    flow_share: float = 0.1
-    flow_nu: float = 4.0
-    visibility_evidence: float = 10.0
-    back_facing: float = 0.5
-    occluded: float = 1.2
-    rounds: int = 3
+    nodes: int = setting(1000, at_least=1)
+    fineness: int = setting(6000, at_least=1)
+    edge_evidence: float = setting(20.0, at_least=0)
+    edge_noise: float = setting(0.02, above=0)
+    edge_window: float = setting(0.12, above=0)
+    edge_candidates: int = setting(4, at_least=1)
+    edge_nu: float = setting(6.0, above=0)
+    motion_boundary: float = setting(0.3, at_least=0, at_most=1)
+    outline_evidence: float = setting(40.0, at_least=0)
+    outline_noise: float = setting(0.02, above=0)
+    outline_nu: float = setting(8.0, above=0)
+    beside_keypoints: float = setting(0.15, above=0)
+    flow_evidence: float = setting(60.0, at_least=0)
+    flow_noise: float = setting(0.5, above=0)
+    flow_share: float = setting(0.1, at_least=0)
+    flow_nu: float = setting(4.0, above=0)
+    visibility_evidence: float = setting(10.0, at_least=0)
+    back_facing: float = setting(0.5, above=0)
+    occluded: float = setting(1.2, above=0)
+    rounds: int = setting(3, at_least=1)

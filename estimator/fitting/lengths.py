@@ -19,8 +19,9 @@ from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost
 from estimator.trackers.base import startable
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.registry import Settings, make_tracker
+from estimator.tracking.registry import DEFAULT, make_tracker
 from estimator.tracking.runner import run
+from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
@@ -71,7 +72,7 @@ def _poses(
     subject: Subject, observations: Sequence[Observation], seed: int, settings: Settings | None
 ) -> tuple[list[np.ndarray], list[Observation]]:
     """Pose of every frame along the best path of a track, and the frames in the reading that the path chose."""
-    tracker = make_tracker("css", Body(subject), settings)
+    tracker = make_tracker(DEFAULT, Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, seed)]
     poses, seen = [], []
     for observation, result, k in zip(observations, results, backtrack_results(results), strict=True):

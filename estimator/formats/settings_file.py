@@ -6,7 +6,7 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ import tomli_w
 
 from humanoid.support.errors import InputError
 from humanoid.support.files import read_bytes
+from humanoid.support.settings import declared, is_group, members
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -50,17 +51,16 @@ def _parted(message: str) -> tuple[str, str]:
     return (found[1], found[2]) if found else (message, "")
 
 
-def settings_text(settings: Any, title: str, *, leave_out: Collection[str] = ()) -> str:
-    """Nested dataclasses as TOML, every group and setting with what its docstring says of it.
+def settings_text(settings: Any, title: str) -> str:
+    """Nested groups of settings as TOML, every group and setting with what its docstring says of it, and every setting
+    with the values that it declares to be valid.
 
-    settings: a dataclass whose values are numbers, texts, truth values or such dataclasses. title: the first line.
-    leave_out: groups of the outermost one that are not wanted.
+    settings: a group (`humanoid.support.settings.members`) of groups. title: the first line.
     """
     lines = [*_comment(title), *_comment("A line that is left out keeps the tracker's own value.")]
     about = _described(settings)
-    for f in fields(settings):
-        if f.name not in leave_out:
-            lines += _table(getattr(settings, f.name), f.name, about.get(f.name))
+    for name, group in members(settings).items():
+        lines += _table(group, name, about.get(name))
     return "\n".join(lines) + "\n"
 
 
@@ -79,17 +79,18 @@ def _table(group: Any, table: str, entry: _Entry | None) -> Iterator[str]:
         yield from _comment(f"{entry.heading}: {entry.text}")
     yield from _comment(_summary(group))
     yield f"[{table}]"
-    values = {f.name: getattr(group, f.name) for f in fields(group)}
+    values, valid = members(group), declared(group)
     for name, value in values.items():
-        if is_dataclass(value):
+        if is_group(value):
             continue
         found = about.get(name)
         if found is not None and found not in told:
             told.add(found)
             yield from _comment(f"{found.heading}: {found.text}")
-        yield tomli_w.dumps({name: value}).rstrip()
+        said = valid[name].said if name in valid else ""
+        yield tomli_w.dumps({name: value}).rstrip() + (f"  # {said}" if said else "")
     for name, value in values.items():
-        if is_dataclass(value):
+        if is_group(value):
             yield from _table(value, f"{table}.{name}", about.get(name))
 
 
@@ -108,6 +109,8 @@ def _described(group: Any) -> dict[str, _Entry]:
 
 def _entries(group: Any) -> tuple[str, list[_Entry]]:
     """What a docstring says of the group, and of the settings it names: "a, b [m]: text. c: text."."""
+    if not is_dataclass(group):
+        return "", []
     text = (inspect.getdoc(type(group)) or "").partition("\n\nRaises")[0]
     text = re.sub(r"(?<=\.)\s+Raises InputError[^.]*\.", "", " ".join(text.split()))
     name = f"(?:{'|'.join(re.escape(f.name) for f in fields(group))}){_UNITS}"

@@ -26,6 +26,7 @@ from estimator.media.clip import Clip
 from estimator.media.picture import read_picture
 from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
 
 _SAME_STEP = 0.1  # share of the usual step from one picture to the next that a step may differ by, to be followed
 
@@ -37,7 +38,7 @@ class CueSettings:
     working_size: longest side of the pictures they are computed from [px]; larger frames are reduced to it.
     """
 
-    working_size: int = 640
+    working_size: int = setting(640, at_least=64)
     use_edges: bool = True
     use_flow: bool = True
     use_silhouette: bool = True
@@ -46,8 +47,7 @@ class CueSettings:
     silhouette: SilhouetteSettings = field(default_factory=SilhouetteSettings)
 
     def __post_init__(self) -> None:
-        if self.working_size < 64:
-            raise InputError("cue settings", f"working_size is {self.working_size}", remedy="at least 64 px")
+        check(self)
 
 
 @dataclass(frozen=True)

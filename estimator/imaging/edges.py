@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from estimator.media.threads import length, one_thread
-from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
 
 _REDUCED = 4  # the local contrast changes slowly, so it is taken from a picture this many times smaller
 
@@ -24,15 +24,13 @@ class EdgeSettings:
     Raises InputError where a value is not positive.
     """
 
-    smoothing: float = 1.5
-    contrast_window: float = 14.0
-    contrast_floor: float = 0.25
-    noise_floor: float = 6.0
+    smoothing: float = setting(1.5, above=0)
+    contrast_window: float = setting(14.0, above=0)
+    contrast_floor: float = setting(0.25, above=0)
+    noise_floor: float = setting(6.0, above=0)
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (np.isfinite(value) and value > 0.0):
-                raise InputError("edge settings", f"{name} is {value}", remedy="a positive number is needed")
+        check(self)
 
 
 @dataclass(frozen=True)

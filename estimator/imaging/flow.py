@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.media.threads import length, one_thread
-from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
 
 _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window is motion boundary
 
@@ -26,17 +26,13 @@ class FlowSettings:
     Raises InputError where a value cannot be.
     """
 
-    finest_scale: int = 1
-    tolerance: float = 0.7
-    relative_tolerance: float = 0.1
-    boundary_reach: float = 4.0
+    finest_scale: int = setting(1, at_least=0, at_most=2)
+    tolerance: float = setting(0.7, above=0, tiny=True)
+    relative_tolerance: float = setting(0.1, above=0, tiny=True)
+    boundary_reach: float = setting(4.0, above=0)
 
     def __post_init__(self) -> None:
-        if self.finest_scale not in (0, 1, 2):
-            raise InputError("flow settings", f"finest_scale is {self.finest_scale}", remedy="0, 1 or 2")
-        for name in ("tolerance", "relative_tolerance", "boundary_reach"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise InputError("flow settings", f"{name} is {getattr(self, name)}", remedy="it has to be positive")
+        check(self)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
 
 _WINDOW = 7  # pixels across in which the texture of image and background is compared
 _RIM = _WINDOW + 4  # pixels across in which a shadow's outline is joined to it
@@ -30,20 +30,16 @@ class SilhouetteSettings:
     Raises InputError where a value cannot be.
     """
 
-    frames: int = 40
-    still: float = 0.25
-    seen: float = 0.15
-    rounds: int = 2
-    threshold: float = 5.0
-    shadow: float = 0.5
-    smallest: float = 0.0008
+    frames: int = setting(40, at_least=1)
+    still: float = setting(0.25, above=0)
+    seen: float = setting(0.15, above=0, below=1)
+    rounds: int = setting(2, at_least=1)
+    threshold: float = setting(5.0, above=0)
+    shadow: float = setting(0.5, above=0, below=1)
+    smallest: float = setting(0.0008, above=0, below=1)
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            share = name in ("seen", "shadow", "smallest")
-            if not (np.isfinite(value) and 0.0 < value < (1.0 if share else np.inf)):
-                remedy = "between 0 and 1" if share else "a positive number is needed"
-                raise InputError("silhouette settings", f"{name} is {value}", remedy=remedy)
+        check(self)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from estimator.optimise.solution import CONVERGED, SEPARATED, Solution, StepCoun
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import PosedBody
+from humanoid.support.settings import setting
 
 TOUCH = 1e-5  # m; closer pairs can carry a contact force
 STILL = 1e-9  # rad or m; a step of less is none
@@ -31,11 +32,11 @@ class ContactSettings:
     step may gain and still be refused for it.
     """
 
-    tolerance: float = 0.005
-    limit: float = 0.01
-    margin: float = 0.03
-    steps: int = 30
-    force: float = 1e5
+    tolerance: float = setting(0.005, at_least=0, tiny=True)
+    limit: float = setting(0.01, above=0)
+    margin: float = setting(0.03, above=0)
+    steps: int = setting(30, at_least=1)
+    force: float = setting(1e5, above=0)
 
 
 class _Point(NamedTuple):

@@ -13,6 +13,7 @@ from estimator.optimise.qp import StepSolver
 from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
+from humanoid.support.settings import setting
 
 DAMPING = Damping(least=1e-12, most=1e12, growth=2.0, grown_from=1e-6, by_ratio=True)
 ACCEPTED = 1e-4  # share of the promised decrease that a step has to bring
@@ -31,13 +32,13 @@ class SeekSettings:
     half-width of the trust box.
     """
 
-    max_iterations: int = 60
-    kkt_tolerance: float = 1e-6
-    decrease_tolerance: float = 0.0
-    damping: float = 1e-2
-    exact_below: float = 0.3
-    max_turn: float = 0.6
-    max_slide: float = 0.5
+    max_iterations: int = setting(60, at_least=1)
+    kkt_tolerance: float = setting(1e-6, above=0, tiny=True)
+    decrease_tolerance: float = setting(0.0, at_least=0, tiny=True)
+    damping: float = setting(1e-2, above=0)
+    exact_below: float = setting(0.3, at_least=0)
+    max_turn: float = setting(0.6, above=0)
+    max_slide: float = setting(0.5, above=0)
 
     @cached_property
     def newton(self) -> NewtonSettings:

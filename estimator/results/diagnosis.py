@@ -12,7 +12,6 @@ from estimator.cost.model import CostModel, CostSettings
 from estimator.imaging.observation import Observation
 from estimator.results.run_file import Run
 from estimator.search.association import EXCHANGED
-from estimator.tracking.registry import UNCONSTRAINED
 from humanoid.subject.landmarks import mirror_index
 
 MOST = 0.5
@@ -98,18 +97,18 @@ class Diagnosis:
         return "in most frames" if self.frame is None else f"in frame {self.frame}"
 
 
-def diagnose(run: Run, cost: CostSettings, frame: int | None = None) -> Diagnosis:
+def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited: bool = True) -> Diagnosis:
     """What a run's trajectory (`Run.q`) says against its subject or its input.
 
     cost: of the run's settings, for the noise of keypoints. frame: that one alone; the run as a whole unless given, of
-    which less than five tracked frames say nothing.
+    which less than five tracked frames say nothing. limited: whether the tracker keeps to the joint limits.
     """
     tracked = np.flatnonzero((run.status != "unobserved") & np.isfinite(run.q).all(axis=1))
     rows = tracked if frame is None else tracked[tracked == frame]
     if len(rows) < (FEWEST if frame is None else 1):
         return Diagnosis(frame, (), (), (), 0.0)
     exchanged = float(np.mean(_associations(run)[rows] == EXCHANGED)) if frame is None else 0.0
-    resting = () if run.header.tracker in UNCONSTRAINED else _resting(run, rows)
+    resting = _resting(run, rows) if limited else ()
     far, cameras = _far(run, cost, rows)
     return Diagnosis(frame, resting, far, cameras, exchanged if exchanged > MOST else 0.0)
 

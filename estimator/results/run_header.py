@@ -12,6 +12,7 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.formats.cameras import camera_from_json, camera_to_json, image_size
 from estimator.formats.checked_json import mapping, member, numbers, sequence
+from estimator.tracking.registry import TRACKERS, stored_settings
 from humanoid.support.errors import InputError
 
 
@@ -79,13 +80,20 @@ class RunHeader:
         """Names of what decides the result and differs between two headers."""
         mine, theirs = self.deciding(), other.deciding()
         names = [name for name in mine if name != "settings" and mine[name] != theirs[name]]
-        a, b = mine["settings"], theirs["settings"]
+        a, b = self._settings(), other._settings()
         names += [
             f"setting {key!r} ({a.get(key)} here, {b.get(key)} there)"
             for key in sorted(a.keys() | b.keys())
             if a.get(key) != b.get(key)
         ]
         return tuple(names)
+
+    def _settings(self) -> dict[str, Any]:
+        """The settings as JSON values; of a tracker that is known here as they would be stored now."""
+        stored = dict(self.settings)
+        if self.tracker in TRACKERS:
+            stored = stored_settings(self.tracker, stored)
+        return dict(json.loads(json.dumps(stored)))
 
     def to_json(self) -> str:
         """The header as text; numbers keep their last bit."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.search.hypothesis import Hypothesis
-from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,12 @@ class BudgetSettings:
     everything is spent. Raises InputError for a share that is none.
     """
 
-    searches: int = 40
-    calm: float = 0.5
-    alarm: float = 12.0
+    searches: int = setting(40, at_least=1)
+    calm: float = setting(0.5, at_least=0, at_most=1)
+    alarm: float = setting(12.0, above=0)
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.calm <= 1.0:
-            raise InputError("budget settings", f"calm is {self.calm}", remedy="a share, 0 to 1")
+        check(self)
 
     def left(self, spent: int, rise: float, doubt: float) -> int:
         """Searches left after `spent`. rise: of the best energy since the last frame. doubt: weight of all modes but

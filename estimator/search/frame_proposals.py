@@ -36,7 +36,7 @@ class ProposalSettings(NamedTuple):
     forgetting: float
     transition: bool
     momentum: float
-    flip_penalty: float
+    jump_penalty: float
     limb_penalty: float
 
 
@@ -100,7 +100,7 @@ class Proposals:
         if self._camera is None or not (jumps.limbs or jumps.parts):
             return []
         propose = partial(jumps.draw, self._rng, camera=self._camera)
-        return self._jumped(count, self._settings.flip_penalty, Family.DEPTH_JUMP, propose)
+        return self._jumped(count, self._settings.jump_penalty, Family.DEPTH_JUMP, propose)
 
     def limbs(self, count: int, looks: int) -> list[Hypothesis]:
         """One limb elsewhere, the best of so many looks at the pictures."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from estimator.optimise.contact import ContactSettings
 from estimator.optimise.seek import SeekSettings
-from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
 
 BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importance")
 
@@ -30,14 +30,13 @@ class ModeSearchSettings:
     explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
     refine: SeekSettings = field(default_factory=SeekSettings)
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
-    spare: int = 3
-    distinct: float = 0.03
-    settled: float = 0.01
+    spare: int = setting(3, at_least=0)
+    distinct: float = setting(0.03, at_least=0)
+    settled: float = setting(0.01, at_least=0)
     exchange: bool = True
     contact: ContactSettings = field(default_factory=ContactSettings)
-    weigh: str = BY_HEIGHT
-    weigh_samples: int = 60
+    weigh: str = setting(BY_HEIGHT, one_of=WEIGHINGS)
+    weigh_samples: int = setting(60, at_least=1)
 
     def __post_init__(self) -> None:
-        if self.weigh not in WEIGHINGS:
-            raise InputError("search settings", f"weigh is {self.weigh!r}", remedy="one of " + ", ".join(WEIGHINGS))
+        check(self)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from estimator.cost.model import CostModel, per_dof
 from estimator.modes.motion import MotionPrior
+from humanoid.support.settings import setting
 
 
 @dataclass(frozen=True)
@@ -20,14 +21,14 @@ class SmoothSettings:
     """
 
     enabled: bool = True
-    turn_acceleration: float = 10.0
-    root_turn_acceleration: float = 5.0
-    root_slide_acceleration: float = 2.5
-    iterations: int = 30
-    tolerance: float = 1e-3
-    window: int = 240
-    lag: int = 8
-    lag_iterations: int = 4
+    turn_acceleration: float = setting(10.0, above=0)
+    root_turn_acceleration: float = setting(5.0, above=0)
+    root_slide_acceleration: float = setting(2.5, above=0)
+    iterations: int = setting(30, at_least=1)
+    tolerance: float = setting(1e-3, at_least=0, tiny=True)
+    window: int = setting(240, at_least=1)
+    lag: int = setting(8, at_least=1)
+    lag_iterations: int = setting(4, at_least=1)
 
     def motion(self, model: CostModel) -> MotionPrior:
         """The motion prior of a body."""

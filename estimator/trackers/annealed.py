@@ -11,8 +11,20 @@ from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, judged, observable
+from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.particle_set import FrameEnergy, Summary, diffused, first_particle_set, summarised, unseen
+from estimator.trackers.particle_set import (
+    DYNAMICS_ALONE,
+    FrameEnergy,
+    Summary,
+    diffused,
+    first_particle_set,
+    summarised,
+    unseen,
+)
+from estimator.trackers.spec import Spec, by_search
+from humanoid.support.idle import idle_where
+from humanoid.support.settings import setting
 
 
 @dataclass(frozen=True)
@@ -27,13 +39,13 @@ class AnnealedSettings:
     root mean square distance of landmarks as a fraction of the body's size.
     """
 
-    layers: int = 10
-    particles: int = 200
-    survival: float = 0.5
-    noise: float = 0.3
-    diffusion: float = 0.5
-    modes: int = 7
-    cluster: float = 0.1
+    layers: int = setting(10, at_least=1)
+    particles: int = setting(200, at_least=1)
+    survival: float = setting(0.5, above=0, at_most=1)
+    noise: float = setting(0.3, above=0)
+    diffusion: float = setting(0.5, above=0)
+    modes: int = setting(7, at_least=1)
+    cluster: float = setting(0.1, above=0)
 
 
 class Annealed:
@@ -72,3 +84,18 @@ class Annealed:
     def _spread(self, q: np.ndarray, weights: np.ndarray) -> np.ndarray:
         covariance = mean_and_covariance(self.body, q, weights)[1]
         return np.sqrt(np.diag(covariance))
+
+
+SPEC = Spec(
+    "annealed",
+    "annealed particle filter (Deutscher, Blake and Reid 2000)",
+    by_search(Annealed),
+    "annealed",
+    AnnealedSettings(),
+    FROM_A_PAPER,
+    (
+        *DYNAMICS_ALONE,
+        idle_where("annealed.diffusion", annealed__layers=1),
+        idle_where("annealed.cluster", annealed__modes=1),
+    ),
+)

@@ -10,8 +10,12 @@ from estimator.imaging.observation import Observation
 from estimator.inference.particles import Particles, bootstrap_step
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, judged, observable
+from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.particle_set import FrameEnergy, Summary, first_particle_set, summarised, unseen
+from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
+from estimator.trackers.spec import Spec, by_search
+from humanoid.support.idle import idle_where
+from humanoid.support.settings import setting
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,12 @@ class CondensationSettings:
     cluster: radius of a hypothesis, root mean square distance of landmarks as a fraction of the body's size.
     """
 
-    particles: int = 1000
-    noise: float = 0.3
-    momentum: float = 0.0
-    temperature: float = 1.0
-    modes: int = 7
-    cluster: float = 0.1
+    particles: int = setting(1000, at_least=1)
+    noise: float = setting(0.3, above=0)
+    momentum: float = setting(0.0, at_least=0)
+    temperature: float = setting(1.0, above=0)
+    modes: int = setting(7, at_least=1)
+    cluster: float = setting(0.1, above=0)
 
 
 class Condensation:
@@ -81,3 +85,17 @@ class Condensation:
             row[:nq] = body.integrate(old[:nq], drift + std * rng.standard_normal(body.nv))
             row[nq:] = body.difference(old[:nq], row[:nq]) / max(dt, 1e-3)
         return moved
+
+
+SPEC = Spec(
+    "condensation",
+    "particle filter (Isard and Blake 1998)",
+    by_search(Condensation),
+    "condensation",
+    CondensationSettings(),
+    FROM_A_PAPER,
+    (
+        *DYNAMICS_ALONE,
+        idle_where("condensation.cluster", condensation__modes=1),
+    ),
+)

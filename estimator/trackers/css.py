@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +21,11 @@ from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
 from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from humanoid.support.errors import InputError
+from estimator.trackers.spec import Spec, by_search
+from humanoid.support.idle import ONE_CAMERA, PICTURES, idle_where, idle_without
+from humanoid.support.settings import check, setting
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class CssSettings:
         standard deviations, the square root of the s of Figure 6 (4 to 14 there). tail: degrees of freedom of Student's
         t, 0 for a Gaussian.
     other_readings: parents with left and right of the keypoints exchanged.
-    flips: a limb or part at another depth along its rays (one camera only); flip_penalty: energy of a jump, paid once
+    jumps: a limb or part at another depth along its rays (one camera only); jump_penalty: energy of a jump, paid once
         instead of the transition's price. Where flow is looked at, only so far as keypoints are too: flow already says
         where each limb went on from, and a jump to what looks exactly the same would pass for free what it knows.
     limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, at the price
@@ -48,27 +52,26 @@ class CssSettings:
         lost their image, so keypoints of the whole person make a quarter of them enough.
     """
 
-    modes: int = 7
+    modes: int = setting(7, at_least=1)
     budget: BudgetSettings = field(default_factory=BudgetSettings)
-    samples: int = 14
-    shape: str = "covariance"
-    scale: float = 3.0
-    tail: float = 0.0
-    forgetting: float = 0.95
+    samples: int = setting(14, at_least=0)
+    shape: str = setting("covariance", one_of=SHAPES)
+    scale: float = setting(3.0, above=0)
+    tail: float = setting(0.0, at_least=0)
+    forgetting: float = setting(0.95, at_least=0)
     transition: bool = True
     keep: bool = True
-    momentum: float = 0.8
-    other_readings: int = 7
-    flips: int = 5
-    flip_penalty: float = 6.0
-    limb_penalty: float = 8.0
-    limb_samples: int = 40
-    limb_searches: int = 5
-    exchanges: int = 4
+    momentum: float = setting(0.8, at_least=0)
+    other_readings: int = setting(7, at_least=0)
+    jumps: int = setting(5, at_least=0, formerly=("flips",))
+    jump_penalty: float = setting(6.0, at_least=0, formerly=("flip_penalty",))
+    limb_penalty: float = setting(8.0, above=0)
+    limb_samples: int = setting(40, at_least=0)
+    limb_searches: int = setting(5, at_least=0)
+    exchanges: int = setting(4, at_least=0)
 
     def __post_init__(self) -> None:
-        if self.shape not in SHAPES:
-            raise InputError("css settings", f"shape is {self.shape!r}", remedy="one of " + ", ".join(SHAPES))
+        check(self)
 
     @property
     def proposals(self) -> ProposalSettings:
@@ -77,7 +80,7 @@ class CssSettings:
 
 
 PAPER = CssSettings(
-    budget=BudgetSettings(searches=70, calm=1.0), samples=70, other_readings=0, flips=0, limb_searches=0, exchanges=0,
+    budget=BudgetSettings(searches=70, calm=1.0), samples=70, other_readings=0, jumps=0, limb_searches=0, exchanges=0,
     scale=8.0**0.5, forgetting=1.0, transition=False, keep=False,
 )  # fmt: skip
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
@@ -121,7 +124,7 @@ class CovarianceScaledSampling:
         lost = 1.0 - 0.75 * seen if observation.cues else 0.0
         return [
             Source(s.other_readings, proposals.other_associations),
-            Source(depths * s.flips, proposals.kinematic_jumps),
+            Source(depths * s.jumps, proposals.kinematic_jumps),
             Source(lost * s.limb_searches, partial(proposals.limbs, looks=round(lost * s.limb_samples))),
             Source(lost * s.exchanges, proposals.limb_exchanges),
             Source(s.samples, proposals.samples),
@@ -151,3 +154,41 @@ def _rise(found: Sequence[Candidate], prior: Mixture) -> float:
         return 0.0
     best = max(found, key=lambda c: c.score)
     return best.energy - prior.modes[best.hypothesis.parent].energy
+
+
+_IDLE = (
+    idle_where("css.other_readings", search__exchange=False),
+    idle_where(
+        "search.follow", css__keep=False, css__other_readings=0, css__jumps=0, css__limb_searches=0, css__exchanges=0,
+    ),
+    idle_where("cost.transition_potential cost.transition_nu", css__transition=False),
+    idle_where("css.jump_penalty css.limb_penalty css.momentum", css__transition=False),
+    idle_where("css.jump_penalty", css__jumps=0),
+    idle_where("css.limb_samples", css__limb_searches=0),
+    idle_where("css.limb_searches", css__limb_samples=0),
+    idle_where("css.limb_penalty", css__limb_searches=0, css__exchanges=0),
+    idle_where("css.limb_penalty", css__limb_samples=0, css__exchanges=0),
+    idle_where("css.shape css.scale css.tail", css__samples=0),
+    idle_where("css.tail", because="which is regular", css__shape="weakest"),
+    idle_where("css.budget.alarm", css__budget__calm=1.0),
+    idle_where("css.budget.alarm", css__keep=False),
+    idle_without(ONE_CAMERA, "css.jumps css.jump_penalty css.exchanges"),
+    idle_without(PICTURES, "css.momentum css.limb_searches css.limb_samples css.limb_penalty css.exchanges"),
+)  # fmt: skip
+
+
+def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str, Any]) -> Spec:
+    make = by_search(CovarianceScaledSampling)
+    return Spec(name, sentence, make, "css", settings, defaults, _IDLE, shares_work=lambda own: True)
+
+
+SPECS = (
+    _spec("css", "covariance scaled sampling with transitions and exchanged readings", CssSettings(), {}),
+    _spec("css-paper", "covariance scaled sampling as printed (CSS Figure 6)", PAPER, FROM_A_PAPER),
+    _spec(
+        "spherical",
+        "the same with spherical samples of equal volume (CSS section 7)",
+        replace(PAPER, shape="spherical"),
+        FROM_A_PAPER,
+    ),
+)

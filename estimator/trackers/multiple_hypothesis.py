@@ -7,7 +7,9 @@ scales the covariance instead.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +21,12 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.single_mode import without_limits
+from estimator.trackers.spec import Spec, by_search
+from humanoid.support.idle import idle_where
+from humanoid.support.settings import setting
 
 
 @dataclass(frozen=True)
@@ -32,10 +38,10 @@ class MultipleHypothesisSettings:
     1 for constant velocity. limits: keep to the joint limits; without, every frame but the first may leave them.
     """
 
-    modes: int = 10
-    starts: int = 70
-    noise: float = 0.3
-    momentum: float = 1.0
+    modes: int = setting(10, at_least=1)
+    starts: int = setting(70, at_least=1)
+    noise: float = setting(0.3, above=0)
+    momentum: float = setting(1.0, at_least=0)
     limits: bool = True
 
 
@@ -80,3 +86,38 @@ class MultipleHypothesis:
         step = self.settings.momentum * dt * mode.velocity + factor @ rng.standard_normal(body.nv)
         origin = Origin(Family.SAMPLE, PreviousPose(mode.q))
         return Hypothesis(body.integrate(mode.q, step), 0, origin, k, prior.log_scores[k])
+
+
+def _within_limits(own: MultipleHypothesisSettings) -> bool:
+    """Poses stay there; and there alone the work is shared, since the other processes have the body with its limits."""
+    return own.limits
+
+
+def _spec(name: str, sentence: str, settings: MultipleHypothesisSettings, defaults: Mapping[str, Any]) -> Spec:
+    return Spec(
+        name,
+        sentence,
+        by_search(MultipleHypothesis),
+        "multiple_hypothesis",
+        settings,
+        defaults,
+        (idle_where("search.follow", "no search begins where its parent was"),),
+        shares_work=_within_limits,
+        keeps_limits=_within_limits,
+    )
+
+
+SPECS = (
+    _spec(
+        "multiple-hypothesis",
+        "multiple hypotheses, robust, with constraints (Cham and Rehg 1999, CSS section 6)",
+        MultipleHypothesisSettings(),
+        FROM_A_PAPER,
+    ),
+    _spec(
+        "gaussian-multiple-hypothesis",
+        "the same with Gaussian potentials and no physical constraints",
+        MultipleHypothesisSettings(limits=False),
+        together(FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING),
+    ),
+)

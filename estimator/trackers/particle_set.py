@@ -21,6 +21,13 @@ from estimator.terms.term import QuadraticModel
 from estimator.trackers.base import TrackState, carried, judged
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
+from humanoid.support.idle import idle_where
+
+DYNAMICS_ALONE = (
+    idle_where("search.follow", "no search begins where its parent was"),
+    idle_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
+)
+"""What has no effect on a particle tracker (`estimator.trackers.spec.Spec.idle`)."""
 
 
 class FrameEnergy:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +16,11 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, ONLY_FILTERS, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.unlimited import unlimited
+from humanoid.support.idle import idle_where
 
 
 @dataclass(frozen=True)
@@ -59,3 +64,33 @@ def without_limits(search: ModeSearch) -> ModeSearch:
     """The same search over a body without joint limits: its modes, and the results made of them, may leave them."""
     model = search.model
     return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance), search.settings)
+
+
+_IDLE = (
+    idle_where("search.weigh search.weigh_samples", "a single mode has all the weight"),
+    idle_where("search.follow cost.transition_potential cost.transition_nu", single_mode__transition=False),
+)
+
+
+def _spec(name: str, sentence: str, settings: SingleModeSettings, defaults: Mapping[str, Any]) -> Spec:
+    return Spec(
+        name, sentence, by_search(SingleMode), "single_mode", settings, together(ONLY_FILTERS, defaults), _IDLE,
+        keeps_limits=lambda own: own.limits,
+    )  # fmt: skip
+
+
+SPECS = (
+    _spec(
+        "gaussian-single-mode",
+        "single mode, Gaussian potentials, no physical constraints (CSS section 6)",
+        SingleModeSettings(limits=False),
+        together(AS_DETECTED, LEAST_SQUARES, OVERLAPPING),
+    ),
+    _spec(
+        "robust-single-mode",
+        "robust single mode, no physical constraints (CSS section 6)",
+        SingleModeSettings(limits=False),
+        together(AS_DETECTED, OVERLAPPING),
+    ),
+    _spec("single-mode", "robust single mode with joint limits (CSS section 6)", SingleModeSettings(), {}),
+)

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
-from estimator.tracking.idle_rules import OF_ONE_CAMERA, OF_PICTURES, RULES
-from estimator.tracking.registry import GROUPS, Settings, settings_for
-from estimator.tracking.setting_changes import every_setting
+from estimator.tracking.idle_rules import RULES
+from estimator.tracking.registry import DEFAULT, TRACKERS, settings_for
+from estimator.tracking.setting_changes import refused
+from estimator.tracking.settings import Settings
 from humanoid.support.errors import InputError
+from humanoid.support.idle import ONE_CAMERA, PICTURES, IdleRule
+from humanoid.support.settings import every_setting
 
 FIT_GROUPS = ("cost", "search", "cues")
-"""The groups that a fit of the subject goes by, whatever the tracker; the fit itself tracks with css."""
+"""The groups that a fit of the subject goes by, whatever the tracker; the fit itself tracks with the default one."""
 
 
 class Idle(NamedTuple):
@@ -22,19 +25,16 @@ class Idle(NamedTuple):
 
     def refused(self, source: object = None) -> InputError:
         """As an error. source: the file that it is from, None where a program gave it."""
-        problem, remedy = f"has no effect: {self.because}", "leave it out"
-        if source is None:
-            return InputError(f"settings.{self.name}", problem, remedy=remedy)
         table, _, name = self.name.rpartition(".")
-        return InputError(str(source), problem, place=f"[{table}] {name}", remedy=remedy)
+        return refused(source, table, name, f"has no effect: {self.because}", "leave it out")
 
 
 def fit_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]) -> Settings:
-    """What a fit goes by before a tracker with these `settings`, made by `changes`: css's own, and those of the changes
-    that are not about a tracker."""
-    if tracker == "css":
+    """What a fit goes by before a tracker with these `settings`, made by `changes`: the default tracker's own settings,
+    and those of the changes that are not about a tracker."""
+    if tracker == DEFAULT:
         return settings
-    return settings_for("css", changes={name: changes[name] for name in FIT_GROUPS if name in changes})
+    return settings_for(DEFAULT, changes={name: changes[name] for name in FIT_GROUPS if name in changes})
 
 
 def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool) -> list[Idle]:
@@ -44,8 +44,8 @@ def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], 
     """
     found, acting = _idle(tracker, settings), set()
     changed = changed_names(tracker, settings)
-    if fits and tracker != "css":
-        in_fit = _idle("css", fit_settings(tracker, settings, changes)) | {"search.follow": ""}
+    if fits and tracker != DEFAULT:
+        in_fit = _idle(DEFAULT, fit_settings(tracker, settings, changes)) | {"search.follow": ""}
         acting = {name for name in changed if name.startswith(FIT_GROUPS) and not _covered(name, in_fit)}
     return [Idle(name, _why(name, found)) for name in changed if name not in acting and _covered(name, found)]
 
@@ -57,9 +57,9 @@ def idle_with_input(
     there. settings: with the cues that were chosen; the rest is as in `idle_settings`."""
     found: dict[str, str] = {}
     if cameras > 1:
-        found |= dict.fromkeys(OF_ONE_CAMERA, f"it is for one camera, there are {cameras}")
+        found |= dict.fromkeys(_needing(tracker, ONE_CAMERA), f"it is for one camera, there are {cameras}")
     if not pictures:
-        found |= dict.fromkeys(OF_PICTURES, "no pictures are looked at")
+        found |= dict.fromkeys(_needing(tracker, PICTURES), "no pictures are looked at")
     changed = [name for name in changed_names(tracker, settings) if not name.startswith("cues.use_")]
     idle = [Idle(name, _why(name, found)) for name in changed if _covered(name, found)]
     known = {i.name for i in idle}
@@ -84,12 +84,20 @@ def without(changes: Mapping[str, Any], names: Collection[str]) -> dict[str, Any
 
 def _idle(tracker: str, settings: Settings) -> dict[str, str]:
     """Names of settings and groups without effect, and why."""
-    group, values = GROUPS[tracker], _values(settings)
-    found = dict.fromkeys(set(GROUPS.values()) - {group}, f"the tracker {tracker} goes by [{group}]")
-    for rule in RULES:
-        if rule.group in ("", group) and all(values[name] == value for name, value in rule.where):
+    values, found = _values(settings), dict[str, str]()
+    for rule in _rules(tracker):
+        if not rule.needs and all(values[name] == value for name, value in rule.where):
             found |= {name: rule.reason for name in rule.names if name not in found}
     return found
+
+
+def _needing(tracker: str, needs: str) -> list[str]:
+    """Names of settings and groups that need something of the input."""
+    return [name for rule in _rules(tracker) if rule.needs == needs for name in rule.names]
+
+
+def _rules(tracker: str) -> tuple[IdleRule, ...]:
+    return (*RULES, *TRACKERS[tracker].idle)
 
 
 def _values(settings: Settings) -> dict[str, Any]:

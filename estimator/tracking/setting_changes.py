@@ -3,47 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
-from estimator.terms.potentials import POTENTIALS
 from humanoid.support.errors import InputError, shown
+from humanoid.support.settings import LARGEST, Valid, declared, every_setting, is_group, members, with_members
 
-MAY_BE_ZERO = {
-    "stabiliser_weight", "upright_weight", "interpenetration_weight", "exchange_penalty", "landmark_mismatch",
-    "forgetting", "samples", "flips", "flip_penalty", "spare", "decrease_tolerance", "exact_below", "tolerance",
-    "distinct", "edge_evidence", "outline_evidence", "flow_evidence", "visibility_evidence", "motion_boundary",
-    "flow_share", "finest_scale", "momentum", "limb_samples", "exchanges", "limb_searches", "pose_prior_weight",
-    "calm", "tail", "other_readings", "settled",
-}  # fmt: skip
-LARGEST, SMALLEST, MOST = 1e9, 1e-12, 100_000
-"""No setting needs a number beyond LARGEST, a count beyond MOST, or one below SMALLEST that is not zero; only a
-tolerance may be as good as nothing."""
-AT_MOST = {
-    "motion_boundary": 1.0,  # beyond, an edge's weight 1 - k S_p is negative
-    "pose_prior_weight": 1.0,  # a share
-    "survival": 1.0,  # a share
-}
 _KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}
 
 T = TypeVar("T")
 
 
 def changed(settings: T, changes: Mapping[str, Any], source: str | Path | None = None) -> T:
-    """A frozen dataclass of settings with nested changes: a table for a group, a value for a setting.
+    """A group of settings with nested changes: a table for a group, a value for a setting.
 
-    source: the file that the changes are from; None where a program gave them.
+    source: the file that the changes are from; None where a program gave them. Former names (`Valid.formerly`) do.
 
     Raises
     ------
     InputError: an unknown name (the nearest and all valid ones are told), a value of another kind than the setting's,
         or one that cannot work; with file, table and name.
     """
-    return _Changes(source, settings).of(settings, changes, "")
+    return _Changes(source, settings).of(settings, renamed(settings, changes, source), "")
+
+
+def renamed(settings: Any, changes: Mapping[str, Any], source: str | Path | None = None) -> dict[str, Any]:
+    """The changes with every setting by the name that it has now. Raises InputError where one has both names."""
+    return _renamed(settings, changes, source, "")
+
+
+def former_names(settings: Any, changes: Mapping[str, Any], table: str = "") -> Iterator[str]:
+    """A sentence for each setting that the changes call by a former name."""
+    now, known = _now(settings), members(settings)
+    for name, value in changes.items():
+        if name in now:
+            place = f"{table}.".removeprefix(".")
+            yield f"the setting {place}{name} is called {place}{now[name]} now"
+        elif isinstance(value, Mapping) and is_group(known.get(name)):
+            yield from former_names(known[name], value, f"{table}.{name}".removeprefix("."))
+
+
+def refused(source: object, table: str, name: str, problem: str, remedy: str) -> InputError:
+    """The error of a setting; of a whole group where `name` is empty. source: as in `changed`."""
+    if source is None:
+        return InputError(".".join(part for part in ("settings", table, name) if part), problem, remedy=remedy)
+    return InputError(str(source), problem, place=f"[{table}] {name}".strip() if table else name, remedy=remedy)
+
+
+def _now(group: Any) -> dict[str, str]:
+    """Former names of the settings in a group, and those of now."""
+    return {old: name for name, valid in declared(group).items() for old in valid.formerly}
+
+
+def _renamed(group: Any, changes: Mapping[str, Any], source: object, table: str) -> dict[str, Any]:
+    now, known = _now(group), members(group)
+    new: dict[str, Any] = {}
+    for given, value in changes.items():
+        name = now.get(given, given)
+        if name != given and name in changes:
+            raise refused(source, table, given, f"is called {name} now, and both are given", "leave it out")
+        inner = isinstance(value, Mapping) and is_group(known.get(name))
+        new[name] = _renamed(known[name], value, source, f"{table}.{name}".removeprefix(".")) if inner else value
+    return new
 
 
 @dataclass(frozen=True)
@@ -53,42 +76,35 @@ class _Changes:
     source: str | Path | None
     root: Any
 
-    def of(self, settings: T, changes: Mapping[str, Any], table: str) -> T:
+    def of(self, group: T, changes: Mapping[str, Any], table: str) -> T:
         """A group, whose name is `table`, with its changes."""
-        assert is_dataclass(settings)
-        known = {f.name: getattr(settings, f.name) for f in fields(settings)}
+        known, valid = members(group), declared(group)
         new: dict[str, Any] = {}
         for name, value in changes.items():
             if name not in known:
-                raise self._refused(table, "", f"no setting {shown(name)}", self._valid(name, table, list(known)))
-            if is_dataclass(known[name]):
+                raise self._refused(table, "", f"no setting {shown(name)}", self._meant(name, table, list(known)))
+            if is_group(known[name]):
                 if not isinstance(value, Mapping):
                     raise self._refused(table, name, "is a group of settings", "give a table")
                 new[name] = self.of(known[name], value, f"{table}.{name}".removeprefix("."))
             else:
-                new[name] = self._value(table, name, value, type(known[name]))
+                new[name] = self._value(table, name, value, type(known[name]), valid.get(name, Valid()))
         try:
-            return replace(settings, **new)  # type: ignore[type-var]
+            return with_members(group, new)
         except InputError as error:  # a group's own check
             raise self._refused(table, "", error.problem, error.remedy) from None
 
-    def _value(self, table: str, name: str, value: Any, kind: type[Any]) -> Any:
+    def _value(self, table: str, name: str, value: Any, kind: type[Any], valid: Valid) -> Any:
         """A value of a setting's kind; whole numbers do where others are meant."""
         if kind is float and type(value) is int and abs(value) <= LARGEST:
             value = float(value)
         if type(value) is not kind and not (kind is float and type(value) is int):
             raise self._refused(table, name, f"{shown(value)} is no {_KINDS[kind]}", "")
-        if name.endswith("potential") and value not in POTENTIALS:
-            raise self._refused(table, name, f"no potential {shown(value)}", "one of " + ", ".join(POTENTIALS))
-        if isinstance(value, (int, float)) and kind is not bool:
-            lowest, wanted = _lowest(name, kind)
-            highest = AT_MOST.get(name, MOST if kind is int else LARGEST)
-            if not (lowest <= value <= highest or (value == 0.0 and name in MAY_BE_ZERO)):
-                wanted = f"a finite number, {wanted}, at most {highest:g}"
-                raise self._refused(table, name, f"{shown(value)} cannot work", wanted)
+        if wanted := valid.wanted(value, kind):
+            raise self._refused(table, name, f"{shown(value)} cannot work", wanted)
         return value
 
-    def _valid(self, name: str, table: str, known: list[str]) -> str:
+    def _meant(self, name: str, table: str, known: list[str]) -> str:
         """What may have been meant."""
         close = get_close_matches(name, known, n=1, cutoff=0.6)
         elsewhere = [place for place, setting, _ in every_setting(self.root) if setting == name and place != table]
@@ -98,24 +114,4 @@ class _Changes:
         return said + "one of " + ", ".join(known)
 
     def _refused(self, table: str, name: str, problem: str, remedy: str) -> InputError:
-        if self.source is None:
-            return InputError(".".join(part for part in ("settings", table, name) if part), problem, remedy=remedy)
-        place = f"[{table}] {name}".strip() if table else name
-        return InputError(self.source, problem, place=place, remedy=remedy)
-
-
-def _lowest(name: str, kind: type) -> tuple[float, str]:
-    if kind is int:
-        return (0.0, "0 or more") if name in MAY_BE_ZERO else (1.0, "1 or more")
-    smallest = float(np.nextafter(0.0, 1.0)) if name.endswith("tolerance") else SMALLEST
-    return smallest, "0 or more" if name in MAY_BE_ZERO else "more than 0"
-
-
-def every_setting(group: Any, table: str = "") -> Iterator[tuple[str, str, Any]]:
-    """(table, name, value) of every setting in nested groups."""
-    for f in fields(group):
-        value = getattr(group, f.name)
-        if is_dataclass(value):
-            yield from every_setting(value, f"{table}.{f.name}".removeprefix("."))
-        else:
-            yield table, f.name, value
+        return refused(self.source, table, name, problem, remedy)

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.results.evaluation import Reference
 from estimator.results.run_file import Run
+from estimator.tracking.registry import common_settings
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode import api
@@ -21,7 +22,7 @@ from kinemode.comparison.times import TimeFile
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.settings import choose_for_all, read_settings
+from kinemode.settings import choose_for_all, former_names_in, loaded_changes
 from kinemode.target import check_absent, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
 
@@ -58,6 +59,9 @@ def compare_trackers(
     # whatever is wrong with the settings is said before the first is tracked
     fits = wanted.fit != "off" and api.is_built_in(loaded)
     chosen = choose_for_all(order, wanted.settings, wanted.modes, wanted.workers, fits)
+    for sentence in former_names_in(names, wanted.settings):
+        warnings.warn(sentence, InputWarning, stacklevel=3)
+    compared_by = common_settings(*loaded_changes(wanted.settings))
     truth = Reference.load(reference) if isinstance(reference, (str, Path)) else reference
     made_folder(out)
     remedy = "--resume goes on with the runs that are there, --overwrite replaces them"
@@ -83,8 +87,7 @@ def compare_trackers(
         loaded = runs[name].subject  # fitted now, and not again
     runs = {name: runs[name] for name in names}
     with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:
-        settings = read_settings("css", wanted.settings, wanted.modes)
-        by_name = courses(runs, settings, truth, files.cameras is not None, looked)
+        by_name = courses(runs, compared_by, truth, files.cameras is not None, looked)
     scores = tuple(scored(name, runs[name], by_name[name], times.of(name), truth) for name in names)
     return Comparison(scores, by_name, runs, *write_comparison(out, scores, by_name))
 

@@ -15,7 +15,8 @@ from estimator.results.run_file import Run
 from estimator.results.trajectory_errors import trajectory_errors
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import observable
-from estimator.tracking.registry import Settings, make_tracker
+from estimator.trackers.spec import mode_search
+from estimator.tracking.settings import Settings
 from kinemode.comparison.times import TrackTime
 from kinemode.explain import cue_reader, run_settings
 from kinemode.terminal.progress import Progress
@@ -140,7 +141,7 @@ def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -
     """Energy (T,) of each run's best hypotheses, frame by frame and without a past: trackers that pay for change are
     not charged for it."""
     run = next(iter(runs.values()))
-    search = make_tracker("css", run.body, settings).search
+    search = mode_search(run.body, settings)
     energies = {name: np.full(len(run), np.nan) for name in runs}
     with ExitStack() as stack:
         reader = stack.enter_context(closing(cue_reader(run, run_settings(run)))) if run.header.cues else None

@@ -166,8 +166,8 @@ def print_trackers() -> None:
     """The trackers by name."""
     made = table("trackers by name", "name")
     made.add_column("about")
-    for name, about in TRACKERS.items():
-        made.add_row(name, about)
+    for name, spec in TRACKERS.items():
+        made.add_row(name, spec.sentence)
     console().print(made)
 
 

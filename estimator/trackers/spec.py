@@ -1,0 +1,84 @@
+"""What is known of a tracker by its name, before one is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from estimator.cost.model import CostModel, CostSettings
+from estimator.search.mode_search import ModeSearch
+from estimator.search.settings import ModeSearchSettings
+from estimator.trackers.base import Tracker
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+from humanoid.support.idle import IdleRule
+
+
+class TrackerSettings(Protocol):
+    """What a tracker is made from, see `estimator.tracking.settings.Settings`."""
+
+    @property
+    def cost(self) -> CostSettings:
+        """The energy."""
+        ...
+
+    @property
+    def search(self) -> ModeSearchSettings:
+        """How its minima are found."""
+        ...
+
+    @property
+    def own(self) -> Any:
+        """The tracker's own, of the type of its `Spec.settings`."""
+        ...
+
+
+def _no(own: Any) -> bool:
+    return False
+
+
+def _yes(own: Any) -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A tracker by name; register it with `estimator.tracking.registry.register`.
+
+    name: as it is asked for. sentence: one, about what it is. make: a tracker for a body from all settings; it serves
+    one clip.
+    settings: its own, a frozen dataclass of numbers, texts and truth values (`humanoid.support.settings.setting`) with
+    the defaults of this name, and group: the table that they are in files; None and empty where it has none. It keeps
+    several hypotheses if one of them is `modes`.
+    defaults: nested changes that this name makes to the common groups of settings.
+    idle: rules of which settings have no effect on it.
+    shares_work, keeps_limits: of its own settings: whether several processes share the work on a frame; whether poses
+    stay within the joint limits.
+    """
+
+    name: str
+    sentence: str
+    make: Callable[[Body, TrackerSettings], Tracker]
+    group: str = ""
+    settings: Any = None
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    idle: tuple[IdleRule, ...] = ()
+    shares_work: Callable[[Any], bool] = _no
+    keeps_limits: Callable[[Any], bool] = _yes
+
+    @property
+    def keeps_several(self) -> bool:
+        """Whether it can keep several hypotheses."""
+        return hasattr(self.settings, "modes")
+
+
+def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:
+    """The search for modes of a body by the settings' energy; parts keep apart where that is part of the energy."""
+    clearance = Clearance(body) if settings.cost.interpenetration_weight > 0.0 else None
+    return ModeSearch(CostModel(body, settings.cost, clearance), settings.search)
+
+
+def by_search(recipe: Callable[[ModeSearch, Any], Tracker]) -> Callable[[Body, TrackerSettings], Tracker]:
+    """The `Spec.make` of a tracker that is made from a search for modes and its own settings."""
+    return lambda body, settings: recipe(mode_search(body, settings), settings.own)

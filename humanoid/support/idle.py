@@ -1,0 +1,37 @@
+"""Rules of which settings have no effect under which others; they stand beside the settings that they are about."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+PICTURES, ONE_CAMERA = "pictures", "one camera"
+"""What a setting may need of the input: that pictures are looked at, that there is one camera."""
+
+
+class IdleRule(NamedTuple):
+    """Settings that have no effect, or groups that stand for all in them, by their names with their groups in front;
+    where all of `where` have these values, or, where it is given, on input without what they need. because: why, where
+    the values do not say it."""
+
+    names: tuple[str, ...]
+    where: tuple[tuple[str, Any], ...] = ()
+    because: str = ""
+    needs: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Why they have none."""
+        words = {True: "on", False: "off"}
+        said = [f"{name} is {words[v] if isinstance(v, bool) else f'{v:g}' if v == 0 else v}" for name, v in self.where]
+        return " and ".join([*said, self.because] if self.because else said)
+
+
+def idle_where(names: str, because: str = "", **where: Any) -> IdleRule:
+    """names: separated by blanks. where: names with two underscores for their dots."""
+    conditions = tuple((name.replace("__", "."), value) for name, value in where.items())
+    return IdleRule(tuple(names.split()), conditions, because)
+
+
+def idle_without(needs: str, names: str) -> IdleRule:
+    """Settings, their names separated by blanks, that need `PICTURES` or `ONE_CAMERA`."""
+    return IdleRule(tuple(names.split()), needs=needs)

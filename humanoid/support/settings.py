@@ -1,0 +1,149 @@
+"""Settings: frozen dataclasses whose fields declare which values can work, in groups that may hold other groups."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+from humanoid.support.errors import InputError
+
+LARGEST, SMALLEST, MOST = 1e9, 1e-12, 100_000
+"""No setting needs a number beyond LARGEST, a count beyond MOST, or one nearer to zero than SMALLEST that is not zero;
+only a tolerance may be as good as nothing."""
+_DECLARED = "kinemode setting"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Valid:
+    """Which values of a setting can work.
+
+    at_least, above, at_most, below: bounds of a number, None where there is none. tiny: numbers nearer to zero than
+    `SMALLEST` are taken too. one_of: the words that a text may be, any where it is empty. formerly: names that the
+    setting once had.
+    """
+
+    at_least: float | None = None
+    above: float | None = None
+    at_most: float | None = None
+    below: float | None = None
+    tiny: bool = False
+    one_of: tuple[str, ...] = ()
+    formerly: tuple[str, ...] = ()
+
+    @property
+    def said(self) -> str:
+        """The declared bounds or words, as a reader is told them: "more than 0, at most 1"; empty where none are."""
+        bounds = (
+            (self.at_least, "{:g} or more"), (self.above, "more than {:g}"), (self.at_most, "at most {:g}"),
+            (self.below, "less than {:g}"),
+        )  # fmt: skip
+        if self.one_of:
+            return "one of " + ", ".join(self.one_of)
+        return ", ".join(text.format(bound) for bound, text in bounds if bound is not None)
+
+    def wanted(self, value: Any, kind: type[Any]) -> str:
+        """What a value that cannot work should have been, empty where it can. kind: the setting's, bool, int, float or
+        str."""
+        if kind is str:
+            return self.said if self.one_of and value not in self.one_of else ""
+        most = MOST if kind is int else LARGEST
+        if kind is bool or self._holds(value, most):
+            return ""
+        said = self.said if self._ends else ", ".join(part for part in (self.said, f"at most {most:g}") if part)
+        return f"a finite number, {said}"
+
+    @property
+    def _ends(self) -> bool:
+        return self.at_most is not None or self.below is not None
+
+    def _holds(self, value: float, most: float) -> bool:
+        bounds = (
+            abs(value) <= most,  # also false of NaN
+            self.tiny or value == 0 or abs(value) >= SMALLEST,
+            self.at_least is None or value >= self.at_least,
+            self.above is None or value > self.above,
+            self.at_most is None or value <= self.at_most,
+            self.below is None or value < self.below,
+        )
+        return all(bounds)
+
+
+def setting(
+    default: Any,
+    *,
+    at_least: float | None = None,
+    above: float | None = None,
+    at_most: float | None = None,
+    below: float | None = None,
+    tiny: bool = False,
+    one_of: tuple[str, ...] = (),
+    formerly: tuple[str, ...] = (),
+) -> Any:
+    """A field of a settings dataclass with its default and what can work, see `Valid`.
+
+    What a setting is for stands in the docstring of its dataclass, from where settings files take it.
+    """
+    valid = Valid(at_least, above, at_most, below, tiny, tuple(one_of), tuple(formerly))
+    return field(default=default, metadata={_DECLARED: valid})
+
+
+def declared(group: Any) -> dict[str, Valid]:
+    """What the fields of a group declare, by name; nothing of a setting that declares nothing."""
+    named = fields(group) if is_dataclass(group) else ()
+    return {f.name: f.metadata[_DECLARED] for f in named if _DECLARED in f.metadata}
+
+
+def check(group: Any) -> None:
+    """Raise InputError where a value of a group, as it was made by a program, cannot work; for `__post_init__`."""
+    valid = declared(group)
+    for f in fields(group):
+        value = getattr(group, f.name)
+        if f.name in valid and (wanted := valid[f.name].wanted(value, type(f.default))):
+            words = "".join(f" {c.lower()}" if c.isupper() else c for c in type(group).__name__).strip()
+            raise InputError(words, f"{f.name} is {value!r}", remedy=wanted)
+
+
+def is_group(value: Any) -> bool:
+    """Whether a value holds settings by name: a dataclass, or a mapping."""
+    return isinstance(value, Mapping) or (is_dataclass(value) and not isinstance(value, type))
+
+
+def members(group: Any) -> dict[str, Any]:
+    """The settings of a group, and the groups in it, by name.
+
+    They are a dataclass' fields or a mapping's items, or whatever a method `members` of the group says; such a group
+    also has the inverse, `with_members(new)`.
+    """
+    if hasattr(group, "members"):
+        return dict(group.members())
+    return dict(group) if isinstance(group, Mapping) else {f.name: getattr(group, f.name) for f in fields(group)}
+
+
+def with_members(group: T, new: Mapping[str, Any]) -> T:
+    """The group with some of its members exchanged. InputError: its own check refuses them."""
+    if hasattr(group, "with_members"):
+        return group.with_members(new)
+    if isinstance(group, Mapping):
+        return {**group, **new}  # type: ignore[return-value]
+    return replace(group, **new)  # type: ignore[type-var]
+
+
+def plain(group: Any) -> Any:
+    """A group as nested dictionaries."""
+    if not is_group(group):
+        return group
+    if hasattr(group, "members") or isinstance(group, Mapping):
+        return {name: plain(value) for name, value in members(group).items()}
+    return asdict(group)
+
+
+def every_setting(group: Any, table: str = "") -> Iterator[tuple[str, str, Any]]:
+    """(table, name, value) of every setting in nested groups."""
+    for name, value in members(group).items():
+        if is_group(value):
+            yield from every_setting(value, f"{table}.{name}".removeprefix("."))
+        else:
+            yield table, name, value

@@ -1,0 +1,43 @@
+"""A tracker of another package: registered by being imported, named nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from estimator.trackers.spec import Spec
+from estimator.tracking.registry import register
+from humanoid.support.idle import idle_where
+from humanoid.support.settings import setting
+
+
+@dataclass(frozen=True)
+class LazySettings:
+    """How lazy it is.
+
+    naps: how many a frame. depth: of a nap. bed: where.
+    """
+
+    naps: int = setting(2, at_least=0, at_most=5)
+    depth: float = setting(0.5, above=0, formerly=("deepness",))
+    bed: str = setting("sofa", one_of=("sofa", "floor"))
+
+
+class Lazy:
+    """Needs no search for modes."""
+
+    def __init__(self, body: Any, settings: LazySettings) -> None:
+        self.body, self.settings = body, settings
+
+
+register(
+    Spec(
+        "lazy",
+        "stays where it is",
+        lambda body, settings: Lazy(body, settings.own),  # type: ignore[arg-type, return-value]
+        "lazy",
+        LazySettings(),
+        {"smooth": {"enabled": False}},
+        (idle_where("lazy.depth", lazy__naps=0),),
+    )
+)
