@@ -87,7 +87,9 @@ def test_a_constant_of_another_file_is_not_served_stale(toy: Toy) -> None:
 
 def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:
     file = toy.folder / "kernel.py"
-    ours = {ROOT / "humanoid" / "support" / name for name in ("compiled.py", "compiled_folder.py", "compiled_sources.py")}
+    ours = {
+        ROOT / "humanoid" / "support" / name for name in ("compiled.py", "compiled_folder.py", "compiled_sources.py")
+    }
     assert imported_files(file, "toy.kernel") - ours == {
         file,
         toy.folder / "inner" / "values.py",
