@@ -62,3 +62,28 @@ def test_arguments_in_the_wrong_place(name: str, tmp_path: Path) -> None:
 def test_what_is_opened_is_a_path(function: Callable[[Any], Any], value: Any) -> None:
     with pytest.raises(InputError, match=r"cannot be .*give .*path of"):
         function(value)
+
+
+LATER: dict[str, tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any], str]] = {
+    "no run": (km.view, (None,), {}, "run: cannot be None .give a run, or the path of a run file"),
+    "port": (km.view, ("a.run",), {"port": "80"}, "port: cannot be of type str"),
+    "no film": (km.overlay, ("a.run", 3), {}, "file: cannot be of type int .3. .give the path of a file to write"),
+    "camera": (km.overlay, ("a.run", "a.mp4"), {"camera": 0}, "camera: cannot be of type int .0. .give the name"),
+    "format": (km.export, ("a.run", "a.csv"), {"format": 3}, "format: cannot be of type int"),
+    "points": (km.evaluate, ("a.run", np.zeros((2, 12, 3))), {}, "reference: cannot be of type numpy.ndarray"),
+    "no folder": (km.render, (None,), {}, "folder: cannot be None"),
+    "scene": (km.render, ("a",), {"scene": {"noise": 0}}, "scene: cannot be of type dict .give kinemode.SceneSettings"),
+    "masks": (km.render, ("a",), {"masks": "no"}, "masks: cannot be of type str"),
+    "body": (km.render, ("a",), {"subject": 34}, "subject: cannot be of type int"),
+    "frames": (km.annotate, (np.zeros((4, 4, 3)),), {}, "clip: cannot be of type numpy.ndarray .give the path"),
+    "clicks": (km.annotate, ("a.mp4",), {"keypoints": ["a.json"]}, "keypoints: cannot be of type list"),
+}
+
+
+@pytest.mark.parametrize("name", LATER)
+def test_arguments_of_what_comes_before_and_after(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    function, given, how, told = LATER[name]
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=told):
+        function(*given, **how)
+    assert list(tmp_path.iterdir()) == []

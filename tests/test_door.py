@@ -12,6 +12,7 @@ import pytest
 
 import kinemode as km
 from benchmarks.starting import FILE, LINES
+from kinemode import __main__ as front
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAVY = {
@@ -60,6 +61,28 @@ def test_every_public_name_is_there() -> None:
     assert set(km._MODULES) | {"__version__"} == set(km.__all__)
     with pytest.raises(AttributeError, match=r"no attribute .trak.; it has .*track"):
         km.trak  # noqa: B018
+
+
+@pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
+def test_a_run_is_given_as_it_is_or_by_its_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And a command does what the function of its name does."""
+    clip = km.render(tmp_path / "clip", "arm", fps=10, seconds=0.2, videos=False)
+    run = km.track(clip.subject, None, keypoints=clip.keypoints, cameras=clip.cameras, out=tmp_path / "a.run")
+    by_run, by_path = km.export(run, tmp_path / "a.csv"), km.export(run.file, tmp_path / "b.csv")
+    assert by_run.read_bytes() == by_path.read_bytes()
+    assert front.main(["export", str(run.file), str(tmp_path / "c.csv")]) == 0
+    assert (tmp_path / "c.csv").read_bytes() == by_run.read_bytes()
+    measured = km.evaluate(run, clip.truth)
+    assert measured == km.evaluate(str(run.file), km.Reference.load(clip.truth))
+    assert 0.0 < measured.mpjpe < 0.1
+    for path in (km.view(run, html=tmp_path / "a.html"), km.view(run.file, html=tmp_path / "b.html")):
+        assert path is not None
+        assert path.read_text(encoding="utf-8").startswith("<!")
+    film = km.overlay(run, tmp_path / "a.gif")
+    assert front.main(["overlay", str(run.file), "--out", str(tmp_path / "b.gif")]) == 0
+    assert (tmp_path / "b.gif").read_bytes() == film.read_bytes()
+    with pytest.raises(km.InputError, match="no camera is called 'side'"):
+        km.overlay(run, tmp_path / "c.gif", camera="side")
 
 
 def imported(path: Path) -> set[str]:

@@ -15,13 +15,14 @@ from estimator.cameras.camera import Camera
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.imaging.resolution import resized_camera, same_aspect
-from estimator.media.clip import ClipReport
+from estimator.media.clip import Clip, ClipReport
 from estimator.media.film import write_film
 from estimator.sequences.agreement import agreement
 from estimator.sequences.clock_offsets import likely_offsets
 from estimator.sequences.resampling import at_places
 from estimator.sequences.timing import CameraClock, clip_clock, keypoint_clock, timeline
 from humanoid.support.errors import InputError
+from kinemode.inputs import load as load_module
 from kinemode.inputs.declared import Declared
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
@@ -87,6 +88,21 @@ def files(folder: Path, tracks: dict[str, KeypointTrack]) -> dict[str, Path]:
 
 def load(folder: Path, tracks: dict[str, KeypointTrack], clips: Any = None, **told: Any) -> Inputs:
     return load_inputs(BODY, InputFiles(clips, files(folder / "k", tracks), CAMERAS, declared=Declared(**told)))
+
+
+def test_every_file_is_opened_once(tmp_path: Path, folder_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+
+    def counted(function: Any) -> Any:
+        return lambda path, **how: (opened.append(Path(path).name), function(path, **how))[1]
+
+    monkeypatch.setattr(Clip, "open", staticmethod(counted(Clip.open)))
+    monkeypatch.setattr(load_module, "load_cameras", counted(load_module.load_cameras))
+    monkeypatch.setattr(load_module, "load_people", counted(load_module.load_people))
+    write_cameras(tmp_path / "c.json", list(CAMERAS.values()))
+    tracks = files(tmp_path / "k", {"a": every(SEEN["a"], 2, 15.0)})
+    load_inputs(BODY, InputFiles({"a": folder_clip}, tracks, tmp_path / "c.json", declared=Declared(fps="a=30")))
+    assert sorted(opened) == ["a", "a", "a.json", "c.json"]  # the clip a second time, at the rate that is given
 
 
 def stacked(inputs: Inputs) -> np.ndarray:

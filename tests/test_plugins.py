@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from estimator.trackers.spec import Spec
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE, Registry
@@ -19,35 +22,67 @@ ROOT = Path(__file__).resolve().parent.parent
 TOY = Path(__file__).with_name("toy_plugin.py")
 
 
-def ran(*arguments: str, plugins: str = "toy_plugin", path: Path = TOY.parent) -> subprocess.CompletedProcess[str]:
-    """A process with plugins, which lie in a folder of their own."""
-    paths = os.pathsep.join([str(ROOT), str(path)])
-    return subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": paths, VARIABLE: plugins},
+def ran(code: str, *arguments: str, plugins: str, path: Path = TOY.parent) -> str:
+    """What a process prints that finds plugins in a folder of their own."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(path)]), VARIABLE: plugins}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=environment, check=False
     )
-
-
-def kinemode(*arguments: str, **how: object) -> subprocess.CompletedProcess[str]:
-    return ran("-m", "kinemode", *arguments, **how)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def settings_file() -> str:
-    done = kinemode("settings", "--tracker", "lazy")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stderr == ""
     return done.stdout
 
 
-def test_a_plugin_is_listed_and_its_settings_are_told(settings_file: str) -> None:
-    listed = kinemode("trackers")
-    assert "lazy " in listed.stdout
-    assert "stays where it is" in listed.stdout
-    assert "css-paper" in listed.stdout
-    lazy = settings_file.partition("[lazy]\n")[2].partition("\n\n")[0]
-    assert lazy.splitlines() == [
+class Told(NamedTuple):
+    """How a command line ended."""
+
+    code: int
+    out: str
+    error: str
+
+
+COMMANDS = """
+import contextlib, io, json, sys
+from kinemode.__main__ import main
+for line in json.loads(sys.argv[1]):
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        code = main(line)
+    print(json.dumps([code, out.getvalue(), error.getvalue()]))
+"""
+
+
+def told(*lines: list[str], plugins: str = "toy_plugin", path: Path = TOY.parent) -> list[Told]:
+    """Command lines, all in one process: importing takes longer than they."""
+    printed = ran(COMMANDS, json.dumps(lines), plugins=plugins, path=path)
+    return [Told(*json.loads(line)) for line in printed.splitlines()]
+
+
+LAZY = ["--tracker", "lazy"]
+REFUSED = {
+    "too many": (LAZY, "[lazy]\nnaps = 6", "[lazy] naps: 6 cannot work (a finite number, 0 or more, at most 5)"),
+    "no choice": (LAZY, "[lazy]\nbed = 'car'", "[lazy] bed: 'car' cannot work (one of sofa, floor)"),
+    "no setting": (LAZY, "[lazy]\nnap = 1", "[lazy]: no setting 'nap' (did you mean naps? one of naps, depth, bed)"),
+    "idle": (LAZY, "[lazy]\nnaps = 0\ndepth = 1.0", "[lazy] depth: has no effect: lazy.naps is 0"),
+    "another's": (LAZY, "[css]\nmodes = 3", "[css] modes: has no effect: the tracker lazy goes by [lazy]"),
+    "of no use": ([], "[lazy]\nnaps = 1", "[lazy] naps: has no effect: the tracker css goes by [css]"),
+}
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Told]:
+    folder = tmp_path_factory.mktemp("plugins")
+    lines = {"trackers": ["trackers"], "settings": ["settings", *LAZY]}
+    for name, (tracker, text, _) in REFUSED.items():
+        file = folder / f"{name}.toml"
+        file.write_text(text)
+        lines[name] = ["track", "a.mp4", *tracker, "--settings", str(file), "--out", str(folder / "a.run")]
+    return dict(zip(lines, told(*lines.values()), strict=True))
+
+
+def test_a_plugin_is_listed_and_its_settings_are_told(commands: Mapping[str, Told]) -> None:
+    assert all(part in commands["trackers"].out for part in ("lazy ", "stays where it is", "css-paper"))
+    written = commands["settings"].out
+    assert written.partition("[lazy]\n")[2].partition("\n\n")[0].splitlines() == [
         "# naps: how many a frame",
         "naps = 2  # 0 or more, at most 5",
         "# depth: of a nap",
@@ -55,14 +90,15 @@ def test_a_plugin_is_listed_and_its_settings_are_told(settings_file: str) -> Non
         "# bed: where",
         'bed = "sofa"  # one of sofa, floor',
     ]
-    assert "[css]" not in settings_file
-    assert "enabled = false" in settings_file.partition("[smooth]")[2]
+    assert "[css]" not in written
+    assert "enabled = false" in written.partition("[smooth]")[2]
 
 
 ASKED = """
-from estimator.tracking.registry import TRACKERS, make_tracker
+import sys
+from estimator.tracking.registry import make_tracker
 from kinemode.settings import choose
-chosen = choose("lazy", {path!r})
+chosen = choose("lazy", sys.argv[1])
 chosen.check(fits=False)
 made = make_tracker("lazy", "a body", chosen.settings)
 assert type(made).__name__ == "Lazy" and made.body == "a body" and made.settings is chosen.settings.own
@@ -70,79 +106,74 @@ print(chosen.settings.to_dict()["lazy"], chosen.settings.cost.nu, *chosen.notes(
 """
 
 
-def test_its_settings_are_taken_from_a_file_and_made_into_a_tracker(settings_file: str, tmp_path: Path) -> None:
+def test_its_settings_are_taken_from_a_file_and_made_into_a_tracker(
+    commands: Mapping[str, Told], tmp_path: Path
+) -> None:
     path = tmp_path / "lazy.toml"
-    path.write_text(settings_file.replace("naps = 2", "naps = 5").replace("depth = 0.5", "deepness = 2"))
-    done = ran("-c", ASKED.format(path=str(path)))
-    assert done.stderr == ""
-    told = "the setting lazy.deepness is called lazy.depth now"
-    assert done.stdout.strip() == "{'naps': 5, 'depth': 2.0, 'bed': 'sofa'} 8.0 " + told
+    path.write_text(commands["settings"].out.replace("naps = 2", "naps = 5").replace("depth = 0.5", "deepness = 2"))
+    former = "the setting lazy.deepness is called lazy.depth now"
+    printed = ran(ASKED, str(path), plugins="toy_plugin")
+    assert printed.strip() == "{'naps': 5, 'depth': 2.0, 'bed': 'sofa'} 8.0 " + former
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
-        ("[lazy]\nnaps = 6", "[lazy] naps: 6 cannot work (a finite number, 0 or more, at most 5)"),
-        ("[lazy]\nbed = 'car'", "[lazy] bed: 'car' cannot work (one of sofa, floor)"),
-        ("[lazy]\nnap = 1", "[lazy]: no setting 'nap' (did you mean naps?"),
-        ("[lazy]\nnaps = 0\ndepth = 1.0", "[lazy] depth: has no effect: lazy.naps is 0"),
-        ("[css]\nmodes = 3", "[css] modes: has no effect: the tracker lazy goes by [lazy]"),
-    ],
-)
-def test_what_is_wrong_in_its_table_is_refused(text: str, told: str, tmp_path: Path) -> None:
-    path = tmp_path / "wrong.toml"
-    path.write_text(text)
-    done = kinemode("track", "a.mp4", "--tracker", "lazy", "--settings", str(path), "--out", str(tmp_path / "a.run"))
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"error: {path}: {told}")
-
-
-def test_its_table_is_of_no_use_to_the_others(tmp_path: Path) -> None:
-    path = tmp_path / "lazy.toml"
-    path.write_text("[lazy]\nnaps = 1")
-    done = kinemode("track", "a.mp4", "--settings", str(path), "--out", str(tmp_path / "a.run"))
-    assert "[lazy] naps: has no effect: the tracker css goes by [css]" in done.stderr
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_wrong_in_its_table_is_refused(name: str, commands: Mapping[str, Told]) -> None:
+    assert commands[name].code == 2
+    assert commands[name].error.startswith("error: ")
+    assert f"/{name}.toml: {REFUSED[name][2]}" in commands[name].error
 
 
 def test_without_the_variable_there_is_none() -> None:
-    done = kinemode("settings", "--tracker", "lazy", plugins="")
-    assert done.returncode == 2
-    assert "no tracker 'lazy' (one of css, css-paper" in done.stderr
+    (found,) = told(["settings", *LAZY], plugins="")
+    assert found.code == 2
+    assert "no tracker 'lazy' (one of css, css-paper" in found.error
 
 
 @pytest.mark.parametrize(
-    ("source", "told"),
+    ("source", "why"),
     [
         (None, "ModuleNotFoundError: No module named 'broken'"),
-        ("import numpy\nnumpy.no_such_name", "AttributeError: module 'numpy' has no attribute 'no_such_name'"),
-        (
-            "from estimator.tracking.registry import TRACKERS, register\nregister(TRACKERS['css'])",
-            "tracker: there is already one named css",
-        ),
+        ("import sys\nsys.no_such_name", "AttributeError: module 'sys' has no attribute 'no_such_name'"),
     ],
 )
-def test_a_module_that_cannot_be_imported_is_named(source: str | None, told: str, tmp_path: Path) -> None:
+def test_a_module_that_cannot_be_imported_is_named_at_every_look_up(
+    source: str | None, why: str, tmp_path: Path
+) -> None:
+    (tmp_path / "whole.py").write_text("print('imported')")
     if source is not None:
         (tmp_path / "broken.py").write_text(source)
-    (tmp_path / "whole.py").write_text("")
-    done = kinemode("trackers", plugins=" whole, broken", path=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"error: {VARIABLE}: module broken cannot be imported: {told}")
-
-
-def test_what_went_wrong_is_said_at_every_look_up() -> None:
     code = (
-        "from estimator.tracking.registry import TRACKERS\n"
+        "from humanoid.support.plugins import load_plugins\n"
         "for _ in range(2):\n"
-        "    try: list(TRACKERS)\n"
+        "    try: load_plugins()\n"
         "    except ValueError as error: print(error)\n"
     )
-    lines = ran("-c", code, plugins="no_such_module").stdout.splitlines()
-    assert len(lines) == 2
-    assert lines[0] == lines[1]
-    assert "no_such_module" in lines[0]
+    remedy = "leave broken out of it, or mend it"
+    problem = f"{VARIABLE}: module broken cannot be imported: {why} ({remedy})"
+    assert ran(code, plugins=" whole, broken", path=tmp_path).splitlines() == ["imported", problem, problem]
+
+
+def test_modules_of_installed_packages_are_imported_too(tmp_path: Path) -> None:
+    information = tmp_path / "dreams-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: dreams\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text("[kinemode.plugins]\nsleep = asleep\n")
+    code = "from humanoid.support.plugins import load_plugins\ntry: load_plugins()\nexcept ValueError as e: print(e)"
+    (tmp_path / "asleep.py").write_text("print('imported')")
+    assert ran(code, plugins="", path=tmp_path) == "imported\n"
+    (tmp_path / "asleep.py").write_text("1 / 0")
+    assert ran(code, plugins="", path=tmp_path).startswith(
+        "entry point sleep of kinemode.plugins: module asleep cannot be imported: ZeroDivisionError"
+    )
+
+
+def test_a_name_that_is_taken_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "twin.py").write_text(
+        "from estimator.tracking.registry import TRACKERS, register\nregister(TRACKERS['css'])\n"
+    )
+    (found,) = told(["trackers"], plugins="twin", path=tmp_path)
+    assert (found.code, found.out) == (2, "")
+    assert "module twin cannot be imported: tracker: there is already one named css" in found.error
 
 
 @dataclass(frozen=True)
@@ -150,32 +181,34 @@ class Member:
     name: str
 
 
-def test_a_name_is_given_once() -> None:
-    family = Registry("thing", [Member("a"), Member("b")])
+def test_members_keep_their_order_and_their_names() -> None:
+    family = Registry("thing", [Member("b"), Member("a")])
     family.register(Member("c"))
-    assert list(family) == ["a", "b", "c"]
+    assert list(family) == ["b", "a", "c"]
+    assert "c" in family
     with pytest.raises(InputError, match="thing: there is already one named b"):
         family.register(Member("b"))
-    with pytest.raises(InputError, match=r"thing: no thing 'd' \(one of a, b, c\)"):
+    with pytest.raises(InputError, match=r"thing: no thing 'd' \(one of b, a, c\)"):
         family["d"]
 
 
 @pytest.mark.parametrize(
-    ("group", "change"),
+    ("told", "change"),
     [
-        ("cost", lambda s: replace(s, group="cost")),
-        ("person", lambda s: replace(s, group="person")),
-        ("without", lambda s: replace(s, group="")),
-        ("other settings", lambda s: replace(s, settings=settings_for("css").cues)),
+        ("cannot be 'cost'", lambda s: replace(s, group="cost")),
+        ("cannot be 'person'", lambda s: replace(s, group="person")),
+        ("settings without a group", lambda s: replace(s, group="")),
+        ("css has other settings", lambda s: replace(s, settings=settings_for("css").cues)),
     ],
 )
-def test_a_table_is_one_trackers_own(group: str, change: Callable) -> None:
-    with pytest.raises(InputError, match=group):
+def test_a_table_is_one_trackers_own(told: str, change: Callable[[Spec], Spec]) -> None:
+    with pytest.raises(InputError, match=f"tracker another: .*{told}"):
         TRACKERS.register(change(replace(TRACKERS["css"], name="another")))
     assert "another" not in TRACKERS
 
 
 def test_nothing_else_names_the_toy() -> None:
-    files = [p for p in ROOT.rglob("*.py") if not {".venv", "build"} & set(p.parts)]
-    naming = {p.name for p in files if "toy_plugin" in p.read_text(encoding="utf-8") or '"lazy"' in p.read_text()}
+    packages = ("humanoid", "estimator", "viz", "kinemode", "tests", "examples", "benchmarks")
+    texts = {p: p.read_text(encoding="utf-8") for package in packages for p in (ROOT / package).rglob("*.py")}
+    naming = {p.name for p, text in texts.items() if "toy_plugin" in text or '"lazy"' in text}
     assert naming == {"toy_plugin.py", Path(__file__).name}

@@ -32,12 +32,12 @@ class Lazy:
 
 register(
     Spec(
-        "lazy",
-        "stays where it is",
-        lambda body, settings: Lazy(body, settings.own),  # type: ignore[arg-type, return-value]
-        "lazy",
-        LazySettings(),
-        {"smooth": {"enabled": False}},
-        (idle_where("lazy.depth", lazy__naps=0),),
+        name="lazy",
+        sentence="stays where it is",
+        make=lambda body, settings: Lazy(body, settings.own),  # type: ignore[arg-type, return-value]
+        group="lazy",
+        settings=LazySettings(),
+        defaults={"smooth": {"enabled": False}},
+        idle=(idle_where("lazy.depth", lazy__naps=0),),
     )
 )

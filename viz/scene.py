@@ -59,12 +59,12 @@ class Scene:
 
     def others(self, t: int) -> list[tuple[int, np.ndarray, float]]:
         """(index, q, weight) of the hypotheses at instant t other than the best one, lightest first."""
-        hypotheses = [
+        found = [
             (k, self.mode_q[t, k], float(self.mode_weight[t, k]))
             for k in range(self.mode_q.shape[1])
             if k != self.path[t] and np.isfinite(self.mode_q[t, k]).all() and self.mode_weight[t, k] > 0.0
         ]
-        return sorted(hypotheses, key=lambda mode: mode[2])
+        return sorted(found, key=lambda mode: mode[2])
 
     def frame_of(self, camera: int, t: int) -> int:
         """Number of a camera's clip frame at instant t."""
@@ -118,7 +118,7 @@ def _own_frames(run: Run, camera: str) -> np.ndarray | None:
 
 
 def _opener(clip: str | None) -> Frames | None:
-    """Opens a clip's frames again each time; None where the clip is not there (any more)."""
+    """Opens a clip's frames anew each time; None where the clip is not there (any more)."""
     if clip is None or not Path(clip).exists():
         return None
 

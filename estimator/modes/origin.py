@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,8 +43,7 @@ _FORMER = {"other reading": "other association", "jump in depth": "kinematic jum
 """Words that runs have which were made before these were chosen."""
 
 
-@dataclass(frozen=True)
-class PreviousPose:
+class PreviousPose(NamedTuple):
     """Where a hypothesis has the body in the frame before. Flow is followed from there, velocities count from there.
 
     q (nq,): the parent's configuration; of a jump the pose that it jumped to, as a jump is no motion.
@@ -64,8 +64,7 @@ class PreviousPose:
 PoseKey = tuple[bytes, bytes]
 
 
-@dataclass(frozen=True)
-class Origin:
+class Origin(NamedTuple):
     """Of one hypothesis, and of the mode that became of it.
 
     previous: the pose in the frame before, None where there was none or none counts.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -67,18 +66,20 @@ class Proposals:
         self._own = [names.index(m.association) if m.association in names else 0 for m in prior.modes]
         step = settings.momentum * case.dt
         moves = settings.transition and case.evidence is not None and step > 0.0
-        self._predicted = [search.body.integrate(m.q, step * m.velocity) if moves else None for m in prior.modes]
+        predicted = [search.body.integrate(m.q, step * m.velocity) if moves else None for m in prior.modes]
+        self._previous = [self._previous_pose(m.q, q) for m, q in zip(prior.modes, predicted, strict=True)]
 
     def kept(self) -> list[Hypothesis]:
         """Every parent where it was."""
-        return [self._continued(i, m.q, self._own[i], Family.KEPT) for i, m in enumerate(self._prior.modes)]
+        return [
+            self._continued(i, m.q, self._own[i], self._origin(i, Family.KEPT)) for i, m in enumerate(self._prior.modes)
+        ]
 
     def other_associations(self, count: int) -> list[Hypothesis]:
         """Parents in the other association of the keypoints, those that it fits best."""
-        modes = range(len(self._prior.modes))
         others = [
-            self._continued(i, self._prior.modes[i].q, k, Family.ASSOCIATION)
-            for i in modes
+            self._continued(i, mode.q, k, self._origin(i, Family.ASSOCIATION))
+            for i, mode in enumerate(self._prior.modes)
             for k in range(len(self._case.associations))
             if k != self._own[i]
         ]
@@ -89,9 +90,9 @@ class Proposals:
         parents = self._parents(count)
         hypotheses = []
         for i in np.unique(parents):
-            proposal = self._proposal(int(i))
+            proposal, origin = self._proposal(int(i)), self._origin(int(i), Family.SAMPLE)
             drawn = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
-            hypotheses += [self._continued(int(i), q, self._own[i], Family.SAMPLE) for q in drawn]
+            hypotheses += [self._continued(int(i), q, self._own[i], origin) for q in drawn]
         return hypotheses
 
     def kinematic_jumps(self, count: int) -> list[Hypothesis]:
@@ -118,14 +119,21 @@ class Proposals:
     def _parents(self, count: int) -> np.ndarray:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)
 
-    def _continued(self, i: int, q: np.ndarray, association: int, family: Family) -> Hypothesis:
-        """A hypothesis that moved to q (nq,) from where mode i was, and pays the transition's penalty for that."""
-        before = self._prior.modes[i].q
-        if not self._settings.transition:  # flow is evidence of its own (CSS section 3.1.2), where there is any
-            static = PreviousPose(before, paid=False) if self._case.evidence is not None else None
-            return Hypothesis(q, association, Origin(family, static), i)
-        score = self._settings.forgetting * float(self._prior.log_scores[i])
-        return Hypothesis(q, association, Origin(family, PreviousPose(before, self._predicted[i])), i, score)
+    def _previous_pose(self, q: np.ndarray, q_predicted: np.ndarray | None) -> PreviousPose | None:
+        """Of hypotheses that moved from a mode q (nq,)."""
+        if self._settings.transition:
+            return PreviousPose(q, q_predicted)
+        # flow is evidence of its own (CSS section 3.1.2), where there is any
+        return PreviousPose(q, paid=False) if self._case.evidence is not None else None
+
+    def _origin(self, i: int, family: Family) -> Origin:
+        """Of hypotheses that moved from mode i."""
+        return Origin(family, self._previous[i])
+
+    def _continued(self, i: int, q: np.ndarray, association: int, origin: Origin) -> Hypothesis:
+        """A hypothesis at q (nq,) with what its parent, mode i, hands on."""
+        handed_on = self._settings.forgetting * float(self._prior.log_scores[i]) if self._settings.transition else 0.0
+        return Hypothesis(q, association, origin, i, handed_on)
 
     def _proposal(self, i: int) -> Proposal:
         mode, s = self._prior.modes[i], self._settings
@@ -145,9 +153,9 @@ class Proposals:
             q = propose(self._prior.modes[i].q)
             if q is None:
                 continue
-            h = self._continued(int(i), q, self._own[i], family)
-            if h.origin.previous is not None:
-                landed = replace(h.origin.previous, q=q, q_predicted=None)
-                h = h._replace(origin=Origin(family, landed, paid), prior_score=h.prior_score - paid)
-            hypotheses.append(h)
+            origin = self._origin(int(i), family)
+            if origin.previous is not None:
+                origin = Origin(family, origin.previous._replace(q=q, q_predicted=None), paid)
+            h = self._continued(int(i), q, self._own[i], origin)
+            hypotheses.append(h._replace(prior_score=h.prior_score - origin.penalty))
         return hypotheses

@@ -4,7 +4,6 @@ small, and all that the next piece needs."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -165,4 +164,4 @@ class FrameSearch:
         if self.case.evidence is None:
             return h.origin
         extent = tuple(camera.extent for camera in self.case.evidence.cameras)
-        return replace(h.origin, q_assigned=q_assigned, extent=extent)
+        return h.origin._replace(q_assigned=q_assigned, extent=extent)

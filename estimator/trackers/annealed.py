@@ -87,13 +87,13 @@ class Annealed:
 
 
 SPEC = Spec(
-    "annealed",
-    "annealed particle filter (Deutscher, Blake and Reid 2000)",
-    by_search(Annealed),
-    "annealed",
-    AnnealedSettings(),
-    FROM_A_PAPER,
-    (
+    name="annealed",
+    sentence="annealed particle filter (Deutscher, Blake and Reid 2000)",
+    make=by_search(Annealed),
+    group="annealed",
+    settings=AnnealedSettings(),
+    defaults=FROM_A_PAPER,
+    idle=(
         *DYNAMICS_ALONE,
         idle_where("annealed.diffusion", annealed__layers=1),
         idle_where("annealed.cluster", annealed__modes=1),

@@ -88,13 +88,13 @@ class Condensation:
 
 
 SPEC = Spec(
-    "condensation",
-    "particle filter (Isard and Blake 1998)",
-    by_search(Condensation),
-    "condensation",
-    CondensationSettings(),
-    FROM_A_PAPER,
-    (
+    name="condensation",
+    sentence="particle filter (Isard and Blake 1998)",
+    make=by_search(Condensation),
+    group="condensation",
+    settings=CondensationSettings(),
+    defaults=FROM_A_PAPER,
+    idle=(
         *DYNAMICS_ALONE,
         idle_where("condensation.cluster", condensation__modes=1),
     ),

@@ -178,8 +178,16 @@ _IDLE = (
 
 
 def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str, Any]) -> Spec:
-    make = by_search(CovarianceScaledSampling)
-    return Spec(name, sentence, make, "css", settings, defaults, _IDLE, shares_work=lambda own: True)
+    return Spec(
+        name=name,
+        sentence=sentence,
+        make=by_search(CovarianceScaledSampling),
+        group="css",
+        settings=settings,
+        defaults=defaults,
+        idle=_IDLE,
+        shares_work=lambda own: True,
+    )
 
 
 SPECS = (

@@ -95,13 +95,13 @@ def _within_limits(own: MultipleHypothesisSettings) -> bool:
 
 def _spec(name: str, sentence: str, settings: MultipleHypothesisSettings, defaults: Mapping[str, Any]) -> Spec:
     return Spec(
-        name,
-        sentence,
-        by_search(MultipleHypothesis),
-        "multiple_hypothesis",
-        settings,
-        defaults,
-        (idle_where("search.follow", "no search begins where its parent was"),),
+        name=name,
+        sentence=sentence,
+        make=by_search(MultipleHypothesis),
+        group="multiple_hypothesis",
+        settings=settings,
+        defaults=defaults,
+        idle=(idle_where("search.follow", "no search begins where its parent was"),),
         shares_work=_within_limits,
         keeps_limits=_within_limits,
     )

@@ -74,9 +74,15 @@ _IDLE = (
 
 def _spec(name: str, sentence: str, settings: SingleModeSettings, defaults: Mapping[str, Any]) -> Spec:
     return Spec(
-        name, sentence, by_search(SingleMode), "single_mode", settings, together(ONLY_FILTERS, defaults), _IDLE,
+        name=name,
+        sentence=sentence,
+        make=by_search(SingleMode),
+        group="single_mode",
+        settings=settings,
+        defaults=together(ONLY_FILTERS, defaults),
+        idle=_IDLE,
         keeps_limits=lambda own: own.limits,
-    )  # fmt: skip
+    )
 
 
 SPECS = (

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from kinemode.commands.options import NO_INPUT, InputOptions
+from kinemode.commands.options import NO_INPUT, ClipArgument, InputOptions, SubjectOption
 
 
 def fit(
-    *clips: Annotated[str, Parameter(name="clip")],
+    *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
-    subject: str = "human34",
+    subject: SubjectOption = "human34",
     cues: str = "auto",
     seed: int = 0,
     out: Path,
@@ -28,10 +25,6 @@ def fit(
 
     Parameters
     ----------
-    clips
-        Video files or folders of images; none where the keypoints are enough.
-    subject
-        A built-in name (see `kinemode subjects`) or a URDF file with proportions.
     cues
         What the flesh is fitted to, see `track`: off, or some of edges,silhouette.
     seed

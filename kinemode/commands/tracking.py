@@ -8,13 +8,13 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import NO_INPUT, Flag, InputOptions
+from kinemode.commands.options import NO_INPUT, ClipArgument, Flag, InputOptions, SubjectOption
 
 
 def track(
-    *clips: Annotated[str, Parameter(name="clip")],
+    *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
-    subject: str = "human34",
+    subject: SubjectOption = "human34",
     cues: str = "auto",
     settings: Path | None = None,
     tracker: str = "css",
@@ -41,10 +41,6 @@ def track(
 
     Parameters
     ----------
-    clips
-        Video files or folders of images; none where the keypoints are enough.
-    subject
-        A built-in name (see `kinemode subjects`) or a URDF file.
     cues
         What the pictures are looked at for: off, or some of edges,flow,silhouette; auto takes all of them where less
         than half of the frames have keypoints.
@@ -94,10 +90,10 @@ def track(
 
 
 def compare(
-    *clips: Annotated[str, Parameter(name="clip")],
+    *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
     trackers: Annotated[list[str], Parameter(consume_multiple=True, negative="")],
-    subject: str = "human34",
+    subject: SubjectOption = "human34",
     cues: str = "auto",
     settings: Path | None = None,
     modes: int | None = None,
@@ -120,12 +116,8 @@ def compare(
 
     Parameters
     ----------
-    clips
-        Video files or folders of images; none where the keypoints are enough.
     trackers
         Their names with commas between them, see `kinemode trackers`.
-    subject
-        A built-in name (see `kinemode subjects`) or a URDF file.
     cues
         What the pictures are looked at for, see `track`.
     settings

@@ -24,9 +24,19 @@ def check_arguments(**given: Any) -> None:
     InputError: one is of a kind that is not taken; it says which are.
     """
     for name, value in given.items():
-        fits, taken = _TAKEN[name]
-        if not fits(value):
-            raise misplaced(name, value, taken)
+        _check(name, value, name)
+
+
+def check_as(kind: str, **given: Any) -> None:
+    """Check arguments whose names mean something else in another function: as the argument `kind` is checked there."""
+    for name, value in given.items():
+        _check(name, value, kind)
+
+
+def _check(name: str, value: Any, kind: str) -> None:
+    fits, taken = _TAKEN[kind]
+    if not fits(value):
+        raise misplaced(name, value, taken)
 
 
 def whole(name: str, value: Any, low: int) -> int:
@@ -137,7 +147,7 @@ _SUBJECT_TAKEN = "a subject from load_subject, a built-in name, or the path of a
 _RUN = _either(_of("estimator.results.run_reader", "Run"), _to_open)
 _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "subject": (_SUBJECT, _SUBJECT_TAKEN),
-    "body": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
+    "subject or none": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
     "clips": _FILES,
     "keypoints": _FILES,
     "masks": _FILES,
@@ -161,7 +171,6 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "overwrite": _FLAG,
     "open_browser": _FLAG,
     "videos": _FLAG,
-    "with_masks": _FLAG,
     "progress": (_or_none(callable), "a reporter such as kinemode.reported"),
     "path": (_to_open, "the path of a run file"),
     "run": (_RUN, "a run, or the path of a run file"),
@@ -170,7 +179,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "html": (_or_none(_to_open), "the path of a file to write"),
     "folder": (_to_open, "the path of a folder to write into"),
     "clip": (_path, "the path of a video or of a folder of images"),
-    "clicks": (_or_none(_path), "the path of a keypoint file"),
+    "keypoint file": (_or_none(_path), "the path of a keypoint file"),
     "camera": (_or_none(_text), "the name of a camera"),
     "format": (_or_none(_text), "a text"),
     "joints": (_or_none(_texts), "names of landmarks"),

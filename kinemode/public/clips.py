@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
-from kinemode.public.arguments import check_arguments, whole
+from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.target import check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -60,10 +60,11 @@ def render(
     InputError: a choice that does not exist, a body that the motion does not suit, a folder that cannot be written.
     """
     check_arguments(
-        folder=folder, motion=motion, body=subject, proportions=proportions, shape=shape, girth=girth, scene=scene,
-        view=view, detector=detector, fps=fps, seconds=seconds, unit=unit, videos=videos, with_masks=masks,
-        progress=progress,
+        folder=folder, motion=motion, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,
+        detector=detector, fps=fps, seconds=seconds, unit=unit, videos=videos, progress=progress,
     )  # fmt: skip
+    check_as("subject or none", subject=subject)
+    check_as("videos", masks=masks)
     seed = whole("seed", seed, 0)
     if Path(motion).suffix.lower() == ".bvh":
         check_exists(motion)
@@ -107,9 +108,10 @@ def annotate(
     KeyboardInterrupt: on Ctrl-C, saying what there is by then.
     """
     check_arguments(
-        clip=clip, subject=subject, frame=frame, camera=camera, clicks=keypoints, file=out, port=port,
-        open_browser=open_browser,
+        clip=clip, subject=subject, frame=frame, camera=camera, port=port, open_browser=open_browser
     )  # fmt: skip
+    check_as("keypoint file", keypoints=keypoints)
+    check_as("file", out=out)
     for path in (clip, *([] if keypoints is None else [keypoints])):
         check_exists(path)
     check_folder(Path(out))

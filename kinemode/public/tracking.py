@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from humanoid.support.errors import misplaced
 from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
-from kinemode.public.arguments import check_arguments, choice, whole
+from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.target import Target, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -196,12 +195,11 @@ def compare(
     InputError: as `track` does; an unknown tracker; runs that are there, without `resume` or `overwrite`.
     """
     check_arguments(
-        subject=subject, clips=clips, trackers=trackers, out=out, reference=reference, cameras=cameras,
+        subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras,
         keypoints=keypoints, cues=cues, masks=masks, background=background, modes=modes, resume=resume,
         overwrite=overwrite, person=person, settings=settings, workers=workers, progress=progress,
     )  # fmt: skip
-    if out is None:
-        raise misplaced("out", out, "the path of a folder")
+    check_as("folder", out=out)
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     told = Declared(keypoint_size, fps, offset, start, end)

@@ -123,9 +123,9 @@ def _cheapest(vertices, quadrics, faces, cost, side):  # type: ignore[no-untyped
         cost[f] = np.inf
         for k in range(3):
             a, b = faces[f, k], faces[f, (k + 1) % 3]
-            price = _place(quadrics[a] + quadrics[b], vertices[a], vertices[b])[0]
-            if price < cost[f]:
-                cost[f], side[f] = price, k
+            found = _place(quadrics[a] + quadrics[b], vertices[a], vertices[b])[0]
+            if found < cost[f]:
+                cost[f], side[f] = found, k
 
 
 @jit
