@@ -133,11 +133,11 @@ def test_settings_reach_the_fit_whatever_the_tracker(
 ) -> None:
     given: list[Any] = []
 
-    def fitted(subject: Any, inputs: Any, seed: int, cues: Any, settings: Any) -> Any:
-        given.append(settings)
+    def fitted(subject: Any, *args: Any, track_settings: Any, **how: Any) -> Any:
+        given.append(track_settings)
         return SimpleNamespace(subject=subject)
 
-    monkeypatch.setattr(api, "_fit", fitted)
+    monkeypatch.setattr(api.person, "fit_person", fitted)
     settings = {"cost": {"keypoint_noise": 0.05, "transition_nu": 9.0}, "annealed": {"particles": 5, "layers": 2}}
     track(clip, out=tmp_path / "a.run", fit="auto", tracker="annealed", cues="off", settings=settings)
     (found,) = given

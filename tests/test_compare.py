@@ -141,11 +141,11 @@ def test_an_interrupted_comparison_goes_on(
 def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fits = []
 
-    def fitted(subject: Any, *args: Any) -> Any:
+    def fitted(subject: Any, *args: Any, **how: Any) -> Any:
         fits.append(subject)
         return SimpleNamespace(subject=subject.scaled({subject.proportions[0].joint: 1.05}))
 
-    monkeypatch.setattr(api, "_fit", fitted)
+    monkeypatch.setattr(api.person, "fit_person", fitted)
     how = {**detected(clip), "fit": "auto", "trackers": NAMES[:2], "out": tmp_path}
     first = kinemode.compare("human34", **how)
     assert len(fits) == 1

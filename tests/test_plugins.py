@@ -71,11 +71,13 @@ REFUSED = {
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Told]:
     folder = tmp_path_factory.mktemp("plugins")
+    clip = folder / "a.mp4"
+    clip.write_bytes(b"opened after the settings are read")
     lines = {"trackers": ["trackers"], "settings": ["settings", *LAZY]}
     for name, (tracker, text, _) in REFUSED.items():
         file = folder / f"{name}.toml"
         file.write_text(text)
-        lines[name] = ["track", "a.mp4", *tracker, "--settings", str(file), "--out", str(folder / "a.run")]
+        lines[name] = ["track", str(clip), *tracker, "--settings", str(file), "--out", str(folder / "a.run")]
     return dict(zip(lines, told(*lines.values()), strict=True))
 
 
