@@ -121,7 +121,7 @@ class Contest:
         here = cost.at(q)
         active = np.zeros(self.body.nv, dtype=np.int8)
         step = solver.solve(here.hessian, here.gradient, DAMPING, self.radius, q, active)
-        return self.body.integrate(q, np.zeros(self.body.nv) if step is None else step)
+        return self.body.integrate(q, np.zeros(self.body.nv) if step is None else step[0])
 
     def pink_solve(self) -> np.ndarray:
         """`pink.solve_ik` alone: the body is posed already."""

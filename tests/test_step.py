@@ -117,7 +117,10 @@ class Problem:
             self.hessian, self.gradient, DAMPING, self.radius, self.q, active, (self.A, self.b) if rows else None
         )
         assert step is not None
-        return step
+        move, promised = step
+        decrease = -(self.gradient @ move + 0.5 * move @ self.hessian @ move)
+        assert promised == pytest.approx(decrease, rel=1e-9, abs=1e-9)
+        return move
 
     def reference(self, rows: bool = False) -> np.ndarray:
         n = self.body.nv
@@ -206,8 +209,9 @@ def test_held_bounds_are_met_exactly(rounds: int) -> None:
     solver, held = StepSolver(body_of("human34"), active_set_rounds=rounds), 0
     for seed in range(12):
         problem, active = Problem(seed), np.zeros(solver.body.nv, dtype=np.int8)
-        step = solver.solve(problem.hessian, problem.gradient, DAMPING, problem.radius, problem.q, active)
-        assert step is not None
+        solved = solver.solve(problem.hessian, problem.gradient, DAMPING, problem.radius, problem.q, active)
+        assert solved is not None
+        step, _ = solved
         assert np.array_equal(step[active < 0], problem.lower[active < 0])
         assert np.array_equal(step[active > 0], problem.upper[active > 0])
         held += np.count_nonzero(active)

@@ -149,7 +149,8 @@ def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bou
     H (nv, nv), g (nv,): the model. radius (nv,): half-width of the trust box. places (B, 2) int: where a bounded joint
     stands in q and in the tangent. limits (2, B): its lower and upper limit. active (nv,), rounds, step (nv,): see
     `solve_box`. M (nv, nv), bounds (2, nv): filled with the damped matrix H + damping diag(H) and the step's bounds.
-    Returns a verdict: NOT_CONVEX, UNSETTLED, FREE or BOUNDED; `step` is the solution in the last two.
+    Returns a verdict, NOT_CONVEX, UNSETTLED, FREE or BOUNDED, `step` being the solution in the last two, and then the
+    decrease that the undamped model promises of it, else 0.
     """
     n = g.shape[0]
     lower, upper = bounds[0], bounds[1]
@@ -168,11 +169,12 @@ def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bou
         upper[i] = min(upper[i], limits[1, b] - q[k])
     settled = solve_box(M, g, lower, upper, active, rounds, step)
     if settled <= 0:
-        return NOT_CONVEX if settled < 0 else UNSETTLED
+        return (NOT_CONVEX if settled < 0 else UNSETTLED), 0.0
+    verdict = FREE
     for i in range(n):
         if active[i] != 0:
-            return BOUNDED
-    return FREE
+            verdict = BOUNDED
+    return verdict, model_decrease(H, g, step)
 
 
 @jit

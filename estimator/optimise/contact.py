@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-from estimator.optimise.box_step import model_decrease
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import CONVERGED, SEPARATED, Solution, StepCounts
@@ -61,10 +60,8 @@ class _Separation(Problem[_Point]):
     def step(self, model: _Point, damping: float) -> Step | None:
         posed, _, gradient, hessian, _ = model.quadratic
         rows = clearance_rows(self._clearance, posed, self._settings.margin)
-        move = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active, rows)
-        if move is None or not np.any(np.abs(move) > STILL):
-            return None
-        return move, model_decrease(hessian, gradient, move)
+        step = self._seeker.solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active, rows)
+        return None if step is None or not np.any(np.abs(step[0]) > STILL) else step
 
     def at(self, model: _Point, step: Step) -> _Point:
         quadratic = self._cost.at(self._seeker.body.integrate(model.quadratic.posed.q, step[0]))

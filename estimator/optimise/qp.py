@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from proxsuite import proxqp
 
-from estimator.optimise.box_step import FREE, NOT_CONVEX, UNSETTLED, damped_step, solve_sets
+from estimator.optimise.box_step import FREE, NOT_CONVEX, UNSETTLED, damped_step, model_decrease, solve_sets
+from estimator.optimise.newton import Step
 from estimator.optimise.solution import StepCounts
 from humanoid.kinematics.body import Body
 
@@ -51,23 +52,26 @@ class StepSolver:
         q: np.ndarray,
         active: np.ndarray,
         rows: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> np.ndarray | None:
-        """The step (nv,), or None if the model is not convex or the solver failed.
+    ) -> Step | None:
+        """The step (nv,) and the decrease that the undamped model promises of it.
+
+        None if the damped model is not convex or the solver failed.
 
         hessian (nv, nv), gradient (nv,): the model at q (nq,). radius (nv,): half-width of the trust box.
         active (nv,) int8: guess of the active bounds, updated in place. rows: A (m, nv) and b (m,).
         """
         step = np.empty(self.body.nv)
-        verdict = damped_step(
+        verdict, promised = damped_step(
             hessian, gradient, damping, radius, q, self.places, self.limits, active, self.active_set_rounds, self._M,
             self._bounds, step,
         )  # fmt: skip
         if verdict > UNSETTLED and (rows is None or np.all(rows[0] @ step >= rows[1])):
             self.tally[_FREE if verdict == FREE else _ACTIVE_SET] += 1
-            return step
+            return step, promised
         if verdict == NOT_CONVEX or not _convex(self._M):  # the rounds look only at the variables they left free
             return None
-        return self._proxqp(gradient, active, rows)
+        solved = self._proxqp(gradient, active, rows)
+        return None if solved is None else (solved, model_decrease(hessian, gradient, solved))
 
     def _proxqp(
         self, gradient: np.ndarray, active: np.ndarray, rows: tuple[np.ndarray, np.ndarray] | None

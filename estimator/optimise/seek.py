@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.optimise.box_step import model_decrease, projected_gradient
+from estimator.optimise.box_step import projected_gradient
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.optimise.qp import StepSolver
 from estimator.optimise.solution import Solution, StepCounts
@@ -103,8 +103,7 @@ class _Search(Problem[QuadraticModel]):
 
     def step(self, model: QuadraticModel, damping: float) -> Step | None:
         posed, _, gradient, hessian, _ = model
-        move = self._solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
-        return None if move is None else (move, model_decrease(hessian, gradient, move))
+        return self._solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
 
     def at(self, model: QuadraticModel, step: Step) -> QuadraticModel:
         """The true curvature is worth its price once little is left to gain."""

@@ -62,7 +62,7 @@ def pulled(axes, through, points, counts, targets, rays, along, lower, upper, tu
     m, count = axes.shape[0], points.shape[0]
     A, g, row = np.empty((m, m)), np.empty(m), np.empty((m, 3))
     w, s, p = np.empty((m, 3)), np.empty((m, 3)), np.empty((count, 3))
-    best, least = turns.copy(), np.inf
+    best, least, order = turns.copy(), np.inf, np.arange(m)
     damping = DAMPING
     for step in range(STEPS + 1):
         error = _missed(axes, through, points, counts, targets, rays, along, turns, w, s, p)
@@ -88,7 +88,7 @@ def pulled(axes, through, points, counts, targets, rays, along, lower, upper, tu
                     g[a] += row[a, c] * off[c]
                 for b in range(a + 1):
                     A[a, b] += dot(row[a], row[b])
-        _step(A, g, damping, lower, upper, turns)
+        _step(A, g, order, damping, lower, upper, turns)
     turns[:] = best
     return least
 
@@ -121,10 +121,10 @@ def placed(axes, through, points, counts, turns, w, s, p):  # type: ignore[no-un
 
 
 @jit
-def _step(A, g, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
+def _step(A, g, order, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
     """Solve (A + damping) x = g in the turns (m,) that are free to move and add x, kept within the bounds (m,).
 
-    A (m, m), of which the lower triangle counts, and g (m,) are overwritten.
+    A (m, m), of which the lower triangle counts, and g (m,) are overwritten. order (m,): 0, 1, ..., m - 1.
     """
     m = g.shape[0]
     for a in range(m):
@@ -134,7 +134,7 @@ def _step(A, g, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
             g[a] = 0.0
             A[a, :a] = 0.0
             A[a + 1 :, a] = 0.0
-    solve_definite(A, np.arange(m), m, SINGULAR, A, g)
+    solve_definite(A, order, m, SINGULAR, A, g)
     for a in range(m):
         turns[a] = min(max(turns[a] + min(max(g[a], -LARGEST_TURN), LARGEST_TURN), lower[a]), upper[a])
 
