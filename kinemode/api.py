@@ -122,7 +122,7 @@ def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> S
     ).subject
 
 
-def fit_person(loaded: Subject, files: InputFiles, cues: str | Iterable[str], seed: int, out: PathLike | None) -> Fit:
+def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], seed: int, out: PathLike | None) -> Fit:
     """What `kinemode.fit` does once its arguments are known to be of the right kinds, and its files to be there."""
     choice = cue_choice(cues)
     if not loaded.proportions:

@@ -149,7 +149,7 @@ def fit(
     loaded = loaded_subject(subject)
     from kinemode import api
 
-    return api.fit_person(loaded, files, cues, seed, out)
+    return api.fit_subject(loaded, files, cues, seed, out)
 
 
 def compare(
