@@ -30,6 +30,7 @@ SIZE = (64, 48)
 FRAMES = 3
 QUICK: dict[str, Any] = {"css": {"samples": 1, "jumps": 0, "modes": 2, "budget": {"searches": 4}}}
 """Settings that make a track short."""
+ANNEALED: dict[str, Any] = {"tracker": "annealed", "settings": {"annealed": {"layers": 2, "particles": 6, "modes": 2}}}
 
 
 def corpus(subjects: Sequence[str] = ("arm8", "upper13")) -> dict[str, list[Files]]:
@@ -189,8 +190,11 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
         unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
+    with suppress(KeyboardInterrupt):  # particles, and extra arrays of several axes
+        km.track(name, None, **how | ANNEALED, out=folder / "stopped.run", overwrite=True, progress=_stopping)
+    particles = {f"{name}.run": (folder / "stopped.run").read_bytes()}
     trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
-    return {"run": runs, "unfinished run": unfinished, "seen": seen, "trc": trc}
+    return {"run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc}
 
 
 def _seen(folder: Path, name: str) -> Path:

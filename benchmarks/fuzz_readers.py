@@ -21,10 +21,10 @@ from estimator.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.imaging.cues import CueReader, CueSettings
 from estimator.media.clip import Clip
 from estimator.results.evaluation import Reference
-from estimator.results.run_checks import checked_state
 from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
-from estimator.trackers.base import TrackState
+from estimator.tracking.registry import make_tracker
+from estimator.tracking.runner import stored_state
 from humanoid.kinematics.body import Body
 from humanoid.shape.solids import solids_of
 from humanoid.subject.subject import load_subject
@@ -89,9 +89,10 @@ def _run(path: Path) -> object:
 
 def _state(path: Path) -> object:
     """What a resumed run begins with."""
-    writer, arrays, _ = RunWriter.resume(path, Run.open(path).header)
+    run = Run.open(path)
+    writer, arrays, _ = RunWriter.resume(path, run.header)
     with writer:
-        return TrackState.from_arrays(checked_state(arrays, Run.open(path).body, path)) if arrays else None
+        return stored_state(make_tracker(run.header.tracker, run.body), arrays, path)
 
 
 def _clip(path: Path) -> object:

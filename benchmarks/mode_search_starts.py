@@ -16,6 +16,7 @@ from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.sequences.sequence import assemble
 from estimator.synthesis.motion_keys import motion_named
+from estimator.trackers.capabilities import energy_of
 from estimator.trackers.css import CovarianceScaledSampling
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
@@ -51,7 +52,7 @@ def tracker_starts(seed: int, motions: Sequence[str] = MOTIONS, frames: int | No
     body, found = Body(load_subject("human34")), list[Start]()
     for k, name in enumerate(motions):
         usual = make_tracker("css", body)
-        recorder = Recorder(usual.search)
+        recorder = Recorder(energy_of(usual, "css"))
         tracker = CovarianceScaledSampling(recorder)
         deque(run(tracker, _clip(body, name, frames, np.random.default_rng((seed, k))), seed), maxlen=0)
         found += recorder.starts

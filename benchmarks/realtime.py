@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
@@ -23,9 +23,9 @@ from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
 from estimator.imaging.observation import Observation
 from estimator.search.frame_search import FrameSearch
-from estimator.search.search_pool import search_pool
 from estimator.sequences.sequence import assemble
 from estimator.trackers.base import Tracker
+from estimator.trackers.capabilities import sharing
 from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
@@ -64,7 +64,7 @@ class Job:
         finally:
             opened.close()
 
-    def tracker(self) -> Tracker:
+    def tracker(self) -> Tracker[Any]:
         return make_tracker("css", self.body, self.settings)
 
 
@@ -138,7 +138,7 @@ def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed:
 def rate(job: Job, way: Way) -> float:
     """Frames per second by the wall's clock, once warm."""
     tracker = job.tracker()
-    with search_pool(tracker.search, way.processes), job.cues(way.ahead) as cues:
+    with sharing(tracker, way.processes), job.cues(way.ahead) as cues:
         marks = [time.perf_counter() for _ in run(tracker, job.observations, job.seed, cues=cues)]
     return (len(marks) - WARM_UP) / (marks[-1] - marks[WARM_UP - 1])
 

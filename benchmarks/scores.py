@@ -25,6 +25,7 @@ from estimator.results.pairs import paired
 from estimator.results.run_file import Run
 from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
 from estimator.smoothing import FixedLag
+from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker
 from kinemode.explain import run_settings
 
@@ -97,7 +98,7 @@ def fixed_lag(run: Run) -> np.ndarray:
     Pictures are not read again: keypoints and the modes that were found with the pictures have to do.
     """
     settings = run_settings(run)
-    search = make_tracker(run.header.tracker, run.body, settings).search
+    search = energy_of(make_tracker(run.header.tracker, run.body, settings), run.header.tracker)
     smoother = FixedLag(search, settings.smooth)
     given = [g for i in range(len(run)) for g in smoother.push(run.observation(i), run.result(i))] + smoother.flush()
     points = np.full((run.frame_count, len(run.body.landmark_names), 3), np.nan)

@@ -24,6 +24,7 @@ from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost
 from estimator.trackers.base import Tracker
+from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
@@ -115,7 +116,7 @@ def make_job(data: Path | None, camera: str, folder: Path, seed: int) -> Job:
     return Job(f"{name} {camera}", files, cameras, subject, observations)
 
 
-def track_all(tracker: Tracker, job: Job, seed: int) -> list[np.ndarray]:
+def track_all(tracker: Tracker[Any], job: Job, seed: int) -> list[np.ndarray]:
     """Poses of every mode of every frame; as a side effect everything compiled is warm."""
     return [q for result, _ in run(tracker, job.observations, seed) for q in result.q]
 
@@ -145,7 +146,7 @@ def _each(call: Callable[[np.ndarray], object], poses: list[np.ndarray], rounds:
 
 
 def speeds(
-    job: Job, make: Callable[[], Tracker], name: str, changes: dict[str, Any], modes: int | None, seed: int,
+    job: Job, make: Callable[[], Tracker[Any]], name: str, changes: dict[str, Any], modes: int | None, seed: int,
     repeats: int, out: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """Frames per second of the tracker alone, by the wall's clock and the processor's, and with the run file."""
@@ -189,15 +190,16 @@ def tallied(tally: Tally) -> Iterator[None]:
         Seeker.seek = seek  # type: ignore[method-assign]
 
 
-def searched(job: Job, make: Callable[[], Tracker], seed: int) -> dict[str, Any]:
+def searched(job: Job, make: Callable[[], Tracker[Any]], seed: int) -> dict[str, Any]:
     """Searches a frame and steps a search, and who settled the steps; the first frame, a start, is counted apart."""
     tracker, tally = make(), Tally()
     results = run(tracker, job.observations, seed)
     next(results)
-    before = tracker.search.seeker.solver.counts
+    counted = energy_of(tracker, "this tracker").seeker.solver
+    before = counted.counts
     with tallied(tally):
         frames = sum(1 for _ in results)
-    steps = StepCounts.between(before, tracker.search.seeker.solver.counts)
+    steps = StepCounts.between(before, counted.counts)
     return {
         "searches_per_frame": sum(tally.searches.values()) / frames,
         "steps_per_search": sum(tally.steps.values()) / max(1, sum(tally.searches.values())),
@@ -211,7 +213,7 @@ def searched(job: Job, make: Callable[[], Tracker], seed: int) -> dict[str, Any]
     }
 
 
-def shares(job: Job, make: Callable[[], Tracker], seed: int, repeats: int) -> dict[str, Any]:
+def shares(job: Job, make: Callable[[], Tracker[Any]], seed: int, repeats: int) -> dict[str, Any]:
     """Share of the time inside each library, without what measuring cost."""
     plain, metered, kinds = [], [], []
     meter = Meter()

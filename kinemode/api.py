@@ -10,26 +10,32 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimator.fitting import person
 from estimator.fitting.fit import Fit
 from estimator.parallel.pool import checked_count
-from estimator.results.run_checks import checked_state
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.results.temporary_run import TemporaryFolder
-from estimator.search.search_pool import search_pool
 from estimator.sequences.source import Cues
 from estimator.smoothing import smooth_track
-from estimator.trackers.base import MIN_KEYPOINTS, TrackState, startable
+from estimator.trackers.capabilities import HasEnergy, sharing
 from estimator.tracking.leaps import leap_note, leaps
 from estimator.tracking.registry import make_tracker
-from estimator.tracking.runner import run_into
+from estimator.tracking.runner import run_into, stored_state
 from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode import __version__
+from kinemode.beginning import (
+    check_beginning,
+    check_capabilities,
+    check_keypoints,
+    note_on_beginning,
+    notes_on_fit,
+)
 from kinemode.findings import findings
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
@@ -83,8 +89,8 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: Wanted) -> Run:
     chosen.check(job.fits(loaded))
     # the matrices are small: more threads only wait for each other
     with kept_if_interrupted(lambda: frames_at_first(job.target)), threadpool_limits(limits=1):
-        inputs = load_inputs(Body(loaded), files)
-        _check_inputs(loaded, inputs)
+        body = Body(loaded)
+        inputs = load_inputs(body, files, lambda: make_tracker(job.tracker, body, job.settings).needs_keypoints)
         against_input = _track(job, loaded, inputs, choice)
     for sentence in against_input:
         warnings.warn(sentence, FindingWarning, stacklevel=3)
@@ -94,12 +100,16 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: Wanted) -> Run:
 def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
     """Track into the run file; returns what the run then says against subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
+    tracker = make_tracker(job.tracker, Body(subject), job.settings)
+    check_capabilities(tracker, job.chosen, job.workers)
+    check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
     with opened_cues(inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         cameras = len(inputs.observations[0].cameras)
         notes += tuple(job.chosen.notes(cues=chosen, cameras=cameras, fits=job.fits(subject)))
+        notes += tuple(notes_on_fit(inputs.observations) if job.fits(subject) else ())
         if cues is not None:
             notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))
         for note in notes:
@@ -129,7 +139,7 @@ def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], s
         raise InputError(loaded.source, "has no <proportion> elements: there is nothing to fit")
     with threadpool_limits(limits=1):
         inputs = load_inputs(Body(loaded), files)
-        _check_inputs(loaded, inputs)
+        check_keypoints(loaded, inputs.observations)
         chosen = chosen_cues(choice, inputs, Settings().cues)
         with opened_cues(inputs, chosen) as reader:
             notes = (*loaded.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
@@ -184,27 +194,31 @@ class _Job:
 
 def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> tuple[str, ...]:
     observations, target = inputs.observations, job.target
-    state: TrackState | None = None
+    stored: Mapping[str, np.ndarray] | None = None
     first = 0
     if target.resumed:
-        writer, arrays, first = RunWriter.resume(target.path, header)
-        state = TrackState.from_arrays(checked_state(arrays, Body(subject), target.path)) if arrays else None
+        writer, stored, first = RunWriter.resume(target.path, header)
     else:
         writer = RunWriter.create(target.path, header, overwrite=target.overwrite)
     with kept_if_interrupted(lambda: writer.frame_count), writer:
         writer.put_observations(observations)
         tracker = make_tracker(job.tracker, Body(subject), job.settings)
-        with job.progress("tracking") as report, search_pool(tracker.search, job.workers):
-            run_into(writer, tracker, observations, job.seed, state=state, first=first, cues=cues, progress=report)
+        state, last = stored_state(tracker, stored, target.path)
+        with job.progress("tracking") as report, sharing(tracker, job.workers):
+            run_into(
+                writer, tracker, observations, job.seed,
+                state=state, first=first, cues=cues, last=last, progress=report,
+            )  # fmt: skip
         results = list(Run.open(target.path))  # as stored, so that a resumed run is told the same
         leapt = leap_note(leaps(tracker.body, results))
-        if job.settings.smooth.enabled:
+        if job.settings.smooth.enabled and isinstance(tracker, HasEnergy):
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
                 )
             writer.put_smoothed(smoothed)
-        found = (*([leapt] if leapt else []), *findings(Run.open(target.path)))
+        begun = note_on_beginning(job.tracker, results)
+        found = (*begun, *([leapt] if leapt else []), *findings(Run.open(target.path)))
         writer.put_notes(found)
         writer.finish()
     return found
@@ -241,12 +255,6 @@ def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], 
 def _absolute(names: list[str], paths: tuple[Path | None, ...]) -> dict[str, str]:
     """Where the files of some cameras lie."""
     return {name: os.path.abspath(path) for name, path in zip(names, paths, strict=True) if path is not None}
-
-
-def _check_inputs(subject: Subject, inputs: Inputs) -> None:
-    if not any(startable(o) for o in inputs.observations):
-        problem = f"no frame has {MIN_KEYPOINTS} or more of the subject's landmarks"
-        raise InputError("keypoints", problem, remedy=f"landmarks: {', '.join(m.name for m in subject.landmarks)}")
 
 
 def _check_fit_choice(fit: str, subject: Subject) -> None:

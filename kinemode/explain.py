@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -20,9 +20,9 @@ from estimator.modes.origin import Family, Origin
 from estimator.prediction.prediction import Prediction
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.capabilities import HasEnergy
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.spec import mode_search
-from estimator.tracking.registry import settings_for, stored_changes
+from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.support.errors import InputError
@@ -41,7 +41,8 @@ class Explanation:
     file: the run's. frame, hypothesis: which, and status, weight, association: as stored (see `FrameResult`).
     parts: of the energy. stored: the energy as the run has it. notes: where the hypothesis came from, and why the parts
     may add up to something else. views (C): what there is for pictures of each camera. origin: what the run has of
-    where the hypothesis came from, None where it was made before that was kept.
+    where the hypothesis came from, None where it was made before that was kept. extra: what the tracker told of the
+    frame beside its hypotheses.
     """
 
     file: Path
@@ -56,6 +57,7 @@ class Explanation:
     views: tuple[CueView, ...]
     parent: int = -1
     origin: Origin | None = None
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
@@ -64,7 +66,8 @@ class Explanation:
 
 
 def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
-    """The energy of a frame's hypothesis in its parts, and what pictures of it need.
+    """The energy of a frame's hypothesis in its parts, and what pictures of it need; of a tracker whose hypotheses have
+    no energy the pictures alone, and what it told.
 
     run: finished or not. frame: its number. hypothesis: its place in the frame, 0 for the heaviest; the one on the best
     path unless given.
@@ -76,19 +79,24 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     """
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
-    search = mode_search(run.body, settings)
+    tracker = make_tracker(run.header.tracker, run.body, settings)
     observation = run.observation(frame)
     if run.header.cues:
         with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))
-    case = _case(run, search, observation, k)
-    result = run.result(frame)
-    parts, stored = tuple(energy_parts(case)), float(result.energy[k])
-    notes = tuple(_notes(run, case, result, sum(p.energy for p in parts) - stored))
-    views = tuple(_view(run, case, c) for c in range(len(observation.cameras)))
+    result, cameras = run.result(frame), range(len(observation.cameras))
+    stored, parts = float(result.energy[k]), tuple[Part, ...]()
+    if isinstance(tracker, HasEnergy):
+        case = _case(run, tracker.search, observation, k)
+        parts = tuple(energy_parts(case))
+        notes = tuple(_notes(run, case, result, sum(p.energy for p in parts) - stored))
+        views = tuple(_view(run, case, c) for c in cameras)
+    else:
+        notes = (f"the hypotheses of {run.header.tracker} have no energy that could be taken apart",)
+        views = tuple(_pose_view(run, observation, run.body.at(result.q[k]), c) for c in cameras)
     return Explanation(
-        run.file, frame, k, result.status, float(result.weight[k]), case.association, parts, stored, notes, views,
-        int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k),
+        run.file, frame, k, result.status, float(result.weight[k]), result.association[k], parts, stored, notes, views,
+        int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k), result.extra,
     )  # fmt: skip
 
 
@@ -188,15 +196,19 @@ def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iter
 
 def _view(run: Run, case: Case, c: int) -> CueView:
     """What the pictures of one camera are drawn from."""
-    seen, body = case.search.associated(case.observation, case.association), case.search.body
+    view = _pose_view(run, case.search.associated(case.observation, case.association), case.posed, c)
+    return view if case.evidence is None else _with_cues(view, case, case.evidence.cameras[c])
+
+
+def _pose_view(run: Run, seen: Observation, posed: PosedBody, c: int) -> CueView:
+    """The same without the cues' features. seen: the frame as the hypothesis reads it."""
     camera = seen.cameras[c]
     cues = seen.cues[c] if seen.cues else None
     small = scaled_camera(camera, min(1.0, _LARGEST / max(camera.image_size))) if cues is None else cues.camera
     ratio = np.array(small.image_size) / np.array(camera.image_size)
     keypoints = np.where(seen.confidence[c, :, None] > 0.0, (seen.pixels[c] + 0.5) * ratio - 0.5, np.nan)
-    landmarks = small.project(body.landmarks(case.posed))
-    view = CueView(small.name, _image(run, small, seen.index), body.landmark_names, keypoints, landmarks)
-    return view if case.evidence is None else _with_cues(view, case, case.evidence.cameras[c])
+    landmarks = small.project(run.body.landmarks(posed))
+    return CueView(small.name, _image(run, small, seen.index), run.body.landmark_names, keypoints, landmarks)
 
 
 def _image(run: Run, camera: Camera, instant: int) -> np.ndarray:

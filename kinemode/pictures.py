@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.imaging.ahead import ReadAhead
 from estimator.imaging.cues import CueReader, CueSettings
-from estimator.trackers.base import startable
+from estimator.trackers.beginning import enough_keypoints
 from estimator.tracking.idle_settings import Idle
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
@@ -65,7 +65,7 @@ def chosen_cues(
 
 def keypoint_share(inputs: Inputs) -> float:
     """Share of the frames whose keypoints are enough for a pose."""
-    return sum(startable(o) for o in inputs.observations) / len(inputs.observations)
+    return sum(enough_keypoints(o) for o in inputs.observations) / len(inputs.observations)
 
 
 def with_cues(settings: CueSettings, names: tuple[str, ...]) -> CueSettings:
@@ -84,7 +84,7 @@ def names_of(settings: CueSettings | None) -> tuple[str, ...]:
 
 def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> list[str]:
     """What a user should know of the choice."""
-    usable = [startable(o) for o in inputs.observations]
+    usable = [enough_keypoints(o) for o in inputs.observations]
     count = f"keypoints in {sum(usable)} of {len(usable)} frames"
     if choice is None and chosen is not None:
         return [f"{count}: the pictures are looked at too ({', '.join(names_of(chosen))})"]
@@ -94,12 +94,14 @@ def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> l
 
 
 def notes_on_silhouettes(reader: ReadAhead, inputs: Inputs) -> list[str]:
-    """The cameras whose silhouette is not where the first keypoints are.
+    """The cameras whose silhouette is not where the first keypoints are, where there are any.
 
     A background learned from a clip takes a person who hardly moves for part of the scene.
     """
-    first = next(o for o in inputs.observations if startable(o))
-    notes = []
+    first = next((o for o in inputs.observations if enough_keypoints(o)), None)
+    notes: list[str] = []
+    if first is None:
+        return notes
     for camera, cues, pixels, confidence in zip(
         first.cameras, reader.at(first.index), first.pixels, first.confidence, strict=True
     ):

@@ -62,6 +62,16 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
         _set("origin_q_previous", lambda q: q + np.inf),
         "origin_q_previous is no config",
     ),
+    "extra of no name": ("frame", lambda a: a.update({"extra_No Name": np.zeros(2)}), "'No Name' is not called by"),
+    "extra of many axes": ("frame", lambda a: a.update(extra_x=np.zeros((1,) * 5)), "extra array x has the shape"),
+    "extra of bytes": ("frame", lambda a: a.update(extra_x=np.array(b"x")), r"extra array x has the .* type \|S1"),
+    "extra of no text": (
+        "frame",
+        lambda a: a.update(extra_x=np.full(1, 0x7FFFFFFF, "<u4").view("<U1")),
+        "extra_x has characters that are none",
+    ),
+    "too many extras": ("frame", lambda a: a.update({f"extra_x{i}": np.zeros(1) for i in range(99)}), "at most 64"),
+    "extra of another kind": ("frame", _set("extra_searches", np.zeros((2, 2))), "array searches: is of different"),
     "no weight": ("frame", _set("weight", lambda w: 0.0 * w), "weight has negative numbers, or none above zero"),
     "a parent nobody is": ("frame", _set("parent", lambda p: p + 90), "parent 9. is no hypothesis"),
     "a frame beyond": ("frame", _set("index", 10**9), "index 1000000000 of 3 frames"),
@@ -81,6 +91,12 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
     "state of no covariance": ("state", _set("covariance", lambda c: -c), "covariance is not symmetric and positive"),
     "state of little covariance": ("state", _set("covariance", lambda c: 1e-300 * c), "covariance is not symmetric"),
+    "state of another root": (
+        "state",
+        _set("last_root", lambda q: q[:, :3]),
+        "state: is damaged: last_root has the shape",
+    ),
+    "state without a last time": ("state", lambda a: a.pop("last_time"), "state: is damaged: last_time is missing"),
     "state without weights": ("state", lambda a: a.pop("weights"), "state: is damaged: weights is missing"),
 }
 

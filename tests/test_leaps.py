@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -13,8 +14,7 @@ from estimator.formats.packing import pack, unpack
 from estimator.imaging.observation import Observation
 from estimator.synthesis.crowd import placed
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.base import TrackState
-from estimator.tracking.leaps import FASTEST, LeapCheck, leap_note, leaps
+from estimator.tracking.leaps import FASTEST, LastFrame, LeapCheck, leap_note, leaps
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.runner import run
 
@@ -65,14 +65,38 @@ def test_time_unseen_is_time_to_move_and_survives_storing() -> None:
     body = body_of("human34")
     tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
     straight = list(run(tracker, clip(0.6, gap=2), 3))
-    state = straight[LEAP - 1][1]
+    state, last = straight[LEAP - 1][1], None
+    for result, _ in straight[:LEAP]:
+        last = LastFrame.after(last, result)
     assert state is not None
-    assert state.unobserved == pytest.approx(2 / FPS)
-    again = TrackState.from_arrays(unpack(pack(state.arrays())))
-    assert again.unobserved == state.unobserved
-    resumed = [r for r, _ in run(tracker, clip(0.6, gap=2), 3, state=again, first=LEAP)]
+    assert last is not None
+    assert last.unobserved == pytest.approx(2 / FPS)
+    stored = unpack(pack(state.arrays() | last.arrays()))
+    again, known = tracker.state_from(stored), LastFrame.from_arrays(stored, body)
+    assert known is not None
+    assert known.unobserved == last.unobserved
+    resumed = [r for r, _ in run(tracker, clip(0.6, gap=2), 3, state=again, first=LEAP, last=known)]
     assert [r.status for r in resumed] == [r.status for r, _ in straight[LEAP:]]
     assert leaps(body, [r for r, _ in straight]) == []
+
+
+def test_a_state_stored_before_leaps_had_their_own_memory_tells_as_much() -> None:
+    """Then the tracker's state had the time unseen, and the roots are those of its mixture."""
+    body = body_of("human34")
+    tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
+    last, state = None, None
+    for result, state in islice(run(tracker, clip(1.4, gap=1), 3), LEAP):  # noqa: B007
+        last = LastFrame.after(last, result)
+    assert state is not None
+    assert last is not None
+    older = state.arrays() | {"unobserved": np.array(1 / FPS)}
+    stored = [LastFrame.from_arrays(arrays, body) for arrays in (older, state.arrays() | last.arrays())]
+    for found in stored:
+        assert found is not None
+        assert {n: a.tobytes() for n, a in found.arrays().items()} == {n: a.tobytes() for n, a in last.arrays().items()}
+    assert LastFrame.from_arrays({"time": np.array(0.0)}, body) is None
+    resumed = next(run(tracker, clip(1.4, gap=1), 3, state=state, first=LEAP, last=stored[0]))[0]
+    assert resumed.status == "hard"
 
 
 def test_the_limit_is_a_sprinters_and_knows_uncertainty() -> None:

@@ -95,7 +95,7 @@ def test_annealing_finds_the_better_of_two_wells_where_condensation_does_not() -
         rng = np.random.default_rng((93, seed))
         start = well * rng.standard_normal((size * layers, dims))
         few = Particles(start[:size], np.full(size, 1.0 / size), np.zeros(size, dtype=np.int64))
-        end = anneal(
+        end, went = anneal(
             rng,
             few,
             Annealing(layers, survival=0.5, diffusion=0.5),
@@ -103,6 +103,8 @@ def test_annealing_finds_the_better_of_two_wells_where_condensation_does_not() -
             energies,
             spread,
         )
+        assert went.power.shape == (layers,)
+        assert np.allclose(went.effective_count, 0.5 * size, rtol=1e-3)  # the survival asked for
         annealed.append(np.linalg.norm(end.weights @ end.states - better))
         states, weights, _, _ = bootstrap_step(
             rng,

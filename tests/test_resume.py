@@ -12,7 +12,6 @@ import kinemode as km
 from benchmarks.resume import Pace, differences, moments
 from benchmarks.resume_kills import BEFORE_THE_FILE, SOON, Moment, command, finish, frames_in, kill_at
 from estimator.fitting.person import fit_person
-from estimator.trackers.base import TrackState
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
@@ -76,8 +75,9 @@ def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     for first in range(1, len(observations)):
         before = states[first - 1]
         assert before is not None
-        copied = TrackState.from_arrays({name: array.copy() for name, array in before.arrays().items()})
-        _, after = next(run(make_tracker("css", body), observations, 0, state=copied, first=first))
+        tracker = make_tracker("css", body)
+        copied = tracker.state_from({name: array.copy() for name, array in before.arrays().items()})
+        _, after = next(run(tracker, observations, 0, state=copied, first=first))
         expected = states[first]
         assert after is not None
         assert expected is not None

@@ -17,6 +17,7 @@ import pytest
 from estimator.cameras.camera import guessed_camera
 from estimator.formats.packing import pack, unpack
 from estimator.imaging.observation import Observation
+from estimator.results.export import export_arrays
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack
@@ -114,6 +115,51 @@ def test_round_trip_leaves_one_file(tmp_path: Path, body: Body) -> None:
         np.testing.assert_allclose(run.covariance[t], result.covariance[chosen], rtol=1e-6, atol=1e-6)
         np.testing.assert_allclose(run.landmarks[t], body.landmarks(body.at(result.q[chosen])), atol=1e-12)
         assert run.energy[t] == result.energy[chosen]
+
+
+def test_extra_arrays_are_stacked_and_filled_up(tmp_path: Path, body: Body) -> None:
+    told: list[dict[str, np.ndarray]] = [
+        {"count": np.array(3), "sure": np.array(True), "beliefs": np.ones((2, 3), np.float32), "seen": np.array(["a"])},
+        {"count": np.array(4), "beliefs": np.zeros((1, 4), np.float32), "seen": np.array(["bcd", "e"])},
+        {"count": np.array(5), "beliefs": np.zeros((0, 0), np.float32), "alone": np.array([1.5])},
+    ]
+    results = [dataclasses.replace(r, extra=e) for r, e in zip(walk(body, 3), told, strict=True)]
+    with RunWriter.create(tmp_path / "a.run", header(3)) as writer:
+        for result in results:
+            writer.append(result, {})
+    run = Run.open(tmp_path / "a.run")
+    for i, extra in enumerate(told):
+        back = run.result(i).extra
+        assert list(back) == list(extra)
+        assert all(back[n].tobytes() == a.tobytes() and back[n].dtype == a.dtype for n, a in extra.items())
+    assert list(run.extra) == ["count", "sure", "beliefs", "seen", "alone"]
+    assert run.extra["count"].tolist() == [3, 4, 5]
+    assert run.extra["count"].dtype.kind == "i"
+    np.testing.assert_array_equal(run.extra["sure"], [1.0, np.nan, np.nan])
+    np.testing.assert_array_equal(run.extra["alone"], [[np.nan], [np.nan], [1.5]])
+    assert run.extra["seen"].tolist() == [["a", ""], ["bcd", "e"], ["", ""]]
+    beliefs = np.full((3, 2, 4), np.nan)
+    beliefs[0, :, :3], beliefs[1, :1] = 1.0, 0.0
+    np.testing.assert_array_equal(run.extra["beliefs"], beliefs)
+    assert export_arrays(run).keys() >= {f"extra_{name}" for name in run.extra}
+
+
+@pytest.mark.parametrize(
+    ("extra", "told"),
+    [
+        ([np.zeros(2), np.zeros((2, 2))], "extra array x: is of different kinds"),
+        ([np.zeros(2), np.array(["a", "b"])], "extra array x: is of different kinds"),
+        ([np.zeros((0, 999_999)), np.zeros((999_999, 0))], "would fill .2, 999999, 999999. entries"),
+    ],
+)
+def test_extra_arrays_that_cannot_be_stacked(extra: list[np.ndarray], told: str, tmp_path: Path, body: Body) -> None:
+    with RunWriter.create(tmp_path / "a.run", header(2)) as writer:
+        for result, x in zip(walk(body, 2), extra, strict=True):
+            writer.append(dataclasses.replace(result, extra={"x": x}), {})
+    run = Run.open(tmp_path / "a.run")
+    with pytest.raises(InputError, match=told):
+        _ = run.extra
+    assert [r.extra["x"].shape for r in run] == [x.shape for x in extra]
 
 
 def test_no_frames(tmp_path: Path, body: Body) -> None:

@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe
 
+from estimator.imaging.cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.base import Tracker, TrackState
+from estimator.trackers.base import State, Tracker
+from estimator.trackers.capabilities import HasEnergy, LooksAhead, SharesWork
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.particle_set import FrameEnergy
+from estimator.trackers.particle_state import ParticleState
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.runner import run, run_into
 from estimator.tracking.settings import Settings
@@ -62,11 +66,11 @@ def small(name: str) -> Settings:
     return settings_for(name, modes=MODES if spec.keeps_several else None, changes={spec.group: FEW[spec.group]})
 
 
-def tracker(name: str) -> Tracker:
+def tracker(name: str) -> Tracker[Any]:
     return make_tracker(name, body_of("human34"), small(name))
 
 
-Track = list[tuple[FrameResult, TrackState]]
+Track = list[tuple[FrameResult, State]]
 
 
 @cache
@@ -75,8 +79,8 @@ def track(name: str, noise: float) -> Track:
 
 
 def same_result(a: FrameResult, b: FrameResult) -> bool:
-    ours, theirs = (vars(r) | ({} if r.origins is None else r.origins.arrays()) for r in (a, b))
-    names = [name for name in ours if name != "origins"]
+    ours, theirs = (vars(r) | r.extra | ({} if r.origins is None else r.origins.arrays()) for r in (a, b))
+    names = [name for name in ours if name not in ("origins", "extra")]
     return set(ours) == set(theirs) and all(_equal(ours[name], theirs[name]) for name in names)
 
 
@@ -151,12 +155,99 @@ def test_states_survive_as_arrays(name: str) -> None:
         np.savez(file, **arrays)
         file.seek(0)
         with np.load(file, allow_pickle=False) as stored:
-            back = TrackState.from_arrays(stored).arrays()
+            back = tracker(name).state_from(stored).arrays()
         assert set(back) == set(arrays)
         assert all(np.array_equal(arrays[k], back[k]) and arrays[k].dtype == back[k].dtype for k in arrays)
-        state = TrackState.from_arrays(back)
-        resumed = run(tracker(name), clip(NOISE[1]), SEED, state=state, first=broken + 1)
+        goes_on = tracker(name)
+        resumed = run(goes_on, clip(NOISE[1]), SEED, state=goes_on.state_from(back), first=broken + 1)
         assert all(same_result(a, b) for (a, _), (b, _) in zip(whole[broken + 1 :], resumed, strict=True))
+
+
+def test_a_state_that_cannot_be_is_refused(name: str) -> None:
+    """Whatever array of it is missing, of another shape or kind, or not finite."""
+    goes_on = tracker(name)
+    arrays = track(name, NOISE[1])[1][1].arrays()
+    for which, array in arrays.items():
+        damaged = [{**arrays, which: array[..., None]}, {k: v for k, v in arrays.items() if k != which}]
+        damaged += [{**arrays, which: array.astype(str) if array.dtype.kind != "U" else np.zeros(array.shape)}]
+        for one in damaged:
+            with pytest.raises(ValueError, match=which):
+                goes_on.state_from(one)
+    with pytest.raises(ValueError, match="q"):
+        goes_on.state_from({**arrays, "q": arrays["q"] * np.nan})
+
+
+def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(name: str) -> None:
+    seen, begins = clip(NOISE[0]), tracker(name)
+    assert begins.needs_keypoints
+    for count, enough in ((0, False), (3, False), (4, True)):
+        few = replace(seen[0], confidence=seen[0].confidence * (np.arange(seen[0].confidence.size) < count))
+        assert begins.can_start(few) is enough
+        pictures = tuple(ImageCues(camera, None, None, None) for camera in few.cameras)
+        assert begins.can_start(replace(few, cues=pictures)) is enough
+    assert isinstance(begins, HasEnergy)
+    assert not isinstance(begins, LooksAhead)
+    assert isinstance(begins, SharesWork) == (TRACKERS[name].group in ("css", "multiple_hypothesis"))
+
+
+TOLD = {
+    "css": ("searches", "searches_kinematic_jump", "searches_limb_elsewhere", "searches_limbs_exchanged",
+            "searches_other_association", "searches_parent", "searches_sample"),
+    "single_mode": ("searches", "searches_parent"),
+    "multiple_hypothesis": ("searches", "searches_sample"),
+    "condensation": ("effective_sample_size", "log_evidence", "resampled"),
+    "annealed": ("annealing_power", "effective_sample_size"),
+}  # fmt: skip
+
+
+def test_each_tracker_tells_its_own_information(name: str, noise: float) -> None:
+    results = [r for r, _ in track(name, noise)]
+    few = FEW[TRACKERS[name].group]
+    for r in results:
+        searched = r.status != "unobserved" and r.index > 0
+        assert tuple(sorted(r.extra)) == (TOLD[TRACKERS[name].group] if searched else ())
+        if "effective_sample_size" in r.extra:
+            sizes = r.extra["effective_sample_size"]
+            assert sizes.shape == r.extra.get("annealing_power", np.zeros(())).shape
+            assert np.all((sizes >= 1.0 - 1e-9) & (sizes <= few["particles"] * (1.0 + 1e-9)))
+        if "searches" in r.extra:
+            assert r.extra["searches"] == sum(r.extra[n] for n in r.extra if n != "searches") > 0
+        with pytest.raises(ValueError, match="read-only"):
+            next(iter(r.extra.values()), np.frombuffer(b""))[...] = 0
+    if name == "css":
+        families = np.concatenate([r.origins.family for r in results if r.extra and r.origins is not None])
+        told = {n for r in results for n in r.extra if r.extra[n] > 0}
+        assert {f"searches_{f.replace(' ', '_')}" for f in families} <= told
+
+
+def test_the_log_evidence_is_the_mean_likelihood_of_the_particles() -> None:
+    """Computed again from the energies of the moved particles; a temperature divides them."""
+    body, seen = body_of("human34"), clip(NOISE[1])[:2]
+    for temperature in (1.0, 3.0):
+        changes = {"condensation": {"particles": 40, "temperature": temperature}}
+        filtering = make_tracker("condensation", body, settings_for("condensation", changes=changes))
+        (_, before), (result, after) = run(filtering, seen, SEED)
+        assert isinstance(filtering, HasEnergy)
+        assert isinstance(before, ParticleState)
+        assert isinstance(after, ParticleState)
+        energy = FrameEnergy(filtering.search, seen[1], before.mixture)
+        poses = after.particles.states[:, : body.nq]
+        likelihood = np.exp(-energy.values(poses, np.zeros(40, dtype=int)) / temperature)
+        assert result.extra["log_evidence"] == pytest.approx(np.log(likelihood.mean()), rel=1e-9)
+        share = likelihood / likelihood.sum()
+        assert result.extra["effective_sample_size"] == pytest.approx(1.0 / np.sum(share**2), rel=1e-9)
+        assert result.extra["resampled"]
+
+
+def test_extra_arrays_are_the_results_own_and_of_plain_kinds() -> None:
+    given = np.zeros(2)
+    result = replace(track("single-mode", NOISE[0])[0][0], extra={"blobs": given})
+    given[0] = 1.0
+    assert not result.extra["blobs"].any()
+    assert not replace(result, status="hard").extra["blobs"].flags.writeable
+    for extra in ({"Blobs": np.zeros(2)}, {"blobs": np.array([None])}, {"blobs": np.zeros((1,) * 5)}):
+        with pytest.raises(ValueError, match="lobs"):
+            replace(result, extra=extra)
 
 
 def test_an_unseen_frame_carries_the_hypotheses(name: str, noise: float) -> None:
@@ -216,7 +307,6 @@ def test_hypotheses_share_out_the_particles() -> None:
         settings = settings_for("condensation", modes=modes, changes={"condensation": {"particles": 200, "noise": 1.0}})
         *_, (result, state) = run(make_tracker("condensation", body, settings), clip(NOISE[1])[:2], SEED)
         assert state is not None
-        assert state.particles is not None
         shares = np.bincount(state.particles.owner, weights=state.particles.weights)
         assert np.allclose(shares, result.weight, atol=1e-12)
         found[modes] = result, state.particles

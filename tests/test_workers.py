@@ -23,6 +23,7 @@ from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.sequences.sequence import assemble
+from estimator.trackers.capabilities import sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -53,7 +54,7 @@ def tracked(clip: RenderedClip, processes: int, changes: dict[str, Any]) -> list
     seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
     cues = CueReader([clip.videos[name]], [cameras[name]], CueSettings(use_silhouette=False))
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
-    with search_pool(tracker.search, processes):
+    with sharing(tracker, processes):
         return [result for result, _ in run(tracker, seen, 0, cues=cues)]
 
 
@@ -161,6 +162,8 @@ def test_what_cannot_be_shared_is_refused(search: ModeSearch) -> None:
             pass
         with pytest.raises(InputError, match="workers"):
             km.track("arm8", None, workers=count)
+    with pytest.raises(InputError, match="works in one process"):
+        sharing(make_tracker("single-mode", search.body), 2)
     other = ModeSearch(CostModel(unlimited(search.body)))
     with pytest.raises(ValueError, match="limits"), search_pool(other, 2):
         pass

@@ -17,7 +17,8 @@ from estimator.optimise.newton import NewtonSettings, Problem, Step, minimise
 from estimator.optimise.seek import Seeker, SeekSettings
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost
-from estimator.trackers.base import startable
+from estimator.trackers.beginning import enough_keypoints
+from estimator.trackers.capabilities import energy_of
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.registry import DEFAULT, make_tracker
 from estimator.tracking.runner import run
@@ -60,7 +61,7 @@ def fit_lengths(
 
 def chosen_frames(observations: Sequence[Observation], settings: FitSettings) -> list[Observation]:
     """Usable frames, evenly spread over the first seconds."""
-    usable = [o for o in observations if startable(o)]
+    usable = [o for o in observations if enough_keypoints(o)]
     usable = [o for o in usable if o.time <= usable[0].time + settings.seconds]
     if len(usable) <= settings.frames:
         return usable
@@ -74,10 +75,10 @@ def _poses(
     """Pose of every frame along the best path of a track, and the frames in the reading that the path chose."""
     tracker = make_tracker(DEFAULT, Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, seed)]
-    poses, seen = [], []
+    search, poses, seen = energy_of(tracker, "css"), [], []
     for observation, result, k in zip(observations, results, backtrack_results(results), strict=True):
         poses.append(result.q[k])
-        seen.append(tracker.search.associated(observation, result.association[k]))
+        seen.append(search.associated(observation, result.association[k]))
     return poses, seen
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,14 @@ class Annealing:
     diffusion: float
 
 
+class Layers(NamedTuple):
+    """How the layers of one frame went. power (layers,): of the likelihood. effective_count (layers,): see
+    `estimator.inference.particles.effective_count`, after weighing by that power."""
+
+    power: np.ndarray
+    effective_count: np.ndarray
+
+
 def anneal(
     rng: np.random.Generator,
     particles: Particles,
@@ -30,7 +39,7 @@ def anneal(
     disperse: Callable[[np.ndarray, np.ndarray | float], np.ndarray],
     energies: Callable[[np.ndarray, np.ndarray], np.ndarray],
     spread: Callable[[np.ndarray, np.ndarray], np.ndarray],
-) -> Particles:
+) -> tuple[Particles, Layers]:
     """One frame: select, disperse and weigh, layer by layer, with a power of the likelihood that each layer chooses.
 
     The noise shrinks with the set, in every dimension for itself (Deutscher, Davison and Reid 2001), so that what the
@@ -48,16 +57,19 @@ def anneal(
     """
     scale: np.ndarray | float = 1.0
     first: np.ndarray | None = None
-    for _ in range(annealing.layers):
+    powers, counts = np.zeros(annealing.layers), np.zeros(annealing.layers)
+    for layer in range(annealing.layers):
         chosen = systematic(rng, particles.weights, len(particles.weights))
         states, owner = disperse(particles.states[chosen], scale), particles.owner[chosen]
         if first is None:
             first = np.maximum(spread(states, np.full(len(states), 1.0 / len(states))), 1e-12)
         values = energies(states, owner)
-        weights = normalised(-annealing_power(values, annealing.survival) * values)[0]
+        powers[layer] = power = annealing_power(values, annealing.survival)
+        weights = normalised(-power * values)[0]
+        counts[layer] = effective_count(weights)
         particles = Particles(states, weights, owner)
         scale = annealing.diffusion * np.minimum(1.0, spread(states, weights) / first)
-    return particles
+    return particles, Layers(powers, counts)
 
 
 def annealing_power(energies: np.ndarray, survival: float) -> float:

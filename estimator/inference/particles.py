@@ -27,12 +27,9 @@ class Particles:
         return {_PREFIX + f.name: getattr(self, f.name) for f in fields(self)}
 
     @staticmethod
-    def from_arrays(arrays: Mapping[str, np.ndarray]) -> Particles | None:
-        """Rebuild a set from `arrays`, among others; None where there is none."""
-        names = [f.name for f in fields(Particles)]
-        if any(_PREFIX + name not in arrays for name in names):
-            return None
-        return Particles(**{name: arrays[_PREFIX + name] for name in names})
+    def from_arrays(arrays: Mapping[str, np.ndarray]) -> Particles:
+        """Rebuild a set from `arrays`, among others."""
+        return Particles(**{f.name: arrays[_PREFIX + f.name] for f in fields(Particles)})
 
 
 def normalised(log_weights: np.ndarray) -> tuple[np.ndarray, float]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator.formats.opensim import write_mot, write_trc
 from estimator.results.coordinates import opensim_coordinates, q_columns
+from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
 from humanoid.subject.joint_names import joint_names
 from humanoid.support.atomic import replacing
@@ -42,7 +43,8 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
     time (T,) [s]; q (T, nq) of the best hypothesis, Pinocchio order; landmarks (T, L, 3) [m], world; mode_q (T, K, nq),
     mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
     hypotheses together; energy (T,); status (T,) text;
-    q_names, v_names, joint_names, landmark_names text.
+    q_names, v_names, joint_names, landmark_names text; extra_NAME (T, ...), what the tracker told beside its
+    hypotheses, see `Run.extra`.
     """
     return {
         "time": run.time,
@@ -59,6 +61,7 @@ def export_arrays(run: Run) -> dict[str, np.ndarray]:
         "std": run.std,
         "energy": run.energy,
         "status": run.status,
+        **{EXTRA + name: array for name, array in run.extra.items()},
     }
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from estimator.formats.packing import pack, unpack
 from estimator.imaging.observation import Observation
 from estimator.results import run_store
+from estimator.results.run_checks import EXTRA
 from estimator.results.run_header import RunHeader, with_notes
 from estimator.results.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
@@ -190,6 +191,7 @@ def _packed(result: FrameResult) -> dict[str, np.ndarray]:
         "association": np.array(result.association, dtype=np.str_),
         **({} if result.velocity is None else {"velocity": result.velocity}),
         **({} if result.origins is None else result.origins.arrays()),
+        **{EXTRA + name: array for name, array in result.extra.items()},
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,9 @@ from estimator.modes.origin import Origins, families
 from estimator.results import run_store
 from estimator.results.calibration import Calibration
 from estimator.results.posterior import Posterior
-from estimator.results.run_checks import check_frame, check_observation, check_trajectory
+from estimator.results.run_checks import check_frame, check_observation, check_trajectory, extra_of
 from estimator.results.run_header import RunHeader
+from estimator.results.stacking import stacked
 from estimator.results.temporary_run import TemporaryFolder
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack
@@ -117,6 +118,7 @@ class Run:
             int(a["index"]), float(a["time"]), str(a["status"]), a["q"], a["weight"], a["energy"],
             _symmetric(a["covariance"], self.body.nv), a["parent"], a["kkt_residual"], a["penetration"],
             tuple(str(s) for s in a["association"]), a.get("velocity"), Origins.from_arrays(a, self.body.nq),
+            extra_of(a),
         )  # fmt: skip
 
     def observation(self, i: int) -> Observation:
@@ -220,6 +222,19 @@ class Run:
         rows = [[] if row is None else row.tolist() for row in known]
         k = self.hypothesis_count
         return np.array([row + [""] * (k - len(row)) for row in rows], dtype=np.str_).reshape(len(rows), k)
+
+    @cached_property
+    def extra(self) -> Mapping[str, np.ndarray]:
+        """What the tracker told beside its hypotheses, by name (T, ...), see `FrameResult.extra`; none in runs made
+        before it was kept.
+
+        Where a frame has nothing under a name, or a smaller array than others, the rest is NaN (whole numbers and
+        booleans then become floats) or empty text. Raises InputError where the arrays of a name cannot be stacked:
+        some have more axes than others, or are text, or they would fill the memory; `result(i).extra` has them singly.
+        """
+        frames = [extra_of(f) for f in self._frames]
+        names = dict.fromkeys(name for of_frame in frames for name in of_frame)
+        return {name: stacked([f.get(name) for f in frames], self.file, f"extra array {name}") for name in names}
 
     @cached_property
     def mode_landmarks(self) -> np.ndarray:

@@ -28,9 +28,10 @@ def assemble(
 ) -> list[Observation]:
     """Observations (T) of all cameras with keypoints, in the order of `tracks`.
 
-    A landmark whose keypoint a layout lacks stays missing. A track shorter than `times` (T,) [s] is missing at its
-    end, a longer one is cut; `timing.length_notes` says so. detected: the keypoints frame by frame as the detector gave
-    them, of tracks that were brought to other instants: interpolation hides how much they tremble.
+    A landmark whose keypoint a layout lacks stays missing; a track without any names is one without keypoints. A track
+    shorter than `times` (T,) [s] is missing at its end, a longer one is cut; `timing.length_notes` says so.
+    detected: the keypoints frame by frame as the detector gave them, of tracks that were brought to other instants:
+    interpolation hides how much they tremble.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def assemble(
     jitter: list[float] = []
     for c, (name, track) in enumerate(tracks.items()):
         used.append(_camera(name, track, cameras, (clip_sizes or {}).get(name)))
-        here, there = common_landmarks(body.landmark_names, track)
+        here, there = common_landmarks(body.landmark_names, track) if track.names else ([], [])
         count = min(len(times), track.frame_count)
         pixels[:count, c, here] = track.pixels[:count, there]
         confidence[:count, c, here] = track.confidence[:count, there]

@@ -10,7 +10,7 @@ from estimator.imaging.observation import Observation
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.terms.term import Cost
-from estimator.trackers.base import observable
+from estimator.trackers.beginning import observable
 from estimator.trackers.frame_result import FrameResult
 
 

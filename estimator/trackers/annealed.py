@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +11,10 @@ from estimator.imaging.observation import Observation
 from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.base import TrackState, judged, observable
+from estimator.trackers.beginning import BeginsByKeypoints, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import judged
 from estimator.trackers.particle_set import (
     DYNAMICS_ALONE,
     FrameEnergy,
@@ -22,6 +24,7 @@ from estimator.trackers.particle_set import (
     summarised,
     unseen,
 )
+from estimator.trackers.particle_state import ParticleState
 from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
@@ -48,8 +51,13 @@ class AnnealedSettings:
     cluster: float = setting(0.1, above=0)
 
 
-class Annealed:
-    """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.inference.annealing`."""
+class Annealed(BeginsByKeypoints):
+    """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.inference.annealing`.
+
+    Of every searched frame but the first it tells, layer by layer,
+    annealing_power (layers,): the power of the likelihood.
+    effective_sample_size (layers,): how many evenly weighted particles the weights by that power are worth.
+    """
 
     def __init__(self, search: ModeSearch, settings: AnnealedSettings | None = None) -> None:
         self.search = search
@@ -58,16 +66,15 @@ class Annealed:
         self._annealing = Annealing(s.layers, s.survival, s.diffusion)
         self._summary = Summary.of(self.body, s.modes, s.cluster)
 
-    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ParticleState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         return first_particle_set(self.search, rng, observation, self.settings.modes, self.settings.particles)
 
     def step(
-        self, rng: np.random.Generator, state: TrackState, observation: Observation
-    ) -> tuple[TrackState, FrameResult]:
+        self, rng: np.random.Generator, state: ParticleState, observation: Observation
+    ) -> tuple[ParticleState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         particles, before, dt = state.particles, state.mixture, observation.time - state.time
-        assert particles is not None
         noise = self.settings.noise * self.search.model.transition_std(dt)
 
         def disperse(q: np.ndarray, scale: np.ndarray | float) -> np.ndarray:
@@ -76,10 +83,15 @@ class Annealed:
         if not observable(observation):
             return unseen(self.search, state, observation, disperse(particles.states, 1.0))
         energy = FrameEnergy(self.search, observation, before)
-        particles = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)
+        particles, layers = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)
         found, owner = summarised(self.search, energy, particles, particles.states, before, dt, self._summary)
-        state, result = judged(self.search, observation, found)
-        return replace(state, particles=replace(particles, owner=owner)), result
+        told = {"annealing_power": layers.power, "effective_sample_size": layers.effective_count}
+        _, result = judged(self.search, observation, found, told)
+        return ParticleState(found, observation.time, replace(particles, owner=owner)), result
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
+        """See `estimator.trackers.base.Tracker`."""
+        return ParticleState.from_arrays(arrays, self.body, self.body.nq)
 
     def _spread(self, q: np.ndarray, weights: np.ndarray) -> np.ndarray:
         covariance = mean_and_covariance(self.body, q, weights)[1]

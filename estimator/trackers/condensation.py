@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.imaging.observation import Observation
-from estimator.inference.particles import Particles, bootstrap_step
+from estimator.inference.particles import Particles, bootstrap_step, effective_count
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.base import TrackState, judged, observable
+from estimator.trackers.beginning import BeginsByKeypoints, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import judged
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
+from estimator.trackers.particle_state import ParticleState
 from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
@@ -37,8 +40,15 @@ class CondensationSettings:
     cluster: float = setting(0.1, above=0)
 
 
-class Condensation:
-    """A row of the particles' states is the configuration (nq,) and the velocity (nv,) [1/s] that led to it."""
+class Condensation(BeginsByKeypoints):
+    """A row of the particles' states is the configuration (nq,) and the velocity (nv,) [1/s] that led to it.
+
+    Of every searched frame but the first it tells
+    effective_sample_size: how many evenly weighted particles the weights are worth, from 1 to N.
+    log_evidence: logarithm of the mean weight before it is normalised, an estimate of the observation's log-likelihood
+        given those before it; at a temperature of 1 and up to a constant of the energy.
+    resampled: whether particles were selected by weight, which CONDENSATION does in every frame that it searches.
+    """
 
     def __init__(self, search: ModeSearch, settings: CondensationSettings | None = None) -> None:
         self.search = search
@@ -46,24 +56,22 @@ class Condensation:
         self.settings = settings or CondensationSettings()
         self._summary = Summary.of(self.body, self.settings.modes, self.settings.cluster)
 
-    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ParticleState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         s = self.settings
         state, result = first_particle_set(self.search, rng, observation, s.modes, s.particles)
-        assert state.particles is not None
         at_rest = np.hstack([state.particles.states, np.zeros((s.particles, self.body.nv))])
         return replace(state, particles=replace(state.particles, states=at_rest)), result
 
     def step(
-        self, rng: np.random.Generator, state: TrackState, observation: Observation
-    ) -> tuple[TrackState, FrameResult]:
+        self, rng: np.random.Generator, state: ParticleState, observation: Observation
+    ) -> tuple[ParticleState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         particles, before, dt = state.particles, state.mixture, observation.time - state.time
-        assert particles is not None
         if not observable(observation):
             return unseen(self.search, state, observation, self._moved(rng, particles.states, dt))
         energy, nq = FrameEnergy(self.search, observation, before), self.body.nq
-        states, weights, ancestor, _ = bootstrap_step(
+        states, weights, ancestor, log_evidence = bootstrap_step(
             rng,
             particles.states,
             particles.weights,
@@ -72,8 +80,17 @@ class Condensation:
         )
         after = Particles(states, weights, particles.owner[ancestor])
         found, owner = summarised(self.search, energy, after, states[:, :nq], before, dt, self._summary)
-        state, result = judged(self.search, observation, found)
-        return replace(state, particles=replace(after, owner=owner)), result
+        told = {
+            "effective_sample_size": np.array(effective_count(weights)),
+            "log_evidence": np.array(log_evidence),
+            "resampled": np.array(True),
+        }
+        _, result = judged(self.search, observation, found, told)
+        return ParticleState(found, observation.time, replace(after, owner=owner)), result
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
+        """See `estimator.trackers.base.Tracker`."""
+        return ParticleState.from_arrays(arrays, self.body, self.body.nq + self.body.nv)
 
     def _moved(self, rng: np.random.Generator, states: np.ndarray, dt: float) -> np.ndarray:
         """States (N, nq + nv) after `dt` [s]."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -13,6 +15,7 @@ from estimator.cost.model import ALL_DETECTED
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
+from estimator.modes.origin import Family
 from estimator.search.budget import BudgetSettings, Source, allocated
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_proposals import SHAPES, Proposals, ProposalSettings
@@ -20,9 +23,11 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
-from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.search.search_pool import search_pool
+from estimator.trackers.beginning import BeginsByKeypoints, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import ONE_CAMERA, PICTURES, idle_where, idle_without
 from humanoid.support.settings import check, setting
@@ -86,8 +91,14 @@ PAPER = CssSettings(
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
-class CovarianceScaledSampling:
-    """The recipe: numbers in comments are the steps of Figure 6."""
+_FAMILIES = tuple(family for family in Family if family not in (Family.START, Family.PARTICLES))
+
+
+class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
+    """The recipe: numbers in comments are the steps of Figure 6.
+
+    Of every searched frame but the first it tells `searches` and `searches_FAMILY` (see `searches_told`).
+    """
 
     def __init__(self, search: ModeSearch, settings: CssSettings | None = None) -> None:
         self.search = search
@@ -95,16 +106,16 @@ class CovarianceScaledSampling:
         self.settings = settings or CssSettings()
         self._limb_proposal = LimbProposal(self.body)
 
-    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
     def step(
-        self, rng: np.random.Generator, state: TrackState, observation: Observation
-    ) -> tuple[TrackState, FrameResult]:
+        self, rng: np.random.Generator, state: MixtureState, observation: Observation
+    ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         if not observable(observation):
-            return carried(self.search, state, observation)
+            return carried(self.search, state.mixture, observation.time - state.time, observation)
         prior = state.mixture
         evidence = self.search.evidence(observation, prior.modes[0].q)
         case = FrameCase(self.search.associations(observation), observation.time - state.time, evidence)
@@ -115,7 +126,11 @@ class CovarianceScaledSampling:
         mixture = self.search.best_of(found, case, self.settings.modes, rng)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
-        return judged(self.search, observation, mixture)
+        return judged(self.search, observation, mixture, _searches(found))
+
+    def shared(self, processes: int) -> AbstractContextManager[None]:
+        """See `estimator.trackers.capabilities.SharesWork`."""
+        return search_pool(self.search, processes)
 
     def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
         s = self.settings
@@ -146,6 +161,11 @@ class CovarianceScaledSampling:
             handed_on = prior.log_scores[parent] if parent >= 0 else prior.log_scores.min()
             scores.append(score + self.settings.forgetting * handed_on)
         return mixture_of(tuple(modes), np.array(scores))  # 6
+
+
+def _searches(found: Sequence[Candidate]) -> dict[str, np.ndarray]:
+    counted = Counter(c.hypothesis.origin.family for c in found)
+    return searches_told({family: counted[family] for family in _FAMILIES})
 
 
 def _rise(found: Sequence[Candidate], prior: Mixture) -> float:

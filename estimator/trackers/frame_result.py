@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +21,10 @@ STATUS_MEANINGS = {
 }
 """What the statuses of a frame mean, and what to do: one line each, for wherever a status is printed."""
 
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,59}")
+_KINDS = "biufU"
+_MOST, _MOST_AXES = 64, 4
+
 
 @dataclass(frozen=True)
 class FrameResult:
@@ -31,6 +37,12 @@ class FrameResult:
     kkt_residual (K,), penetration (K,) [m]: certificates of each mode, see `Mode`.
     association (K): see `Mode`. velocity (K, nv): see `Mode`; None in runs made before it was kept.
     origins: where the modes came from and what they paid; None where nothing was observed, and in such runs.
+    extra: the tracker's own information by name, arrays of numbers, booleans or text of at most 4 axes; each tracker
+        says what it tells. A name may be missing in frames in which there is nothing to tell.
+
+    Raises
+    ------
+    ValueError: an extra array of another kind, or a name that is no lower-case identifier.
     """
 
     index: int
@@ -46,3 +58,27 @@ class FrameResult:
     association: tuple[str, ...]
     velocity: np.ndarray | None = None
     origins: Origins | None = None
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "extra", {name: _read_only(value) for name, value in self.extra.items()})
+        check_extra(self.extra)
+
+
+def check_extra(extra: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError unless these can be a frame's extra arrays."""
+    if len(extra) > _MOST:
+        raise ValueError(f"{len(extra)} extra arrays, at most {_MOST} are kept")
+    for name, array in extra.items():
+        if not _NAME.fullmatch(name):
+            raise ValueError(f"extra array {name[:80]!r} is not called by a lower-case identifier")
+        if array.dtype.kind not in _KINDS or array.ndim > _MOST_AXES:
+            raise ValueError(f"extra array {name} has the shape {array.shape} and type {array.dtype}")
+
+
+def _read_only(value: np.ndarray) -> np.ndarray:
+    array = np.asarray(value)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array

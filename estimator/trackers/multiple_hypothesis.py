@@ -8,6 +8,7 @@ scales the covariance instead.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,9 +21,11 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.search.search_pool import search_pool
+from estimator.trackers.beginning import BeginsByKeypoints, observable
 from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
 from estimator.trackers.single_mode import without_limits
 from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import idle_where
@@ -45,8 +48,11 @@ class MultipleHypothesisSettings:
     limits: bool = True
 
 
-class MultipleHypothesis:
-    """A mode's weight is its parent's times what the posterior has at the mode; keypoints are read as detected."""
+class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
+    """A mode's weight is its parent's times what the posterior has at the mode; keypoints are read as detected.
+
+    Of every searched frame but the first it tells `searches` and `searches_sample` (see `searches_told`).
+    """
 
     def __init__(self, search: ModeSearch, settings: MultipleHypothesisSettings | None = None) -> None:
         self.search = search
@@ -54,21 +60,25 @@ class MultipleHypothesis:
         self.settings = settings or MultipleHypothesisSettings()
         self._tracking = search if self.settings.limits else without_limits(search)
 
-    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
     def step(
-        self, rng: np.random.Generator, state: TrackState, observation: Observation
-    ) -> tuple[TrackState, FrameResult]:
+        self, rng: np.random.Generator, state: MixtureState, observation: Observation
+    ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         search, dt = self._tracking, observation.time - state.time
         if not observable(observation):
-            return carried(search, state, observation)
+            return carried(search, state.mixture, dt, observation)
         evidence = search.evidence(observation, state.mixture.modes[0].q)
         case = FrameCase(search.associations(observation), dt, evidence)
         found = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
-        return judged(search, observation, found)
+        return judged(search, observation, found, searches_told({Family.SAMPLE: self.settings.starts}))
+
+    def shared(self, processes: int) -> AbstractContextManager[None]:
+        """See `estimator.trackers.capabilities.SharesWork`; without joint limits the first frame's work alone is."""
+        return search_pool(self.search, processes)
 
     def _samples(self, rng: np.random.Generator, prior: Mixture, dt: float) -> list[Hypothesis]:
         """Starts; each pays for the change since its parent, and flow is that of its parent's surface."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
 from estimator.terms.term import QuadraticModel
-from estimator.trackers.base import TrackState, carried, judged
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import carried, judged
+from estimator.trackers.particle_state import ParticleState
 from humanoid.kinematics.body import Body
 from humanoid.support.idle import idle_where
 
@@ -71,7 +72,7 @@ class FrameEnergy:
 
 def first_particle_set(
     search: ModeSearch, rng: np.random.Generator, observation: Observation, modes: int, count: int
-) -> tuple[TrackState, FrameResult]:
+) -> tuple[ParticleState, FrameResult]:
     """State and result of the first frame; the states of its `count` particles are configurations (nq,).
 
     The start is every tracker's: the best `modes` modes, found by search. Particles are drawn from these Gaussians.
@@ -81,7 +82,7 @@ def first_particle_set(
     owner = np.sort(rng.choice(len(found.modes), size=count, p=found.weights))
     factors = [np.linalg.cholesky(m.covariance + 1e-12 * np.eye(body.nv)) for m in found.modes]
     q = np.array([body.integrate(found.modes[k].q, factors[k] @ rng.standard_normal(body.nv)) for k in owner])
-    return replace(state, particles=Particles(q, np.full(count, 1.0 / count), owner)), result
+    return ParticleState(found, state.time, Particles(q, np.full(count, 1.0 / count), owner)), result
 
 
 def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -158,9 +159,9 @@ def _mode(
 
 
 def unseen(
-    search: ModeSearch, state: TrackState, observation: Observation, states: np.ndarray
-) -> tuple[TrackState, FrameResult]:
+    search: ModeSearch, state: ParticleState, observation: Observation, states: np.ndarray
+) -> tuple[ParticleState, FrameResult]:
     """An unobserved frame: the hypotheses are carried, the particles go where their dynamics took them, (N, S)."""
-    after, result = carried(search, state, observation)
-    assert state.particles is not None
-    return replace(after, particles=replace(state.particles, states=states)), result
+    after, result = carried(search, state.mixture, observation.time - state.time, observation)
+    kept = state.particles
+    return ParticleState(after.mixture, after.time, Particles(states, kept.weights, kept.owner)), result

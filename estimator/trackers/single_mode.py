@@ -15,9 +15,10 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.base import TrackState, carried, judged, observable
+from estimator.trackers.beginning import BeginsByKeypoints, observable
 from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, ONLY_FILTERS, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.support.idle import idle_where
@@ -33,8 +34,8 @@ class SingleModeSettings:
     limits: bool = True
 
 
-class SingleMode:
-    """One hypothesis, searched from its pose in the last frame, keypoints read as detected."""
+class SingleMode(BeginsByKeypoints, CarriesMixture):
+    """One hypothesis, searched from its pose in the last frame, keypoints read as detected; it tells its `searches`."""
 
     def __init__(self, search: ModeSearch, settings: SingleModeSettings | None = None) -> None:
         self.search = search
@@ -42,22 +43,23 @@ class SingleMode:
         self.settings = settings or SingleModeSettings()
         self._tracking = search if self.settings.limits else without_limits(search)
 
-    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[TrackState, FrameResult]:
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         return judged(self.search, observation, start_modes(self.search, rng, observation, 1))
 
     def step(
-        self, rng: np.random.Generator, state: TrackState, observation: Observation
-    ) -> tuple[TrackState, FrameResult]:
+        self, rng: np.random.Generator, state: MixtureState, observation: Observation
+    ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         search = self._tracking
         if not observable(observation):
-            return carried(search, state, observation)
+            return carried(search, state.mixture, observation.time - state.time, observation)
         q = state.mixture.modes[0].q
         origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)
         associations, evidence = search.associations(observation), search.evidence(observation, q)
         case = FrameCase(associations, observation.time - state.time, evidence)
-        return judged(search, observation, search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1))
+        best = search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1)
+        return judged(search, observation, best, searches_told({Family.KEPT: 1}))
 
 
 def without_limits(search: ModeSearch) -> ModeSearch:

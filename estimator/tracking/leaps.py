@@ -7,17 +7,71 @@ body lengths a second. Lengths rather than metres, because one camera knows no m
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from estimator.formats.checked_arrays import Field, check_arrays
 from estimator.modes.merge import body_size
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 
 FASTEST = 7.0  # body lengths a second, the sprinter's with some room
 _DEVIATIONS = 3.0  # standard deviations by which the places themselves may be wrong
+
+
+_PREFIX = "last_"
+_FIELDS = {
+    f"{_PREFIX}time": Field("f"),
+    f"{_PREFIX}unobserved": Field("f"),
+    f"{_PREFIX}root": Field("f", ("K", "root")),
+    f"{_PREFIX}covariance": Field("f", ("K", "place", "place")),
+}
+
+
+@dataclass(frozen=True)
+class LastFrame:
+    """What tells a leap from what was before, carried from frame to frame beside the tracker's state.
+
+    time [s]: of the frame. unobserved [s]: how long before it a frame was searched last. root (K, 7), covariance
+    (K, 3, 3): place and turn of its hypotheses' roots, as in q, and the covariance of their places.
+    """
+
+    time: float
+    unobserved: float
+    root: np.ndarray
+    covariance: np.ndarray
+
+    @staticmethod
+    def after(before: LastFrame | None, result: FrameResult) -> LastFrame | None:
+        """With one more frame; a frame without hypotheses leaves the roots where they were. None before the first."""
+        unobserved = 0.0
+        if before is not None and (result.status == "unobserved" or not len(result.q)):
+            unobserved = before.unobserved + result.time - before.time
+        if len(result.q):
+            return LastFrame(result.time, unobserved, result.q[:, :7].copy(), result.covariance[:, :3, :3].copy())
+        return None if before is None else LastFrame(result.time, unobserved, before.root, before.covariance)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """As arrays to be stored, exact to the last bit; `from_arrays` is the inverse."""
+        return {_PREFIX + name: np.asarray(value) for name, value in vars(self).items()}
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray], body: Body) -> LastFrame | None:
+        """Rebuild it from `arrays`, among others, or from the state of a run made before it was kept; None where there
+        is neither. Raises DamageError for arrays that cannot be."""
+        own = {name: arrays[name] for name in _FIELDS if name in arrays}
+        if not own:
+            if not {"time", "unobserved", "q", "covariance"} <= set(arrays):
+                return None
+            roots = arrays["q"][:, :7], arrays["covariance"][:, :3, :3]
+            own = dict(zip(_FIELDS, (arrays["time"], arrays["unobserved"], *roots), strict=True))
+        count = len(np.atleast_1d(own.get(f"{_PREFIX}root", 0.0)))
+        check_arrays(own, _FIELDS, {"K": count, "root": min(7, body.nq), "place": min(3, body.nv)})
+        time, unobserved, root, covariance = (own[name] for name in _FIELDS)
+        return LastFrame(float(time), float(unobserved), root, covariance)
 
 
 class LeapCheck:

@@ -115,7 +115,7 @@ def shares_work(name: str, settings: Settings) -> bool:
     return TRACKERS[name].shares_work(settings.own)
 
 
-def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tracker:
+def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tracker[Any]:
     """A tracker for a body; one object serves one clip.
 
     Raises

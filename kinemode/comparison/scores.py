@@ -14,7 +14,7 @@ from estimator.results.pairs import paired
 from estimator.results.run_file import Run
 from estimator.results.trajectory_errors import trajectory_errors
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.base import observable
+from estimator.trackers.beginning import observable
 from estimator.trackers.spec import mode_search
 from estimator.tracking.settings import Settings
 from kinemode.comparison.times import TrackTime

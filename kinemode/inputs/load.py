@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,17 +55,21 @@ class Inputs:
     frames: tuple[np.ndarray | None, ...] = ()
 
 
-def load_inputs(body: Body, files: InputFiles) -> Inputs:
+def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bool] = lambda: True) -> Inputs:
     """Read everything a body is tracked from; of the pictures only what there is of them.
+
+    keypoints_needed: asked where there are clips and no keypoints.
 
     Raises InputError: no keypoints, files without a partner, no camera for one of several clips, too few masks, sizes
     or times that contradict each other.
     """
     told, known = files.declared, _KnownCameras.of(files.cameras)
     clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
-    if not keypoint_files:
+    if not keypoint_files and (not clip_files or keypoints_needed()):
         raise _no_keypoints(clip_files)
-    keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(files.keypoints, KEYPOINTS))
+    notes: list[str] = []
+    if keypoint_files:
+        keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(files.keypoints, KEYPOINTS))
     mask_files, background_files = (
         matched(clip_files, named_paths(given, what), what, CLIP, chosen=chosen_names(given, what), every=False)
         for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND))
@@ -78,10 +82,13 @@ def load_inputs(body: Body, files: InputFiles) -> Inputs:
         sizes = {name: clip.image_size for name, clip in opened.items()}
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
+        outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
         _, used, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)
     times = {name: clock.offset + clock.keypoints for name, clock in clocks.items()}
-    tracks, choice_notes = subject_tracks(people, _as_detected(outlines, used, told), persons, times)
+    tracks, choice_notes = outlines, tuple[str, ...]()
+    if people:
+        tracks, choice_notes = subject_tracks(people, _as_detected(outlines, used, told), persons, times)
     tracks, used, size_notes = _one_size(tracks, sizes, known, named, told)
     line = timeline(clocks).cut(*told.part())
     notes += choice_notes
@@ -113,6 +120,13 @@ def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
     clicks = command("annotate", next(iter(clips.values()), Path("CLIP")))
     remedy = f"click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
     return InputError("keypoints", "are needed, of one frame at least, to find the first pose", remedy=remedy)
+
+
+def _without_keypoints(clip: Clip) -> KeypointTrack:
+    """A track as long as a clip that has no keypoints, nor names of any."""
+    count, rate = clip.report.read, clip.report.fps if clip.rate_known else None
+    pixels, confidence = np.zeros((count, 0, 2)), np.zeros((count, 0))
+    return KeypointTrack("none", (), pixels, confidence, clip.image_size, rate, source=str(clip.path))
 
 
 def _of_clips(

@@ -19,6 +19,8 @@ from kinemode.explain import Explanation
 from kinemode.findings import findings, status_counts, status_lines
 from kinemode.terminal.program import command
 
+_FEW = 16  # numbers that are printed of what a tracker tells
+
 
 def console() -> Console:
     """Where tables go; plain and unwrapped when it is not a terminal."""
@@ -139,8 +141,9 @@ def print_explanation(explanation: Explanation) -> None:
             "" if part.count is None else str(part.count),
             f"{part.distance:.2f}" if np.isfinite(part.distance) else "",
         )
-    made.add_section()
-    made.add_row("sum", f"{total:.3f}")
+    if e.parts:
+        made.add_section()
+        made.add_row("sum", f"{total:.3f}")
     made.add_row("as the run has it", f"{e.stored:.3f}")
     out = console()
     out.print(made)
@@ -150,6 +153,9 @@ def print_explanation(explanation: Explanation) -> None:
         if e.origin.penalty > 0.0:
             out.print(f"flat penalty of the jump, paid by the weight and no part of the energy: {e.origin.penalty:g}")
             out.print("the transition counts from the pose that it jumped to")
+    for name, values in e.extra.items():
+        if values.size <= _FEW:
+            out.print(f"{name.replace('_', ' ')}: {np.array2string(values, precision=4, separator=', ')}")
     print_notes(e.notes)
 
 

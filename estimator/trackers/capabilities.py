@@ -1,0 +1,86 @@
+"""What a tracker may be able to do beside tracking. The runner, smoothing, `explain` and the front door ask for it by
+`isinstance`; a tracker that has none of it is a whole one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from estimator.imaging.observation import Observation
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.base import State, Tracker
+from estimator.trackers.frame_result import FrameResult
+from humanoid.support.errors import InputError
+
+S = TypeVar("S", bound=State)
+
+
+@runtime_checkable
+class HasEnergy(Protocol):
+    """Its hypotheses have the energy of a mode search, frame by frame: what `estimator.smoothing` ties together and
+    what `explain` takes apart."""
+
+    @property
+    def search(self) -> ModeSearch:
+        """The search over its body."""
+        ...
+
+
+@runtime_checkable
+class SharesWork(Protocol):
+    """Several processes can share the work on a frame."""
+
+    def shared(self, processes: int) -> AbstractContextManager[None]:
+        """Within it so many processes do, this one among them; what comes out is the same to the last bit.
+
+        Raises
+        ------
+        InputError: a number of processes that cannot be; later, that one of them has ended by itself.
+        """
+        ...
+
+
+@runtime_checkable
+class LooksAhead(Protocol[S]):
+    """Is shown the frames that follow. frames_ahead: how many, fewer at the end of the clip."""
+
+    frames_ahead: int
+
+    def step(
+        self,
+        rng: np.random.Generator,
+        state: S,
+        observation: Observation,
+        following: Sequence[Observation] = (),
+    ) -> tuple[S, FrameResult]:
+        """As `Tracker.step`; following: the next frames in order, with their pictures' cues."""
+        ...
+
+
+def energy_of(tracker: Tracker[Any], name: str) -> ModeSearch:
+    """The search whose energy the hypotheses of a tracker of some name have; raises InputError where they have none."""
+    if not isinstance(tracker, HasEnergy):
+        raise InputError("tracker", f"the hypotheses of {name} have no energy", remedy="choose another tracker")
+    return tracker.search
+
+
+def frames_ahead(tracker: Tracker[Any]) -> int:
+    """How many of the following frames a tracker is shown."""
+    return tracker.frames_ahead if isinstance(tracker, LooksAhead) else 0
+
+
+def sharing(tracker: Tracker[Any], processes: int) -> AbstractContextManager[None]:
+    """Within it so many processes share a tracker's work; one is this process alone.
+
+    Raises
+    ------
+    InputError: several, of a tracker that works in one; and as `SharesWork.shared`.
+    """
+    if isinstance(tracker, SharesWork):
+        return tracker.shared(processes)
+    if processes != 1:
+        raise InputError("workers", "this tracker works in one process", remedy="leave it out")
+    return nullcontext()

@@ -1,0 +1,163 @@
+"""What trackers that carry a mixture of modes share: their state, and the frames that are searched or only carried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.formats.checked_arrays import (
+    Field,
+    check_arrays,
+    check_configurations,
+    check_covariances,
+    check_parents,
+    check_weights,
+    length_of,
+    sizes_of,
+)
+from estimator.imaging.observation import Observation
+from estimator.modes.mixture import Mixture, Mode
+from estimator.modes.origin import Family, Origins
+from estimator.optimise.solution import ITERATIONS
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import Body
+
+FAR = 3.0  # standard deviations beyond which a keypoint is not explained
+_NUMBERS = ("energy", "kkt_residual", "penetration")
+_FIELDS = {
+    "time": Field("f"),
+    "log_scores": Field("f", ("K",), finite=False),
+    "weights": Field("f", ("K",)),
+    "q": Field("f", ("K", "nq")),
+    "covariance": Field("f", ("K", "nv", "nv")),
+    "velocity": Field("f", ("K", "nv")),
+    "parent": Field("i", ("K",)),
+    "status": Field("U", ("K",)),
+    "association": Field("U", ("K",)),
+    **{name: Field("f", ("K",), finite=False) for name in _NUMBERS},
+}
+
+
+@dataclass(frozen=True)
+class MixtureState:
+    """A mixture and the time [s] it belongs to."""
+
+    mixture: Mixture
+    time: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `estimator.trackers.base.State`."""
+        modes = self.mixture.modes
+        return {
+            "time": np.array(self.time),
+            "log_scores": self.mixture.log_scores,
+            "weights": self.mixture.weights,
+            "q": np.array([m.q for m in modes]),
+            "covariance": np.array([m.covariance for m in modes]),
+            "velocity": np.array([m.velocity for m in modes]),
+            "parent": np.array([m.parent for m in modes]),
+            "status": np.array([m.status for m in modes], dtype=np.str_),
+            "association": np.array([m.association for m in modes], dtype=np.str_),
+            **{name: np.array([getattr(m, name) for m in modes]) for name in _NUMBERS},
+        }
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray], body: Body, *, minima: bool = True) -> MixtureState:
+        """Rebuild a state from `arrays`. minima: covariances are inverse Hessians; those of particles may have any
+        rank. Raises DamageError for arrays that cannot be."""
+        check_arrays(arrays, _FIELDS, {**sizes_of(body), "K": length_of(arrays, "weights")})
+        check_weights(arrays["weights"], "weights")
+        check_parents(arrays["parent"], None)
+        check_configurations(body, arrays["q"], "q")
+        if minima:
+            check_covariances(arrays["covariance"])
+        modes = tuple(
+            Mode(
+                q=arrays["q"][k],
+                covariance=arrays["covariance"][k],
+                velocity=arrays["velocity"][k],
+                status=str(arrays["status"][k]),
+                parent=int(arrays["parent"][k]),
+                association=str(arrays["association"][k]),
+                energy=float(arrays["energy"][k]),
+                kkt_residual=float(arrays["kkt_residual"][k]),
+                penetration=float(arrays["penetration"][k]),
+            )
+            for k in range(len(arrays["weights"]))
+        )
+        return MixtureState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]))
+
+
+class CarriesMixture:
+    """What is carried by trackers whose state is a `MixtureState` (see `estimator.trackers.base.Tracker`)."""
+
+    body: Body
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> MixtureState:
+        """See `estimator.trackers.base.Tracker`."""
+        return MixtureState.from_arrays(arrays, self.body)
+
+
+def carried(
+    search: ModeSearch, before: Mixture, elapsed: float, observation: Observation
+) -> tuple[MixtureState, FrameResult]:
+    """An unobserved frame, `elapsed` [s] after the one before: the hypotheses stay where they are and their uncertainty
+    grows by the diffusion."""
+    growth = np.diag(np.square(search.model.transition_std(elapsed)))
+    modes = tuple(
+        replace(m, covariance=m.covariance + growth, parent=k, origin=None) for k, m in enumerate(before.modes)
+    )
+    mixture = replace(before, modes=modes)
+    return MixtureState(mixture, observation.time), result_of(observation, mixture, "unobserved")
+
+
+def judged(
+    search: ModeSearch, observation: Observation, mixture: Mixture, extra: Mapping[str, np.ndarray] | None = None
+) -> tuple[MixtureState, FrameResult]:
+    """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained,
+    did not converge in its budget or overlaps itself. extra: see `FrameResult`."""
+    best = mixture.modes[0]
+    posed = search.body.at(best.q)
+    distances = search.term(observation, best.association).distances(posed)
+    seen = distances[~np.isnan(distances)]
+    evidence = search.model.evidence(observation, posed)
+    agreement = [float(np.mean(seen < FAR))] if seen.size else []
+    agreement += [] if evidence is None else evidence.agreement(posed)
+    overlapping = best.penetration > search.settings.contact.limit
+    hard = min(agreement, default=0.0) < 0.5 or best.status == ITERATIONS or overlapping
+    result = result_of(observation, mixture, "hard" if hard else "tracked", extra)
+    return MixtureState(mixture, observation.time), result
+
+
+def result_of(
+    observation: Observation, mixture: Mixture, status: str, extra: Mapping[str, np.ndarray] | None = None
+) -> FrameResult:
+    """The hand-off to run files and pictures."""
+    modes = mixture.modes
+    return FrameResult(
+        index=observation.index,
+        time=observation.time,
+        status=status,
+        q=np.array([m.q for m in modes]),
+        weight=mixture.weights,
+        energy=np.array([m.energy for m in modes]),
+        covariance=np.array([m.covariance for m in modes]),
+        parent=np.array([m.parent for m in modes]),
+        kkt_residual=np.array([m.kkt_residual for m in modes]),
+        penetration=np.array([m.penetration for m in modes]),
+        association=tuple(m.association for m in modes),
+        velocity=np.array([m.velocity for m in modes]),
+        origins=Origins.of([m.origin for m in modes], len(modes[0].q)),
+        extra=extra or {},
+    )
+
+
+def searches_told(families: Mapping[Family, int]) -> dict[str, np.ndarray]:
+    """Extra arrays `searches` and `searches_FAMILY`: how many hypotheses a frame was searched from, in all and of each
+    family (see `Origin`)."""
+    counts = {"searches": sum(families.values())}
+    counts |= {f"searches_{family.replace(' ', '_')}": count for family, count in families.items()}
+    return {name: np.array(count) for name, count in counts.items()}

@@ -1,0 +1,67 @@
+"""Whether a tracker can begin on what there is, and do what it is asked for: said before an hour of work, not after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from estimator.imaging.observation import Observation
+from estimator.trackers.base import Tracker
+from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
+from estimator.trackers.capabilities import HasEnergy, SharesWork
+from estimator.trackers.frame_result import FrameResult
+from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError
+from kinemode.settings import Chosen
+
+
+def check_keypoints(subject: Subject, observations: Sequence[Observation]) -> None:
+    """Raise InputError where no frame has enough keypoints for a pose."""
+    if not any(enough_keypoints(o) for o in observations):
+        raise _too_few(subject)
+
+
+def check_beginning(
+    tracker: Tracker[Any], name: str, subject: Subject, observations: Sequence[Observation], pictures: bool
+) -> None:
+    """Raise InputError where a tracker, of some name, can begin in no frame.
+
+    observations: without cues. pictures: whether they are looked at: what they show is not known yet, so a tracker that
+    needs no keypoints may still wait for them in vain.
+    """
+    if any(tracker.can_start(o) for o in observations):
+        return
+    if tracker.needs_keypoints:
+        raise _too_few(subject)
+    if not pictures:
+        problem = f"{name} can begin in no frame by what there is of keypoints"
+        raise InputError("cues", problem, remedy="give the clips and let their pictures be looked at (--cues)")
+
+
+def check_capabilities(tracker: Tracker[Any], chosen: Chosen, workers: int) -> None:
+    """Raise InputError where a tracker is asked for what it cannot do; smoothing that nobody asked for is left out."""
+    if workers > 1 and not isinstance(tracker, SharesWork):
+        raise InputError("workers", f"{chosen.tracker} works in one process", remedy="leave it out")
+    asked = chosen.settings.smooth.enabled and "smooth" in chosen.changes
+    if asked and not isinstance(tracker, HasEnergy):
+        problem = f"the hypotheses of {chosen.tracker} have no energy that could be smoothed"
+        raise InputError(chosen.source or "settings", problem, place="[smooth]", remedy="leave it out")
+
+
+def note_on_beginning(name: str, results: Sequence[FrameResult]) -> list[str]:
+    """What to tell where a tracker, of some name, found nothing to begin with in any frame."""
+    if not results or any(len(r.q) for r in results):
+        return []
+    return [f"{name} could begin in no frame: look at what it goes by, with more cues (--cues) or keypoints"]
+
+
+def notes_on_fit(observations: Sequence[Observation]) -> list[str]:
+    """What a user should hear where a subject was to be fitted to the person and there is nothing to fit it to."""
+    if any(enough_keypoints(o) for o in observations):
+        return []
+    return [f"no frame has {MIN_KEYPOINTS} keypoints: the subject is not fitted to the person, but taken as it is"]
+
+
+def _too_few(subject: Subject) -> InputError:
+    problem = f"no frame has {MIN_KEYPOINTS} or more of the subject's landmarks"
+    return InputError("keypoints", problem, remedy=f"landmarks: {', '.join(m.name for m in subject.landmarks)}")
