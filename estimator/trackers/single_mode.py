@@ -55,15 +55,15 @@ class SingleMode:
             return carried(search, state, observation)
         q = state.mixture.modes[0].q
         origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)
-        associations, evidence = search.associations(observation), search.evidence(observation, q)
-        case = FrameCase(associations, observation.time - state.time, evidence)
+        associations, likelihood = search.associations(observation), search.likelihood(observation, q)
+        case = FrameCase(associations, observation.time - state.time, likelihood)
         return judged(search, observation, search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1))
 
 
 def without_limits(search: ModeSearch) -> ModeSearch:
     """The same search over a body without joint limits: its modes, and the results made of them, may leave them."""
     model = search.model
-    return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance), search.settings)
+    return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance, model.cues), search.settings)
 
 
 _IDLE = (
