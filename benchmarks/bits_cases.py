@@ -13,7 +13,7 @@ import numpy as np
 
 import kinemode as km
 from benchmarks.beam4cam import CAMERAS
-from benchmarks.common import data_folder
+from benchmarks.common import CUES, data_folder
 from benchmarks.sequences import FPS as SEQUENCE_FPS
 from estimator import synthesis
 from estimator.formats.cameras import write_cameras
@@ -23,7 +23,6 @@ from estimator.tracking.registry import TRACKERS
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from kinemode.demo import CAMERA, make_clip
-from kinemode.pictures import CUES
 from kinemode.target import made_folder
 
 BEAM_FPS = 60.0

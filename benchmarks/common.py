@@ -26,6 +26,8 @@ from kinemode.target import made_folder
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 ROOT = Path(__file__).resolve().parent.parent
+CUES = ("edges", "flow", "silhouette")
+"""The cues that the figures in the documents are of."""
 Several = Parameter(consume_multiple=True, negative="")
 Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True, negative="")]
 

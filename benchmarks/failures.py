@@ -10,13 +10,13 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, in_processes, nested, save, start, work_folder
+from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, start, work_folder
 from benchmarks.failure_runs import CSS, Attempt, Race, css_run, race
 from benchmarks.scores import FAR_MM, FAR_PX
 from benchmarks.sequences import FPS, Motion, Task
 from estimator.tracking.registry import TRACKERS
 from humanoid.support.errors import InputError
-from kinemode.pictures import CUES, cue_choice
+from kinemode.pictures import cue_choice
 from kinemode.terminal import report
 
 PAPER = {

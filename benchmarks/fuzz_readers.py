@@ -18,7 +18,8 @@ from estimator.cameras.camera import guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.checked_json import read_json
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.imaging.cues import CueReader, CueSettings
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
 from estimator.media.clip import Clip
 from estimator.results.evaluation import Reference
 from estimator.results.run_file import Run, RunWriter
@@ -106,7 +107,7 @@ def _folder(path: Path) -> object:
 
 def _plate(path: Path) -> object:
     """A picture of the empty scene, of a clip that is the picture itself."""
-    with closing(CueReader([path.parent], [guessed_camera("a", SIZE)], CueSettings(), plates=[path])) as reader:
+    with closing(CueReader([path.parent], [guessed_camera("a", SIZE)], cue_settings(), plates=[path])) as reader:
         return reader.notes
 
 

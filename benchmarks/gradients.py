@@ -14,9 +14,9 @@ from cyclopts import Parameter
 from benchmarks.common import save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
 from estimator.cost.model import CostModel, CostSettings, image_extent
-from estimator.cues.assigned import AssignedPoints
-from estimator.cues.evidence import CameraEvidence, ImageModel, Past
+from estimator.cues.base import Past
 from estimator.imaging.observation import Observation
+from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.optimise.qp import StepSolver
 from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution
@@ -129,30 +129,24 @@ def image_errors(body: Body, frame: Frame, poses: int, rng: np.random.Generator)
     before = body.at(frame.q_before)
     for cues in frame.cues:
         points = cues.camera.project(body.landmarks(body.at(frame.q)))
-        evidence = CameraEvidence(model, cues, image_extent(points, np.ones(len(points))))
+        likelihood = CameraLikelihood(model, cues, image_extent(points, np.ones(len(points))))
         for q in hypotheses(body, frame.q, poses, rng):
-            for name, term in image_terms(evidence, before, body.at(q)).items():
+            for name, term in image_terms(likelihood, before, body.at(q)).items():
                 cost = Cost(body, [term])
                 numeric = central_difference(lambda x, c=cost: np.array(c.at(x).value), body, q, 1e-4)  # type: ignore[misc]
                 found.setdefault(name, Errors()).values.append(relative(cost.at(q).gradient, numeric))
     return found
 
 
-def image_terms(evidence: CameraEvidence, before: PosedBody, posed: PosedBody) -> dict[str, Term]:
+def image_terms(likelihood: CameraLikelihood, before: PosedBody, posed: PosedBody) -> dict[str, Term]:
     """What each cue says around a pose, and all of them together."""
-    body, camera = evidence.model.body, evidence.cues.camera
-    prediction = evidence.predictor.predict(posed)
-    contours = prediction.contours
-    groups = {
-        "edges": evidence.edges(prediction)[0],
-        "outline, from the model": evidence.outline(prediction)[0],
-        "outline, from the image": evidence.outline_back(prediction)[0],
-    }
-    made: dict[str, Term] = {
-        name: AssignedPoints(body, camera, contours.joint, contours.local, [group]) for name, group in groups.items()
-    }
-    ((made["flow"],),) = evidence.followed_each([Past(before, posed)])
-    (made["edges and outline"],) = evidence.assigned(posed)
+    prediction = likelihood.predictor.predict(posed)
+    matches = likelihood.contours(prediction)
+    made: dict[str, Term] = {m.label: likelihood.on_contours(prediction, [m.features]) for m in matches}
+    made |= {part.label: part.term for part in likelihood.others(posed, prediction)}
+    for followed in likelihood.follow([Past(before, posed)]):
+        made |= {part.label: part.term for part in likelihood.since(followed)}
+    made["all on contours"] = likelihood.assigned(posed)[0]
     return made
 
 

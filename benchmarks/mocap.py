@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 import kinemode as km
-from benchmarks.common import Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.common import CUES, Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import timed_track
 from estimator.synthesis import DetectorSettings
@@ -20,7 +20,6 @@ from estimator.synthesis.mocap import load_mocap
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode import demo
-from kinemode.pictures import CUES
 from kinemode.terminal import report
 
 DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")

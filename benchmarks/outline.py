@@ -18,7 +18,9 @@ from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import beam_folder, save, start, work_folder
 from benchmarks.tracking import timed_track
 from estimator.cameras.camera import Camera
-from estimator.imaging.cues import CueReader, CueSettings, ImageCues
+from estimator.imaging.image_cues import ImageCues
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import Surface, surface_of
@@ -53,7 +55,7 @@ class Width(NamedTuple):
 def widths(run: Run, clips: list[Path], every: int, size: int) -> list[Width]:
     """All sections that count, in every so many frames of every camera, in pictures of `size` px."""
     surface = surface_of(run.body, 4000)
-    settings = CueSettings(working_size=size, use_edges=False, use_flow=False)
+    settings = cue_settings(["silhouette"], working_size=size)
     found = []
     with closing(CueReader(clips, run.header.cameras, settings)) as reader:
         for t in range(0, len(run), every):
@@ -63,11 +65,11 @@ def widths(run: Run, clips: list[Path], every: int, size: int) -> list[Width]:
 
 
 def _in_picture(run: Run, surface: Surface, t: int, cues: ImageCues) -> list[Width]:
-    if cues.silhouette is None:
+    if "silhouette" not in cues:
         return []
     posed = run.body.at(run.q[t])
     body = _drawn(cues.camera, points_in_world(posed, surface.joint, surface.local), surface.faces)
-    silhouette = cues.silhouette.mask & cues.silhouette.known
+    silhouette = cues["silhouette"].mask & cues["silhouette"].known
     landmarks = dict(zip(run.body.landmark_names, run.body.landmarks(posed), strict=True))
     found = []
     for name, (upper, lower, at, widest) in SECTIONS.items():

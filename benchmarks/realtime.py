@@ -16,12 +16,13 @@ from threadpoolctl import threadpool_limits
 import kinemode as km
 from benchmarks.common import Changes, Several, nested, save, spread, start, tell, work_folder
 from benchmarks.stopwatch import Stopwatch
-from estimator.cues.evidence import CameraEvidence
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
-from estimator.imaging.ahead import ReadAhead
-from estimator.imaging.cues import CueReader, CueSettings
 from estimator.imaging.observation import Observation
+from estimator.likelihood.ahead import ReadAhead
+from estimator.likelihood.image_likelihood import CameraLikelihood
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
 from estimator.search.frame_search import FrameSearch
 from estimator.sequences.sequence import assemble
 from estimator.trackers.base import Tracker
@@ -37,8 +38,8 @@ WARM_UP = 5  # frames in which kernels are loaded and hypotheses found
 REST = "proposals, weights and the rest"
 PARTS: dict[str, list[tuple[type, str]]] = {
     "cues of the picture": [(CueReader, "at")],
-    "flow followed": [(CameraEvidence, "follow"), (CameraEvidence, "flow_terms")],
-    "prediction and assignment": [(CameraEvidence, "assigned")],
+    "flow followed": [(CameraLikelihood, "follow"), (CameraLikelihood, "since")],
+    "prediction and assignment": [(CameraLikelihood, "assigned")],
     "searches": [(FrameSearch, "explore"), (FrameSearch, "refine")],
     "looks": [(FrameSearch, "look"), (FrameSearch, "look_at_keypoints")],
 }
@@ -57,7 +58,7 @@ class Job:
     @contextmanager
     def cues(self, ahead: bool) -> Iterator[CueReader | ReadAhead]:
         """The pictures' cues, without the silhouette; read ahead in a thread or when they are asked for."""
-        reader = CueReader([self.video], self.observations[0].cameras, CueSettings(use_silhouette=False))
+        reader = CueReader([self.video], self.observations[0].cameras, cue_settings(["edges", "flow"]))
         opened = ReadAhead(reader) if ahead else reader
         try:
             yield opened

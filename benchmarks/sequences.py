@@ -10,12 +10,12 @@ import numpy as np
 from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.common import Changes, Several, in_processes, nested, save, start, tell, work_folder
+from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
 from estimator.synthesis.motion_keys import motion_named
-from kinemode.pictures import CUES, cue_choice
+from kinemode.pictures import cue_choice
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -19,12 +20,12 @@ from cyclopts import Parameter
 from benchmarks.common import Several, save, start
 from estimator.cost.model import image_extent
 from estimator.cues.assigned import AssignedPoints
-from estimator.cues.evidence import CameraEvidence, ImageModel
-from estimator.cues.settings import ImageSettings
-from estimator.imaging.cues import ImageCues
-from estimator.imaging.edges import EdgeSettings, edge_map
-from estimator.imaging.flow import FlowSettings, flow_field
-from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.cues.edges.edge_map import EdgeSettings, edge_map
+from estimator.cues.flow.flow_field import FlowSettings, flow_field
+from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.imaging.image_cues import ImageCues
+from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
+from estimator.likelihood.settings import ImageSettings
 from estimator.synthesis import Renderer, authored_motion, scene_cameras
 from estimator.terms.kernels import see_points
 from estimator.terms.reprojection import pack_cameras
@@ -60,7 +61,8 @@ def rendered_frame(body: Body, rng: np.random.Generator, cameras: int = 1) -> Fr
         background = Background(plate, np.full_like(plate, 2.0), np.ones(plate.shape[:2], dtype=bool))
         mask = foreground_mask(picture, background, SilhouetteSettings())
         flow = flow_field(last, picture, FlowSettings())
-        found.append(ImageCues(camera, edge_map(picture, EdgeSettings()), flow, silhouette_of(mask, background.known)))
+        edges, outline = edge_map(picture, EdgeSettings()), silhouette_of(mask, background.known)
+        found.append(ImageCues(camera, {"edges": edges, "flow": flow, "silhouette": outline}, picture))
     return Frame(tuple(found), now, before)
 
 
@@ -74,8 +76,8 @@ class Case:
 
     def __init__(self, body: Body, cues: ImageCues, extent: float, settings: ImageSettings) -> None:
         self.body, self.cues = body, cues
-        self.evidence = CameraEvidence(ImageModel(body, settings), cues, extent)
-        self.surface = self.evidence.model.surface
+        self.likelihood = CameraLikelihood(ImageModel(body, settings), cues, extent)
+        self.surface = self.likelihood.model.surface
         count = len(self.surface.joint)
         self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((cues.camera,)))
         self._seen = np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count), np.empty((count, 2))
@@ -91,15 +93,15 @@ class Case:
     def whole(self, q: np.ndarray) -> None:
         """Pose, predict, assign, sum."""
         posed = self.body.at(q)
-        (term,) = self.evidence.assigned(posed)
+        (term,) = self.likelihood.assigned(posed)
         self._sum(term, posed)
 
     def stages(self, q: np.ndarray) -> dict[str, Callable[[], object]]:
         """The parts of one hypothesis, each with what it needs already there."""
-        evidence, posed = self.evidence, self.body.at(q)
-        prediction = evidence.predictor.predict(posed)
+        likelihood, posed = self.likelihood, self.body.at(q)
+        prediction = likelihood.predictor.predict(posed)
         contours = prediction.contours
-        groups = [evidence.edges(prediction)[0], evidence.outline(prediction)[0], evidence.outline_back(prediction)[0]]
+        groups = [match.features for match in likelihood.contours(prediction)]
 
         def joined() -> AssignedPoints:
             return AssignedPoints(self.body, self.cues.camera, contours.joint, contours.local, groups)
@@ -108,10 +110,8 @@ class Case:
         return {
             FLOOR: lambda: self.floor(q),
             "pose": lambda: self.body.at(q),
-            "predict": lambda: evidence.predictor.predict(posed),
-            "edges": lambda: evidence.edges(prediction),
-            "outline, from the model": lambda: evidence.outline(prediction),
-            "outline, from the image": lambda: evidence.outline_back(prediction),
+            "predict": lambda: likelihood.predictor.predict(posed),
+            **{name: partial(matcher.contours, prediction) for name, matcher in likelihood.matchers.items()},
             "join the groups": joined,
             "sum gradient and Hessian": lambda: self._sum(term, posed),
             "sum with exact curvature": lambda: self._sum(term, posed, exact=True),

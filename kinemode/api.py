@@ -42,7 +42,7 @@ from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.inputs.named import PathLike
 from kinemode.inputs.persons import plain
 from kinemode.notices import FindingWarning, InputWarning
-from kinemode.pictures import CueChoice, chosen_cues, cue_choice, names_of, notes_on, notes_on_silhouettes, opened_cues
+from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
 from kinemode.settings import Chosen, check_workers, choose
 from kinemode.target import Target
 from kinemode.terminal.interruption import kept_if_interrupted
@@ -110,8 +110,8 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
         cameras = len(inputs.observations[0].cameras)
         notes += tuple(job.chosen.notes(cues=chosen, cameras=cameras, fits=job.fits(subject)))
         notes += tuple(notes_on_fit(inputs.observations) if job.fits(subject) else ())
-        if cues is not None:
-            notes += (*cues.notes, *notes_on_silhouettes(cues, inputs))
+        if cues is not None and chosen is not None:
+            notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
             warnings.warn(note, InputWarning, stacklevel=4)
         fitted = _fitted(job, subject, inputs, cues)
@@ -143,8 +143,8 @@ def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], s
         chosen = chosen_cues(choice, inputs, Settings().cues)
         with opened_cues(inputs, chosen) as reader:
             notes = (*loaded.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
-            if reader is not None:
-                notes += (*reader.notes, *notes_on_silhouettes(reader, inputs))
+            if reader is not None and chosen is not None:
+                notes += (*reader.notes, *doubts(reader, inputs, chosen))
             for note in notes:
                 warnings.warn(note, InputWarning, stacklevel=3)
             result = person.fit_person(loaded, inputs.observations, reader, seed=seed)

@@ -54,6 +54,7 @@ for command in (
     preparation.settings,
     preparation.subjects,
     preparation.trackers,
+    preparation.cues,
     results.view,
     results.overlay,
     results.explain,

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cues.assigned import AssignedPoints, Assignments
-from estimator.cues.evidence import CameraEvidence, Evidence, Past
+from estimator.cues.assigned import AssignedPoints
+from estimator.cues.base import Past
 from estimator.imaging.observation import Observation
-from estimator.prediction.prediction import Prediction
+from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.terms.interpenetration import Interpenetration
@@ -62,7 +62,7 @@ class Case(NamedTuple):
     dt: float
     predicted: PosedBody | None
     assigned: PosedBody
-    evidence: Evidence | None
+    likelihood: ImageLikelihood | None
 
 
 def energy_parts(case: Case) -> Iterator[Part]:
@@ -77,8 +77,8 @@ def energy_parts(case: Case) -> Iterator[Part]:
     for term in cost.terms:
         if type(term) in _PRIORS:
             yield Part(_PRIORS[type(term)], "", _energy(term, case.posed))
-    for camera_evidence in () if case.evidence is None else case.evidence.cameras:
-        yield from _image_parts(case, camera_evidence)
+    for camera_likelihood in () if case.likelihood is None else case.likelihood.cameras:
+        yield from _image_parts(case, camera_likelihood)
 
 
 def _keypoints(case: Case, c: int, name: str) -> Part:
@@ -91,40 +91,34 @@ def _keypoints(case: Case, c: int, name: str) -> Part:
     return Part("keypoints", name, _energy(term, case.posed), known.size, float(known.mean()) if known.size else np.nan)
 
 
-def _image_parts(case: Case, evidence: CameraEvidence) -> Iterator[Part]:
-    """What one camera's picture costs, as `CameraEvidence.assigned` and `followed` add it up."""
-    name, prediction = evidence.cues.camera.name, evidence.predictor.predict(case.assigned)
-    settings = evidence.model.settings
-    if evidence.cues.edges is not None and settings.edge_evidence > 0.0:
-        group, unassigned = evidence.edges(prediction)
-        yield _assigned_part("edges", case, evidence, term_of(evidence, prediction, group))
-        yield Part("contour without an edge, or hidden", name, unassigned)
-    if evidence.cues.silhouette is not None and settings.outline_evidence > 0.0:
-        for label, found in (("body to silhouette", evidence.outline), ("silhouette to body", evidence.outline_back)):
-            group, unassigned = found(prediction)
-            part = _assigned_part(label, case, evidence, term_of(evidence, prediction, group))
-            yield replace(part, energy=part.energy + unassigned)
+def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[Part]:
+    """What one camera's picture costs, as `CameraLikelihood` adds it up, cue by cue."""
+    name, prediction = likelihood.cues.camera.name, likelihood.predictor.predict(case.assigned)
+    for match in likelihood.contours(prediction):
+        part = Part(match.label, name, 0.0, 0)
+        if len(match.features.point):
+            term = likelihood.on_contours(prediction, [match.features])
+            part = _term_part(match.label, name, term, case.posed)
+        if match.unassigned_label:
+            yield part
+            yield Part(match.unassigned_label, name, match.unassigned)
+        else:
+            yield replace(part, energy=part.energy + match.unassigned)
+    for labelled in likelihood.others(case.assigned, prediction):
+        yield _term_part(labelled.label, name, labelled.term, case.posed)
     if case.before is not None:
-        for term in evidence.followed_each([Past(case.before, case.predicted)])[0]:
-            yield _assigned_part("flow", case, evidence, term)
-    yield Part("nodes facing away or hidden", name, evidence.penalty(prediction))
+        for followed in likelihood.follow([Past(case.before, case.predicted)]):
+            for labelled in likelihood.since(followed):
+                yield _term_part(labelled.label, name, labelled.term, case.posed)
+    yield Part("nodes facing away or hidden", name, likelihood.penalty(prediction))
 
 
-def term_of(evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> AssignedPoints | None:
-    """The term of one kind of feature alone; None where there are none."""
-    if not len(group.point):
-        return None
-    contours = prediction.contours
-    return AssignedPoints(evidence.model.body, evidence.cues.camera, contours.joint, contours.local, [group])
-
-
-def _assigned_part(label: str, case: Case, evidence: CameraEvidence, term: AssignedPoints | None) -> Part:
-    name = evidence.cues.camera.name
-    if term is None:
-        return Part(label, name, 0.0, 0)
-    found = term.features(case.posed)
-    mean = float(found.weight @ found.distance / max(found.weight.sum(), 1e-300))
-    return Part(label, name, _energy(term, case.posed), len(found.weight), mean)
+def _term_part(label: str, camera: str, term: Term, posed: PosedBody) -> Part:
+    if not isinstance(term, AssignedPoints):
+        return Part(label, camera, _energy(term, posed))
+    features = term.features(posed)
+    mean = float(features.weight @ features.distance / max(features.weight.sum(), 1e-300))
+    return Part(label, camera, _energy(term, posed), len(features.weight), mean)
 
 
 def _energy(term: Term, posed: PosedBody) -> float:

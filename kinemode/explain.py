@@ -11,25 +11,27 @@ import cv2
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cues.assigned import Assignments
-from estimator.cues.evidence import CameraEvidence, Evidence, Past
-from estimator.imaging.cues import CueReader, scaled_camera
+from estimator.cues.base import Past, Shown
 from estimator.imaging.observation import Observation
+from estimator.imaging.resolution import scaled_camera
+from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.registry import CUES
 from estimator.media.clip import Clip
 from estimator.modes.origin import Family, Origin
-from estimator.prediction.prediction import Prediction
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.capabilities import HasEnergy
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
-from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.errors import InputError
+from humanoid.support.plugins import VARIABLE
 from kinemode import __version__
-from kinemode.energy_parts import Case, Part, energy_parts, term_of
+from kinemode.energy_parts import Case, Part, energy_parts
 from viz import palette
-from viz.cue_pictures import CueView, Links
+from viz.cue_pictures import CueView
 
 _LARGEST = 960  # longer side of the pictures of a run without cues [px]
 
@@ -123,9 +125,14 @@ def _first_pose(run: Run) -> str:
 
 
 def run_settings(run: Run) -> Settings:
-    """The settings that a run was made with."""
-    name = run.header.tracker
-    return settings_for(name, changes=stored_changes(name, run.header.settings, run.file), source=run.file)
+    """The settings that a run was made with; InputError where it looked at a cue that is not there any more."""
+    for name in run.header.cues:
+        if name not in CUES:
+            problem = f"was made with the cue {name!r}, which is not here: there are {', '.join(CUES)}"
+            raise InputError(run.file, problem, remedy=f"{VARIABLE} names the module that has it")
+    tracker = run.header.tracker
+    changes = stored_changes(tracker, run.header.settings, run.file)
+    return settings_for(tracker, changes=changes, source=run.file)
 
 
 def cue_reader(run: Run, settings: Settings) -> CueReader:
@@ -157,7 +164,7 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
         dt=dt,
         predicted=None if previous is None else _posed(body, previous.q_predicted),
         assigned=_posed(body, origin.q_assigned) or posed,
-        evidence=_evidence(search, observation, origin, result if before is None or not len(before.q) else before),
+        likelihood=_likelihood(search, observation, origin, result if before is None or not len(before.q) else before),
     )
 
 
@@ -169,14 +176,16 @@ def _posed(body: Body, q: np.ndarray | None) -> PosedBody | None:
     return None if q is None else body.at(q)
 
 
-def _evidence(search: ModeSearch, observation: Observation, origin: Origin, about: FrameResult) -> Evidence | None:
+def _likelihood(
+    search: ModeSearch, observation: Observation, origin: Origin, about: FrameResult
+) -> ImageLikelihood | None:
     """What the pictures say, for the extent that the search went by; `about`: a frame to tell it by where the run does
     not."""
-    found = search.evidence(observation, about.q[0])
-    if found is None or len(origin.extent) != len(found.cameras):
-        return found
-    cameras = zip(found.cameras, origin.extent, strict=True)
-    return Evidence(tuple(CameraEvidence(c.model, c.cues, extent, c.detected) for c, extent in cameras))
+    likelihood = search.likelihood(observation, about.q[0])
+    if likelihood is None or len(origin.extent) != len(likelihood.cameras):
+        return likelihood
+    cameras = zip(likelihood.cameras, origin.extent, strict=True)
+    return ImageLikelihood(tuple(CameraLikelihood(c.model, c.cues, extent, c.detected) for c, extent in cameras))
 
 
 def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iterator[str]:
@@ -190,14 +199,14 @@ def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iter
             "the run does not say what its hypotheses paid for, so the change since the frame before and the flow from"
             f" there are left out ({difference:+.3f}): it was made by a kinemode that did not keep it; track again"
         )
-    if case.evidence is not None:
+    if case.likelihood is not None:
         yield "the pictures' features are assigned anew at the pose; the search assigned them a little before it ended"
 
 
 def _view(run: Run, case: Case, c: int) -> CueView:
     """What the pictures of one camera are drawn from."""
     view = _pose_view(run, case.search.associated(case.observation, case.association), case.posed, c)
-    return view if case.evidence is None else _with_cues(view, case, case.evidence.cameras[c])
+    return view if case.likelihood is None else _with_cues(view, case, case.likelihood.cameras[c])
 
 
 def _pose_view(run: Run, seen: Observation, posed: PosedBody, c: int) -> CueView:
@@ -208,7 +217,8 @@ def _pose_view(run: Run, seen: Observation, posed: PosedBody, c: int) -> CueView
     ratio = np.array(small.image_size) / np.array(camera.image_size)
     keypoints = np.where(seen.confidence[c, :, None] > 0.0, (seen.pixels[c] + 0.5) * ratio - 0.5, np.nan)
     landmarks = small.project(run.body.landmarks(posed))
-    return CueView(small.name, _image(run, small, seen.index), run.body.landmark_names, keypoints, landmarks)
+    picture = _image(run, small, seen.index) if cues is None or cues.picture is None else cues.picture
+    return CueView(small.name, picture, run.body.landmark_names, keypoints, landmarks)
 
 
 def _image(run: Run, camera: Camera, instant: int) -> np.ndarray:
@@ -225,30 +235,8 @@ def _image(run: Run, camera: Camera, instant: int) -> np.ndarray:
         clip.close()
 
 
-def _with_cues(view: CueView, case: Case, evidence: CameraEvidence) -> CueView:
-    prediction, assigned = (evidence.predictor.predict(at) for at in (case.posed, case.assigned))
-    groups = (evidence.edges(assigned)[0], evidence.outline(assigned)[0], evidence.outline_back(assigned)[0])
-    edges, outline, outline_back = (_links(case, evidence, assigned, group) for group in groups)
-    view = replace(
-        view, cues=evidence.cues, prediction=prediction, edges=edges, outline=outline, outline_back=outline_back
-    )
-    camera = evidence.cues.camera
-    if case.before is None:
-        return view
-    for term in evidence.followed_each([Past(case.before, case.predicted)])[0]:
-        found = term.features(case.posed)
-        before = camera.project(points_in_world(case.before, found.joint, found.local))
-        return replace(view, flow=Links(found.pixels, found.target, _relative(found.weight)), followed=before)
-    return view
-
-
-def _links(case: Case, evidence: CameraEvidence, prediction: Prediction, group: Assignments) -> Links | None:
-    term = term_of(evidence, prediction, group)
-    if term is None:
-        return None
-    found = term.features(case.posed)
-    return Links(found.pixels, found.target, _relative(found.weight))
-
-
-def _relative(weight: np.ndarray) -> np.ndarray:
-    return weight / max(float(weight.max()), 1e-300)
+def _with_cues(view: CueView, case: Case, likelihood: CameraLikelihood) -> CueView:
+    prediction, assigned = (likelihood.predictor.predict(at) for at in (case.posed, case.assigned))
+    past = None if case.before is None else Past(case.before, case.predicted)
+    shown = Shown(case.posed, prediction, assigned, past)
+    return replace(view, prediction=prediction, pictures=tuple(likelihood.pictures(shown)))

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from estimator.imaging.ahead import ReadAhead
-from estimator.imaging.cues import CueReader, CueSettings
+from estimator.likelihood.ahead import ReadAhead
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.registry import CUES, cues_of
+from estimator.likelihood.settings import CueSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.tracking.idle_settings import Idle
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
 
-CUES = ("edges", "flow", "silhouette")
 ENOUGH = 0.5  # share of frames with keypoints from which keypoints alone are tracked unless cues are asked for
-ON_SILHOUETTE = 0.6  # share of the keypoints that a silhouette has to cover to be the person's
-_NEAR = 3.0  # px around it, at the cues' resolution
 CueChoice = tuple[str, ...] | None
 """The cues that are asked for, none of them to go without; None where the input decides."""
 
@@ -53,14 +51,16 @@ def chosen_cues(
         found = settings if None not in inputs.clips and keypoint_share(inputs) < ENOUGH else None
         return found if found is not None and names_of(found) else None
     extras = [path for path in (*inputs.masks, *inputs.backgrounds) if path is not None]
-    if extras and "silhouette" not in choice:
-        raise InputError(extras[0], "is for the silhouette, which is not looked at", remedy="--cues silhouette")
+    takers = [cue.name for cue in CUES.values() if cue.uses_masks]
+    if extras and not set(takers) & set(choice):
+        problem = f"is for the {' and the '.join(takers)}, which is not looked at"
+        raise InputError(extras[0], problem, remedy=f"--cues {takers[0]}")
     if choice and None in inputs.clips:
         raise InputError("cues", f"{', '.join(choice)} need the pictures", remedy="give the clips, or --cues off")
     for name in choice:
         if name not in names_of(settings):
             raise Idle(f"cues.use_{name}", f"--cues asks for {name}").refused(source)
-    return with_cues(settings, choice) if choice else None
+    return settings.using(choice) if choice else None
 
 
 def keypoint_share(inputs: Inputs) -> float:
@@ -68,18 +68,9 @@ def keypoint_share(inputs: Inputs) -> float:
     return sum(enough_keypoints(o) for o in inputs.observations) / len(inputs.observations)
 
 
-def with_cues(settings: CueSettings, names: tuple[str, ...]) -> CueSettings:
-    """Settings that use these cues and no others."""
-    edges, flow, silhouette = (name in names for name in CUES)
-    return replace(settings, use_edges=edges, use_flow=flow, use_silhouette=silhouette)
-
-
 def names_of(settings: CueSettings | None) -> tuple[str, ...]:
     """The cues that are used; none for None."""
-    if settings is None:
-        return ()
-    uses = (settings.use_edges, settings.use_flow, settings.use_silhouette)
-    return tuple(name for name, used in zip(CUES, uses, strict=True) if used)
+    return () if settings is None else settings.used
 
 
 def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> list[str]:
@@ -93,27 +84,23 @@ def notes_on(choice: CueChoice, inputs: Inputs, chosen: CueSettings | None) -> l
     return []
 
 
-def notes_on_silhouettes(reader: ReadAhead, inputs: Inputs) -> list[str]:
-    """The cameras whose silhouette is not where the first keypoints are, where there are any.
-
-    A background learned from a clip takes a person who hardly moves for part of the scene.
-    """
+def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
+    """The cameras in which a cue is not where the first keypoints are, where there are any."""
     first = next((o for o in inputs.observations if enough_keypoints(o)), None)
     notes: list[str] = []
     if first is None:
         return notes
-    for camera, cues, pixels, confidence in zip(
+    for camera, read, pixels, confidence in zip(
         first.cameras, reader.at(first.index), first.pixels, first.confidence, strict=True
     ):
         seen = pixels[(confidence > 0.0) & np.isfinite(pixels).all(axis=-1)]
-        if cues.silhouette is None or len(seen) == 0:
+        if not len(seen):
             continue
-        size = np.array(cues.camera.image_size)
-        at = np.clip((seen + 0.5) * size / camera.image_size, 0, size - 1).astype(int)
-        share = float(np.mean(cues.silhouette.distance[at[:, 1], at[:, 0]] < _NEAR))
-        if share < ON_SILHOUETTE:
-            found = f"{camera.name}: the silhouette of frame {first.index} has {share:.0%} of the keypoints on it"
-            notes.append(f"{found}; give masks or a picture of the empty scene, or leave it out: --cues edges,flow")
+        seen = (seen + 0.5) * np.array(read.camera.image_size) / camera.image_size - 0.5
+        for cue in cues_of(read):
+            if problem := cue.doubt(read, seen, first.index):
+                others = ",".join(name for name in chosen.used if name != cue.name) or "off"
+                notes.append(f"{camera.name}: {problem}, or leave it out: --cues {others}")
     return notes
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from estimator.formats.settings_file import load_settings, settings_text
-from estimator.imaging.cues import CueSettings
+from estimator.likelihood.settings import CueSettings
 from estimator.tracking.idle_settings import (
     Idle,
     changed_names,

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 import kinemode
+from estimator.likelihood.registry import CUES
 from estimator.media.clip import Clip
 from estimator.results.run_file import Run
 from estimator.trackers.css import CssSettings
 from humanoid.support.errors import InputError
 from kinemode import api
-from kinemode.pictures import CUES, cue_choice
+from kinemode.pictures import cue_choice
 from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 
@@ -77,7 +78,7 @@ def test_choices(given: str | list[str], expected: tuple[str, ...] | None) -> No
 
 def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tracked: Run) -> None:
     assert tracked.complete
-    assert tracked.header.cues == CUES
+    assert tracked.header.cues == tuple(CUES)
     assert set(tracked.status) <= {"tracked", "hard"}
     assert np.isfinite(tracked.q).all()
     assert tracked.header.masks == {name: str(path) for name, path in clip.masks.items()}

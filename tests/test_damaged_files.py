@@ -15,9 +15,9 @@ import pytest
 from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
 from benchmarks.fuzz_judge import judge
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
+from estimator.cues.silhouette.foreground import silhouette_of
 from estimator.formats.keypoints import load_keypoints
-from estimator.imaging.cues import ImageCues
-from estimator.imaging.foreground import silhouette_of
+from estimator.imaging.image_cues import ImageCues
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import make_tracker
 from humanoid.kinematics.body import Body
@@ -209,10 +209,10 @@ def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
     silhouette, q = silhouette_of(mask), body.clamp(body.neutral)
     for depth in (0.0, -3.0):
         moved = replace(camera, t_camera_world=np.array([0.0, 0.0, depth]))
-        cues = (ImageCues(moved, None, None, silhouette),)
+        cues = (ImageCues(moved, {"silhouette": silhouette}),)
         observation = replace(seen, cameras=(moved,), cues=cues)
-        evidence = search.evidence(observation, q)
+        likelihood = search.likelihood(observation, q)
         posed = body.at(q)
-        case = Case(search, observation, "as_detected", posed, None, False, 0.0, None, posed, evidence)
+        case = Case(search, observation, "as_detected", posed, None, False, 0.0, None, posed, likelihood)
         parts = energy_parts(case)
         assert np.isfinite([part.energy for part in parts]).all()

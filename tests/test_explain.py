@@ -16,14 +16,14 @@ import pytest
 
 import kinemode as km
 from estimator.formats.packing import pack, unpack
-from estimator.imaging.cues import CueReader
+from estimator.likelihood.reader import CueReader
 from estimator.modes.origin import Family
 from estimator.prediction.visibility import OUTER
 from estimator.results.run_file import Run
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode.explain import explain, run_settings
+from kinemode.explain import cue_reader, explain, run_settings
 from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
 from viz import palette
@@ -82,10 +82,10 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     predicted = run.body.integrate(before.q[parent], settings.own.momentum * dt * run.mode_velocity[t - 1, parent])
     np.testing.assert_array_equal(origins.q_previous[0], before.q[parent])
     np.testing.assert_array_equal(origins.q_predicted[0], predicted)
-    evidence = search.evidence(observation, before.q[0])
-    assert evidence is not None
-    assigned = evidence.assigned(run.body.at(origins.q_assigned[0]))
-    flow = evidence.followed(run.body.at(before.q[parent]), run.body.at(predicted))
+    likelihood = search.likelihood(observation, before.q[0])
+    assert likelihood is not None
+    assigned = likelihood.assigned(run.body.at(origins.q_assigned[0]))
+    flow = likelihood.followed(run.body.at(before.q[parent]), run.body.at(predicted))
     whole = search.model.cost(search.term(observation, result.association[0]), before.q[parent], dt, [*assigned, *flow])
     found = explain(run, t, 0)
     assert found.total == pytest.approx(whole.of(run.body.at(result.q[0])).value, rel=1e-9)
@@ -177,10 +177,11 @@ def test_a_run_that_does_not_say_what_was_paid(
 def test_pictures_show_the_body_where_it_is(runs: dict[str, Run]) -> None:
     (view,) = explain(runs["pictures"], 1).views
     assert view.prediction is not None
-    assert view.cues is not None
-    assert view.cues.silhouette is not None
+    reader = cue_reader(runs["pictures"], run_settings(runs["pictures"]))
+    (silhouette,) = (cues["silhouette"] for cues in reader.at(1))
+    reader.close()
     outer = np.round(view.prediction.contours.pixels[view.prediction.contours.state == OUTER]).astype(int)
-    assert np.abs(view.cues.silhouette.distance[outer[:, 1], outer[:, 0]]).mean() < 3.0
+    assert np.abs(silhouette.distance[outer[:, 1], outer[:, 0]]).mean() < 3.0
     pictures = dict(cue_pictures(view))
     assert set(pictures) == {"keypoints", "visibility", "edges", "motion_boundaries", "flow", "silhouette"}
     for picture in pictures.values():

@@ -12,14 +12,14 @@ import pytest
 
 from estimator.cost.model import image_extent
 from estimator.cues.assigned import AssignedPoints, Assignments
-from estimator.cues.evidence import Evidence, ImageModel
-from estimator.cues.matching import search_edges
-from estimator.cues.settings import ImageSettings
-from estimator.imaging.cues import ImageCues
-from estimator.imaging.edges import EdgeMap, EdgeSettings, edge_map
-from estimator.imaging.flow import FlowField, FlowSettings, flow_field
-from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.imaging.point_flow import follow_points
+from estimator.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
+from estimator.cues.edges.matching import search_edges
+from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
+from estimator.cues.flow.point_flow import follow_points
+from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.imaging.image_cues import ImageCues
+from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
+from estimator.likelihood.settings import ImageSettings
 from estimator.prediction.visibility import HIDDEN, INNER, OUTER
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
 from estimator.terms.kernels import LECLERC, LORENTZIAN
@@ -63,7 +63,15 @@ def frame() -> Frame:
         background = Background(plate, np.full_like(plate, 2.0), np.ones(plate.shape[:2], dtype=bool))
         outline = silhouette_of(foreground_mask(picture, background, SilhouetteSettings()))
         found.append(
-            ImageCues(camera, edge_map(picture, EdgeSettings()), flow_field(last, picture, FlowSettings()), outline)
+            ImageCues(
+                camera,
+                {
+                    "edges": edge_map(picture, EdgeSettings()),
+                    "flow": flow_field(last, picture, FlowSettings()),
+                    "silhouette": outline,
+                },
+                picture,
+            )
         )
     extents = [image_extent(c.project(points), np.ones(len(points))) for c in cameras]
     return Frame(body, tuple(found), extents, now, before, body.integrate(now, rng.normal(0.0, 0.05, body.nv)))
@@ -74,23 +82,23 @@ def model(settings: ImageSettings) -> ImageModel:
     return ImageModel(frame().body, settings)
 
 
-def evidence(settings: ImageSettings = SETTINGS) -> Evidence:
-    return model(settings).evidence(frame().cues, frame().extents)
+def likelihood(settings: ImageSettings = SETTINGS) -> ImageLikelihood:
+    return model(settings).likelihood(frame().cues, frame().extents)
 
 
 def energy(settings: ImageSettings, q: np.ndarray) -> float:
     """Of both cameras' features, assigned anew."""
     posed = frame().body.at(q)
-    return Cost(frame().body, evidence(settings).assigned(posed)).of(posed).value
+    return Cost(frame().body, likelihood(settings).assigned(posed)).of(posed).value
 
 
 def terms(cue: str) -> list[Term]:
     """What one cue of each camera says around the pose that is off."""
     f, posed = frame(), frame().body.at(frame().q_off)
     if cue == "flow":
-        return evidence().followed(f.body.at(f.q_before), posed)
+        return likelihood().followed(f.body.at(f.q_before), posed)
     settings = {"edges": EDGES, "outline": OUTLINE, "all": SETTINGS}[cue]
-    return evidence(settings).assigned(posed)
+    return likelihood(settings).assigned(posed)
 
 
 @pytest.mark.parametrize("cue", ["edges", "outline", "flow", "all"])
@@ -160,7 +168,7 @@ def test_the_energy_is_least_at_the_true_pose(settings: ImageSettings) -> None:
 
 def test_flow_is_least_where_the_body_went() -> None:
     f = frame()
-    followed = evidence().followed(f.body.at(f.q_before))
+    followed = likelihood().followed(f.body.at(f.q_before))
     cost = Cost(f.body, followed)
     still, true, beyond = (
         cost.at(f.body.integrate(f.q_before, s * f.body.difference(f.q_before, f.q))).value for s in (0.0, 1.0, 2.0)
@@ -173,7 +181,8 @@ def test_flow_is_least_where_the_body_went() -> None:
 def test_evidence_does_not_grow_with_the_mesh(settings: ImageSettings) -> None:
     f = frame()
     coarse, dense = (
-        Cost(f.body, evidence(replace(settings, nodes=n)).assigned(f.body.at(f.q_off))).at(f.q_off) for n in (600, 2000)
+        Cost(f.body, likelihood(replace(settings, nodes=n)).assigned(f.body.at(f.q_off))).at(f.q_off)
+        for n in (600, 2000)
     )
     assert coarse.value == pytest.approx(dense.value, rel=0.1)
     assert np.trace(coarse.hessian) == pytest.approx(np.trace(dense.hessian), rel=0.1)
@@ -248,8 +257,8 @@ def test_motion_boundaries_weigh_as_printed() -> None:
         assert trust[0] == pytest.approx(1.0 - 0.3 * potential)
     f, curvature = frame(), []
     for potential in (0.0, 1.0):
-        flow = replace(f.cues[0].flow, boundary=np.full_like(f.cues[0].flow.boundary, potential))
-        found = model(EDGES).evidence([replace(f.cues[0], flow=flow)], f.extents[:1])
+        flow = replace(f.cues[0]["flow"], boundary=np.full_like(f.cues[0]["flow"].boundary, potential))
+        found = model(EDGES).likelihood([f.cues[0].changed(flow=flow)], f.extents[:1])
         scaled = Cost(f.body, found.assigned(f.body.at(f.q))).at(f.q)
         curvature.append(np.trace(scaled.hessian))
     # pulls weaken by 1 - k; the Leclerc potential gives a part of it back to residuals that count as smaller
@@ -287,7 +296,7 @@ def test_hidden_nodes_cost_what_is_documented() -> None:
     for q in (f.q, q_hidden):
         posed = f.body.at(q)
         seen = predictor.predict(posed)
-        found = Cost(f.body, model(s).evidence(f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
+        found = Cost(f.body, model(s).likelihood(f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
         assert not found.gradient.any()
         values.append(found.value)
         counts.append((seen.back_facing + s.occluded * seen.occluded) / len(seen.state))
@@ -299,9 +308,9 @@ def test_unused_cues_leave_nothing() -> None:
     f = frame()
     silent = replace(SILENT, visibility_evidence=0.0, flow_evidence=0.0)
     assert energy(silent, f.q_off) == 0.0
-    assert evidence(silent).followed(f.body.at(f.q_before)) == []
-    bare = [ImageCues(c.camera, None, None, None) for c in f.cues]
-    found = model(SETTINGS).evidence(bare, f.extents)
+    assert likelihood(silent).followed(f.body.at(f.q_before)) == []
+    bare = [ImageCues(c.camera) for c in f.cues]
+    found = model(SETTINGS).likelihood(bare, f.extents)
     posed = f.body.at(f.q)
     assert found.followed(posed) == []
     assert found.agreement(posed) == []
@@ -310,7 +319,9 @@ def test_unused_cues_leave_nothing() -> None:
 
 def test_agreement_is_high_at_the_truth_alone() -> None:
     f = frame()
-    truth, off = (evidence().agreement(f.body.at(q)) for q in (f.q, f.body.integrate(f.q, 0.3 * np.eye(f.body.nv)[0])))
+    truth, off = (
+        likelihood().agreement(f.body.at(q)) for q in (f.q, f.body.integrate(f.q, 0.3 * np.eye(f.body.nv)[0]))
+    )
     assert len(truth) == 2
     assert min(truth) > 0.9
     assert max(off) < 0.8

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from estimator.formats.settings_file import load_settings, settings_text
+from estimator.likelihood.settings import idle_rules
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
@@ -135,7 +136,7 @@ def test_a_settings_file_as_it_is_written_is_taken(tracker: str, tmp_path: Path)
 def test_rules_name_settings_that_there_are(tracker: str) -> None:
     names = {f"{table}.{name}" for table, name, _ in every_setting(settings_for(tracker))}
     groups = {name.rpartition(".")[0] for name in names}
-    for rule in (*RULES, *TRACKERS[tracker].idle):
+    for rule in (*RULES, *idle_rules(), *TRACKERS[tracker].idle):
         assert set(rule.names) <= names | groups
         assert {name for name, _ in rule.where} <= names
         assert rule.needs in ("", PICTURES, ONE_CAMERA)
@@ -223,7 +224,7 @@ def test_what_has_no_effect_on_this_input_is_noted() -> None:
     assert several == "settings without effect here: css.jumps (it is for one camera, there are 4)"
     (blind,) = chosen.notes(cues=None, cameras=1, fits=False)
     assert blind.endswith("cost.image.edge_nu, cost.image.flow_nu (no pictures are looked at)")
-    (edges,) = chosen.notes(cues=replace(chosen.settings.cues, use_flow=False), cameras=1, fits=False)
+    (edges,) = chosen.notes(cues=chosen.settings.cues.using(["edges", "silhouette"]), cameras=1, fits=False)
     assert "flow_nu" in edges
     assert "edge_nu" not in edges
 

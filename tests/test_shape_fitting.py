@@ -14,6 +14,8 @@ from builders import SUBJECTS, bent, body_of, camera_at, inside
 
 from estimator.cameras.camera import Camera
 from estimator.cost.model import CostSettings
+from estimator.cues.edges.edge_map import EdgeSettings, edge_map
+from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.fitting import flesh
 from estimator.fitting.body_energy import BodyEnergy, Gaussian
 from estimator.fitting.descent import descend
@@ -23,9 +25,7 @@ from estimator.fitting.person import fit_person
 from estimator.fitting.settings import DescentSettings, FitSettings, FleshSettings
 from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.imaging.cues import ImageCues
-from estimator.imaging.edges import EdgeSettings, edge_map
-from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
 from humanoid.collision.clearance import Clearance
@@ -83,7 +83,7 @@ def pictures() -> tuple[ImageCues, ...]:
         plate = renderer.plate(c).astype(np.float32)
         background = Background(plate, np.full_like(plate, 2.0), np.ones(plate.shape[:2], dtype=bool))
         silhouette = silhouette_of(foreground_mask(picture, background, SilhouetteSettings()))
-        cues.append(ImageCues(camera, edge_map(picture, EdgeSettings()), None, silhouette))
+        cues.append(ImageCues(camera, {"edges": edge_map(picture, EdgeSettings()), "silhouette": silhouette}))
     return tuple(cues)
 
 
@@ -202,16 +202,16 @@ def elsewhere(cues: ImageCues) -> ImageCues:
     """A silhouette in the picture's corner, and no edges."""
     corner = np.zeros(cues.camera.image_size[::-1], dtype=bool)
     corner[10:90, 10:60] = True
-    return replace(cues, edges=None, silhouette=silhouette_of(corner))
+    return cues.changed(edges=None, silhouette=silhouette_of(corner))
 
 
 def nothing(cues: ImageCues) -> ImageCues:
     """A picture of one grey, and nobody in it."""
     grey = np.full((*cues.camera.image_size[::-1], 3), 90, np.uint8)
-    return replace(cues, edges=edge_map(grey, EdgeSettings()), silhouette=silhouette_of(np.zeros(grey.shape[:2], bool)))
+    return cues.changed(edges=edge_map(grey, EdgeSettings()), silhouette=silhouette_of(np.zeros(grey.shape[:2], bool)))
 
 
-@pytest.mark.parametrize("seen", [lambda c: replace(c, edges=None, silhouette=None), elsewhere, nothing])
+@pytest.mark.parametrize("seen", [lambda c: c.changed(edges=None, silhouette=None), elsewhere, nothing])
 def test_poor_pictures_leave_the_first_stage(seen: Callable[[ImageCues], ImageCues]) -> None:
     first = first_stage(1)
     cues = OneFrame(tuple(map(seen, pictures()[:1])))
@@ -221,9 +221,8 @@ def test_poor_pictures_leave_the_first_stage(seen: Callable[[ImageCues], ImageCu
 def test_girths_stay_within_their_hard_range() -> None:
     """The silhouette of a giant in the place of the person."""
     first, (cues, *_) = first_stage(1), pictures()
-    assert cues.silhouette is not None
-    wide = cv2.dilate(cues.silhouette.mask.astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
-    giant = OneFrame((replace(cues, edges=None, silhouette=silhouette_of(wide)),))
+    wide = cv2.dilate(cues["silhouette"].mask.astype(np.uint8), np.ones((41, 41), np.uint8)) > 0
+    giant = OneFrame((cues.changed(edges=None, silhouette=silhouette_of(wide)),))
     fit = with_pictures(first, giant, FleshSettings(agreement=0.0, worse=1.0, outline_noise=0.1))
     assert fit.shape is not None
     assert 1.25 < np.sqrt(fit.shape.factors.prod(axis=1)).max() <= GIRTHS[1] * (1.0 + 1e-12)

@@ -15,7 +15,8 @@ import kinemode as km
 from estimator.cost.model import CostModel
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
-from estimator.imaging.cues import CueReader, CueSettings
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
 from estimator.parallel import pool
 from estimator.parallel.broadcast import SMALL, Broadcaster, Receiver
 from estimator.search.frame_search import FrameCase
@@ -52,7 +53,7 @@ def tracked(clip: RenderedClip, processes: int, changes: dict[str, Any]) -> list
     body = Body(load_subject("human34"))
     keypoints = {name: load_keypoints(clip.keypoints[name])}
     seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
-    cues = CueReader([clip.videos[name]], [cameras[name]], CueSettings(use_silhouette=False))
+    cues = CueReader([clip.videos[name]], [cameras[name]], cue_settings(["edges", "flow"]))
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
     with sharing(tracker, processes):
         return [result for result, _ in run(tracker, seen, 0, cues=cues)]

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from estimator.imaging.cues import ImageCues
+from estimator.cues.cue_picture import Area, Colour, CuePicture, Dots, Lines, dimmed
 from estimator.media.picture import write_picture
-from estimator.prediction.prediction import Contours, Prediction
-from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
+from estimator.prediction.prediction import Prediction
+from estimator.prediction.visibility import BACK_FACING, OCCLUDED, OUTSIDE, VISIBLE
 from humanoid.support.errors import InputError
 from viz import palette
 from viz.solids.body_solids import side_of
@@ -24,11 +23,6 @@ _NARROWEST = 0.7  # shorter over longer side of what is shown, so that the heade
 _SHIFT = 4  # binary places of OpenCV's fixed-point coordinates
 _BLUE: palette.Rgb = palette.SIDES["left"]
 _ORANGE: palette.Rgb = palette.SIDES["right"]
-_CONTOURS = {
-    OUTER: ("outline", palette.GOOD),
-    INNER: ("within the body", palette.WARN),
-    HIDDEN: ("hidden", palette.MUTED),
-}
 _NODES = {
     VISIBLE: ("front", palette.GOOD),
     BACK_FACING: ("back", _BLUE),
@@ -36,17 +30,16 @@ _NODES = {
     OUTSIDE: ("not in the picture", palette.MUTED),
 }
 Legend = Sequence[tuple[str, palette.Rgb]]
-
-
-class Links(NamedTuple):
-    """Features and the points of the body they are assigned to.
-
-    points, features (A, 2) [px]. weight (A,): 0 to 1, how much each counts beside the others.
-    """
-
-    points: np.ndarray
-    features: np.ndarray
-    weight: np.ndarray
+_COLOURS: dict[Colour, palette.Rgb] = {
+    "good": palette.GOOD,
+    "warn": palette.WARN,
+    "bad": palette.BAD,
+    "muted": palette.MUTED,
+    "text": palette.TEXT,
+    "hypothesis": palette.HYPOTHESIS,
+    "left": _BLUE,
+    "right": _ORANGE,
+}
 
 
 @dataclass(frozen=True)
@@ -55,8 +48,8 @@ class CueView:
 
     camera: its name. image (H, W, 3) uint8 BGR. names (L): of the landmarks. keypoints (L, 2), NaN where missing;
     landmarks (L, 2): of the pose.
-    cues, prediction: what the image says and what it should show of the pose; None where only keypoints were used.
-    edges, outline, outline_back, flow: assigned features. followed (A, 2): where the points of `flow` were before.
+    prediction: what the image should show of the pose, None where only keypoints were used. pictures: what the cues
+    say of it.
     """
 
     camera: str
@@ -64,13 +57,8 @@ class CueView:
     names: tuple[str, ...]
     keypoints: np.ndarray
     landmarks: np.ndarray
-    cues: ImageCues | None = None
     prediction: Prediction | None = None
-    edges: Links | None = None
-    outline: Links | None = None
-    outline_back: Links | None = None
-    flow: Links | None = None
-    followed: np.ndarray | None = None
+    pictures: tuple[CuePicture, ...] = ()
 
 
 def write_cue_pictures(views: Sequence[CueView], folder: str | Path) -> list[Path]:
@@ -95,17 +83,10 @@ def write_cue_pictures(views: Sequence[CueView], folder: str | Path) -> list[Pat
 def cue_pictures(view: CueView) -> Iterator[tuple[str, np.ndarray]]:
     """Name and picture (H, W, 3) uint8 BGR of everything there is to show in a view."""
     yield "keypoints", _keypoints(view)
-    cues, prediction = view.cues, view.prediction
-    if cues is None or prediction is None:
-        return
-    yield "visibility", _visibility(view, prediction)
-    if cues.edges is not None:
-        yield "edges", _edges(view, cues.edges.strength, prediction.contours)
-    if cues.flow is not None:
-        yield "motion_boundaries", _boundaries(view, cues.flow.boundary, prediction.contours)
-        yield "flow", _flow(view)
-    if cues.silhouette is not None:
-        yield "silhouette", _silhouette(view, cues.silhouette.mask, prediction.contours)
+    if view.prediction is not None:
+        yield "visibility", _visibility(view, view.prediction)
+    for picture in view.pictures:
+        yield picture.name, _drawn(view, picture)
 
 
 class _Sheet:
@@ -174,16 +155,6 @@ def _fixed(pixels: np.ndarray) -> list[tuple[int, int]]:
     return [(int(x), int(y)) for x, y in np.round(safe * (1 << _SHIFT))]
 
 
-def _dimmed(image: np.ndarray, strength: float = 0.45) -> np.ndarray:
-    """The picture, darker and without colour, so that what is drawn on it stands out."""
-    return (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) * strength).astype(np.uint8)
-
-
-def _contours(sheet: _Sheet, contours: Contours, radius: float = 2.2) -> None:
-    for state in (HIDDEN, INNER, OUTER):
-        sheet.dots(contours.pixels[contours.state == state], _CONTOURS[state][1], radius)
-
-
 def _keypoints(view: CueView) -> np.ndarray:
     legend = [
         ("keypoint, left", _BLUE),
@@ -201,54 +172,24 @@ def _keypoints(view: CueView) -> np.ndarray:
 
 
 def _visibility(view: CueView, prediction: Prediction) -> np.ndarray:
-    sheet = _Sheet(view, _dimmed(view.image), "nodes of the surface", list(_NODES.values()))
+    sheet = _Sheet(view, dimmed(view.image), "nodes of the surface", list(_NODES.values()))
     for state in (OUTSIDE, BACK_FACING, OCCLUDED, VISIBLE):
         radius = 1.6 if state == BACK_FACING else 2.4
         sheet.dots(prediction.pixels[prediction.state == state], _NODES[state][1], radius)
     return sheet.finished()
 
 
-def _edges(view: CueView, strength: np.ndarray, contours: Contours) -> np.ndarray:
-    legend = [*_CONTOURS.values(), ("to the edges that may be theirs", palette.HYPOTHESIS)]
-    sheet = _Sheet(view, (160.0 * strength).astype(np.uint8), "edges and the body's contours", legend)
-    if view.edges is not None:
-        sheet.lines(view.edges.points, view.edges.features, palette.HYPOTHESIS, view.edges.weight)
-    _contours(sheet, contours)
-    return sheet.finished()
-
-
-def _boundaries(view: CueView, boundary: np.ndarray, contours: Contours) -> np.ndarray:
-    motion = cv2.applyColorMap((255.0 * (1.0 - boundary)).astype(np.uint8), cv2.COLORMAP_INFERNO)
-    grey = cv2.cvtColor(_dimmed(view.image), cv2.COLOR_GRAY2BGR)
-    sheet = _Sheet(
-        view, cv2.addWeighted(grey, 0.5, motion, 0.9, 0.0), "motion boundaries (bright)", list(_CONTOURS.values())
-    )
-    _contours(sheet, contours, 1.8)
-    return sheet.finished()
-
-
-def _flow(view: CueView) -> np.ndarray:
-    legend = [
-        ("from where a node was", palette.WARN),
-        ("to where the flow takes it", palette.GOOD),
-        ("to where the pose has it", palette.BAD),
-    ]
-    sheet = _Sheet(view, _dimmed(view.image, 0.55), "flow of the nodes", legend)
-    if view.flow is not None and view.followed is not None:
-        sheet.lines(view.followed, view.flow.features, palette.WARN, view.flow.weight)
-        sheet.lines(view.flow.features, view.flow.points, palette.BAD, view.flow.weight)
-        sheet.dots(view.flow.features, palette.GOOD)
-    return sheet.finished()
-
-
-def _silhouette(view: CueView, mask: np.ndarray, contours: Contours) -> np.ndarray:
-    legend = [("body's outline", palette.GOOD), ("to the silhouette's", _BLUE), ("and from it back", _ORANGE)]
-    picture = cv2.cvtColor(_dimmed(view.image), cv2.COLOR_GRAY2BGR)
-    palette.tint(picture, np.where(mask, 70, 0).astype(np.uint8), palette.TEXT)
-    sheet = _Sheet(view, picture, "silhouette", legend)
-    for links, colour in ((view.outline, _BLUE), (view.outline_back, _ORANGE)):
-        if links is not None:
-            sheet.lines(links.points, links.features, colour, links.weight)
-            sheet.dots(links.features, colour, 1.5)
-    sheet.dots(contours.pixels[contours.state == OUTER], palette.GOOD)
+def _drawn(view: CueView, picture: CuePicture) -> np.ndarray:
+    """What a cue says, in the colours of the palette."""
+    base = picture.base
+    for layer in picture.layers:
+        if isinstance(layer, Area):
+            base = base.copy() if base.ndim == 3 else cv2.cvtColor(base, cv2.COLOR_GRAY2BGR)
+            palette.tint(base, layer.strength, _COLOURS[layer.colour])
+    sheet = _Sheet(view, base, picture.title, [(text, _COLOURS[colour]) for text, colour in picture.legend])
+    for layer in picture.layers:
+        if isinstance(layer, Lines):
+            sheet.lines(layer.start, layer.end, _COLOURS[layer.colour], layer.weight)
+        elif isinstance(layer, Dots):
+            sheet.dots(layer.at, _COLOURS[layer.colour], layer.radius)
     return sheet.finished()

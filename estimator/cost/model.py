@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cues.evidence import Evidence, ImageModel
-from estimator.cues.settings import ImageSettings
 from estimator.imaging.observation import Observation
+from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
+from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.pose_mixture import SHIPPED, load_mixture
 from estimator.terms.pose_prior import PosePrior
@@ -68,11 +68,21 @@ class CostSettings:
 
 
 class CostModel:
-    """Builds the energy of a frame for one body; terms that do not change from frame to frame are made once."""
+    """Builds the energy of a frame for one body; terms that do not change from frame to frame are made once.
 
-    def __init__(self, body: Body, settings: CostSettings | None = None, clearance: Clearance | None = None) -> None:
+    cues: the settings of each cue of the pictures.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        settings: CostSettings | None = None,
+        clearance: Clearance | None = None,
+        cues: CueSettings | None = None,
+    ) -> None:
         self.body = body
         self.settings = settings or CostSettings()
+        self.cues = cues or cue_settings()
         self.clearance = clearance if clearance is not None and clearance.pairs else None
         spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
         self._spread = np.hypot(spread, self.settings.landmark_mismatch)
@@ -95,7 +105,7 @@ class CostModel:
             self.body, observation, self.keypoint_sigma(observation), self.settings.potential, self.settings.nu
         )
 
-    def evidence(self, observation: Observation, posed: PosedBody) -> Evidence | None:
+    def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood | None:
         """What the pictures of a frame say, None where there are none; `posed`, about where the body is, gives its
         extent in the images."""
         if not observation.cues:
@@ -105,13 +115,13 @@ class CostModel:
         # landmarks behind a camera have no place in its image
         extents = [image_extent(p, np.isfinite(p).all(axis=1).astype(np.float64)) for p in pixels]
         detected = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
-        return self.image.evidence(observation.cues, extents, detected)
+        return self.image.likelihood(observation.cues, extents, detected)
 
     @property
     def image(self) -> ImageModel:
         """What the image terms of all frames share, made when it is first asked for."""
         if self._image is None:
-            self._image = ImageModel(self.body, self.settings.image)
+            self._image = ImageModel(self.body, self.settings.image, cues=self.cues)
         return self._image
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:

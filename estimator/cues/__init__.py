@@ -1,1 +1,1 @@
-"""From the cues of an image to energy terms around a pose."""
+"""What a cue is; the rooms below are one cue each, brought together by `estimator.likelihood`."""

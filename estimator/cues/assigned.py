@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cues.matching import group_by_point
-from estimator.terms.kernels import assigned_loads
+from estimator.terms.kernels import LORENTZIAN, assigned_loads
 from estimator.terms.points import accumulate_points
 from estimator.terms.reprojection import pack_cameras
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.support.compiled import jit
 
 
 class Assignments(NamedTuple):
@@ -28,6 +28,30 @@ class Assignments(NamedTuple):
     weight: np.ndarray
     potential: np.ndarray
     nu: np.ndarray
+
+
+def assignments(
+    point: np.ndarray, target: np.ndarray, precision: np.ndarray, weight: np.ndarray, potential: int, nu: float
+) -> Assignments:
+    """`Assignments` that have one potential and one nu."""
+    count = len(point)
+    return Assignments(point, target, precision, weight, np.full(count, potential), np.full(count, float(nu)))
+
+
+def nothing() -> Assignments:
+    """No features."""
+    return assignments(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), LORENTZIAN, 1.0)
+
+
+def across(normals: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """W (A, 3) that measures along unit normals (A, 2) alone, with precision (A,) [1/px^2]."""
+    x, y = normals.T
+    return np.stack([x * x, x * y, y * y], axis=1) * precision[:, None]
+
+
+def isotropic(precision: np.ndarray) -> np.ndarray:
+    """W (A, 3) that measures alike in all directions, with precision (A,) [1/px^2]."""
+    return np.stack([precision, np.zeros_like(precision), precision], axis=1)
 
 
 class Features(NamedTuple):
@@ -96,3 +120,26 @@ class AssignedPoints:
             self._body, posed, self._joint, self._points, self._force, self._load, gradient, hessian, exact
         )
         return value + self._constant
+
+
+@jit
+def group_by_point(point, count):  # type: ignore[no-untyped-def]
+    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
+    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
+    at = np.zeros(count + 1, np.int64)
+    for p in point:
+        at[p + 1] += 1
+    used, first, order = np.empty(count, np.int64), np.empty(count + 1, np.int64), np.empty(len(point), np.int64)
+    users, total = 0, 0
+    for p in range(count):
+        many = at[p + 1]
+        if many > 0:
+            used[users], first[users] = p, total
+            users += 1
+        at[p] = total
+        total += many
+    first[users] = total
+    for a in range(len(point)):
+        order[at[point[a]]] = a
+        at[point[a]] += 1
+    return used[:users], first[: users + 1], order

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cost.model import CostModel, CostSettings, image_extent
-from estimator.cues.evidence import CameraEvidence, Evidence, ImageModel
-from estimator.cues.settings import ImageSettings
+from estimator.cues.assigned import nothing
 from estimator.fitting.contour_points import ContourPoints, PointLoads
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.observation import Observation
+from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
+from estimator.likelihood.settings import ImageSettings
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body, PosedBody
 
@@ -60,8 +61,8 @@ class BodyEnergy:
         self._shaped, self._observations, self._cost = shaped, observations, cost
         self._on_scales, self._share, self._clearance = on_scales, share, clearance
         self._contours = [
-            [_assigned(camera, posed) for camera in evidence.cameras]
-            for posed, evidence in seen_at(shaped, observations, assigned_at, cost.image)
+            [_assigned(camera, posed) for camera in likelihood.cameras]
+            for posed, likelihood in seen_at(shaped, observations, assigned_at, cost.image)
         ]
         self.features = sum(len(points.joint) for frame in self._contours for points in frame)
 
@@ -114,7 +115,7 @@ class BodyEnergy:
 
 def seen_at(
     shaped: ShapedBody, observations: Sequence[Observation], x: Unknowns, settings: ImageSettings
-) -> Iterator[tuple[PosedBody, Evidence]]:
+) -> Iterator[tuple[PosedBody, ImageLikelihood]]:
     """The body in every frame at some unknowns, and what the frame's pictures say of it."""
     body = shaped.proportions.at(x.scales)
     image = ImageModel(body, settings, shaped.surface.at(shaped.shape.of_parts(x.shape), x.scales))
@@ -122,12 +123,12 @@ def seen_at(
         posed = body.at(q)
         landmarks = body.landmarks(posed)
         extents = [image_extent(c.camera.project(landmarks), np.ones(len(landmarks))) for c in observation.cues]
-        yield posed, image.evidence(observation.cues, extents)
+        yield posed, image.likelihood(observation.cues, extents)
 
 
-def _assigned(camera: CameraEvidence, posed: PosedBody) -> ContourPoints:
+def _assigned(camera: CameraLikelihood, posed: PosedBody) -> ContourPoints:
     prediction = camera.predictor.predict(posed)
-    groups = [assign(prediction)[0] for assign in (camera.edges, camera.outline, camera.outline_back)]
+    groups = [match.features for match in camera.contours(prediction)] or [nothing()]
     return ContourPoints(camera.cues.camera, prediction.contours, camera.model.surface.local, groups)
 
 

@@ -15,6 +15,7 @@ from estimator.fitting.settings import FitSettings
 from estimator.fitting.shape_parameters import OF_PART
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.observation import Observation
+from estimator.likelihood.registry import cues_of
 from estimator.sequences.source import Cues
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body
@@ -34,7 +35,7 @@ def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, c
         return first
     picks = np.unique(np.linspace(0, len(first.observations) - 1, settings.flesh.frames).round().astype(int))
     seen = [replace(o, cues=cues.at(o.index)) for o in (first.observations[k] for k in picks)]
-    if not any(c.edges is not None or c.silhouette is not None for o in seen for c in o.cues):
+    if not any(cue.on_contours for o in seen for c in o.cues for cue in cues_of(c)):
         return first
     stages = _Stages(ShapedBody(subject, cost.image.nodes), seen, first, settings, cost)
     start = Unknowns(first.poses[picks], first.scales, np.zeros(len(stages.shaped.shape.low)))
@@ -97,7 +98,7 @@ class _Stages:
     def agreement(self, x: Unknowns) -> float:
         """Share of the body's outline that lies on the silhouettes', mean of cameras and frames; NaN without any."""
         seen = seen_at(self.shaped, self._seen, x, self._cost.image)
-        shares = [share for posed, evidence in seen for share in evidence.agreement(posed)]
+        shares = [share for posed, likelihood in seen for share in likelihood.agreement(posed)]
         return float(np.mean(shares)) if shares else np.nan
 
     def outcome(self, first: Fit, start: Unknowns, end: Unknowns) -> Fit:

@@ -99,29 +99,29 @@ def _comment(text: str) -> list[str]:
 
 
 def _summary(group: Any) -> str:
-    return _entries(group)[0]
+    kinds = (kind for kind in type(group).__mro__ if is_dataclass(kind))
+    return next((said for kind in kinds if (said := _entries(kind, group)[0])), "")
 
 
 def _described(group: Any) -> dict[str, _Entry]:
-    """What the group's docstring says of each of its settings."""
-    return {name: entry for entry in _entries(group)[1] for name in entry.names}
+    """What the docstrings of the group's classes say of each of its settings."""
+    classes = [kind for kind in reversed(type(group).__mro__) if is_dataclass(kind)]
+    return {name: entry for kind in classes for entry in _entries(kind, group)[1] for name in entry.names}
 
 
-def _entries(group: Any) -> tuple[str, list[_Entry]]:
-    """What a docstring says of the group, and of the settings it names: "a, b [m]: text. c: text."."""
-    if not is_dataclass(group):
-        return "", []
-    text = (inspect.getdoc(type(group)) or "").partition("\n\nRaises")[0]
+def _entries(kind: type, group: Any) -> tuple[str, list[_Entry]]:
+    """What a class' docstring says of the group, and of the settings it names: "a, b [m]: text. c: text."."""
+    text = inspect.cleandoc(kind.__doc__ or "").partition("\n\nRaises")[0]
     text = re.sub(r"(?<=\.)\s+Raises InputError[^.]*\.", "", " ".join(text.split()))
     name = f"(?:{'|'.join(re.escape(f.name) for f in fields(group))}){_UNITS}"
     heads = list(re.finditer(rf"(?:^|(?<=[.;:] ))({name}(?:, {name})*): ", text))
-    ends = [head.start() for head in heads[1:]] + [len(text)]
+    starts = [*(head.start() for head in heads), len(text)]
     entries = [
         _Entry(
             tuple(re.sub(_UNITS.removesuffix("?"), "", head[1]).split(", ")),
             head[1],
             text[head.end() : end].strip().rstrip(";."),
         )
-        for head, end in zip(heads, ends, strict=True)
+        for head, end in zip(heads, starts[1:], strict=True)
     ]
-    return text[: heads[0].start() if heads else len(text)].strip(), entries
+    return text[: starts[0]].strip(), entries

@@ -1,1 +1,1 @@
-"""Camera, clip and cues: frame -> Observation."""
+"""The pictures of a camera, and what is known of one instant: frame -> Observation."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.imaging.cues import ImageCues
+from estimator.imaging.image_cues import ImageCues
 
 
 @dataclass(frozen=True)

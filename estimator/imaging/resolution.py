@@ -39,6 +39,15 @@ def resized_camera(camera: Camera, size: Size) -> Camera:
     return replace(camera, image_size=size, K=T_new_old @ camera.K)
 
 
+def scaled_camera(camera: Camera, factor: float) -> Camera:
+    """The camera of an image resized by `factor`.
+
+    Image sides are rounded to whole pixels, and K follows the ratio of the rounded sides, as resizing does.
+    """
+    size = (max(1, round(camera.image_size[0] * factor)), max(1, round(camera.image_size[1] * factor)))
+    return resized_camera(camera, size)
+
+
 def resized_track(track: KeypointTrack, old: Size, new: Size) -> KeypointTrack:
     """Keypoints found in pictures of size `old`, in pictures resized to `new`."""
     ratio = np.array(new) / np.array(old)

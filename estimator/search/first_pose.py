@@ -31,10 +31,10 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     associations = search.associations(observation)
     case = FrameCase(associations)
     first = search.best_modes((Hypothesis(q, k) for q in starts for k in range(len(associations))), case, count)
-    evidence = search.evidence(observation, first.modes[0].q)
+    likelihood = search.likelihood(observation, first.modes[0].q)
     camera = only_camera(observation)
     can_jump = camera is not None and bool(search.jumps.limbs or search.jumps.parts)
-    if not can_jump and evidence is None:
+    if not can_jump and likelihood is None:
         return first
     names = [association.name for association in associations]
     again = [
@@ -42,7 +42,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
         for mode in first.modes
         for q in (mode.q, *(search.jumps.of(mode.q, camera) if camera is not None else ()))
     ]
-    return search.best_modes(again, case._replace(evidence=evidence), count, rng)
+    return search.best_modes(again, case._replace(likelihood=likelihood), count, rng)
 
 
 def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cost.model import CostModel
-from estimator.cues.evidence import Evidence, Followed, Past
+from estimator.cues.base import Past
+from estimator.likelihood.image_likelihood import Followed, ImageLikelihood
 from estimator.modes.mixture import Mode
 from estimator.modes.origin import Origin, PoseKey, PreviousPose
 from estimator.optimise.contact import separate
@@ -30,7 +31,7 @@ class FrameCase(NamedTuple):
 
     associations: Sequence[Association]
     dt: float = 0.0
-    evidence: Evidence | None = None
+    likelihood: ImageLikelihood | None = None
 
 
 class FrameSearch:
@@ -46,10 +47,10 @@ class FrameSearch:
     def follow(self, previous: Sequence[PreviousPose]) -> list[list[Followed]]:
         """Work: the flow of the surface in every camera since it lay at each previous pose, looked for also where it
         lies at the predicted one if that is known."""
-        assert self.case.evidence is not None
+        assert self.case.likelihood is not None
         at = self._body.at
         pasts = [Past(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in previous]
-        return self.case.evidence.follow(pasts)
+        return self.case.likelihood.follow(pasts)
 
     def learn(self, followed: Mapping[PoseKey, list[Followed]]) -> None:
         """Take over the flows that `follow` has followed, in this process or another."""
@@ -66,7 +67,7 @@ class FrameSearch:
     def explore(self, h: Hypothesis) -> Candidate:
         """Work: a short search."""
         base = self._base(h)
-        q = h.q if self.case.evidence is None else self._followed(h, base)
+        q = h.q if self.case.likelihood is None else self._followed(h, base)
         solution = self._seeker.seek(base.plus(self._assigned(q)), q, self._settings.explore)
         energy = solution.quadratic.value + self.case.associations[h.association].penalty
         return Candidate(h, solution.q, self._body.landmarks(solution.quadratic.posed), energy)
@@ -99,15 +100,15 @@ class FrameSearch:
         pose = None if previous is None else previous.key
         key = h.association, q_paid is not None, pose
         if key not in self._bases:
-            term, evidence = self.case.associations[h.association].term, self.case.evidence
+            term, likelihood = self.case.associations[h.association].term, self.case.likelihood
             followed = None if pose is None else self.flows.get(pose)
-            flow = [] if followed is None or evidence is None else evidence.flow_terms(followed)
+            flow = [] if followed is None or likelihood is None else likelihood.terms_since(followed)
             self._bases[key] = self._model.cost(term, q_paid, self.case.dt, flow)
         return self._bases[key]
 
     def _assigned(self, q: np.ndarray) -> list[Term]:
         """What the pictures say around q (nq,)."""
-        return [] if self.case.evidence is None else self.case.evidence.assigned(self._body.at(q))
+        return [] if self.case.likelihood is None else self.case.likelihood.assigned(self._body.at(q))
 
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
@@ -129,7 +130,7 @@ class FrameSearch:
     def _settled(self, base: Cost, q: np.ndarray) -> np.ndarray:
         """Where the last search begins, (nq,): features are assigned anew until that moves the pose no more, or
         `rounds` times."""
-        for _ in range(self._model.settings.image.rounds - 1 if self.case.evidence is not None else 0):
+        for _ in range(self._model.settings.image.rounds - 1 if self.case.likelihood is not None else 0):
             before, explore = q, self._settings.explore
             q = self._seek(base, before, explore).q
             if float(np.abs(self._body.difference(before, q)).max()) < self._settings.settled:
@@ -161,7 +162,7 @@ class FrameSearch:
         )
 
     def _origin(self, h: Hypothesis, q_assigned: np.ndarray) -> Origin:
-        if self.case.evidence is None:
+        if self.case.likelihood is None:
             return h.origin
-        extent = tuple(camera.extent for camera in self.case.evidence.cameras)
+        extent = tuple(camera.extent for camera in self.case.likelihood.cameras)
         return h.origin._replace(q_assigned=q_assigned, extent=extent)

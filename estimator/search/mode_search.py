@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 from estimator.cost.model import CostModel
-from estimator.cues.evidence import Evidence
 from estimator.imaging.observation import Observation
+from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import best_distinct, body_size
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.optimise.seek import Seeker
@@ -54,9 +54,9 @@ class ModeSearch:
         """The keypoint term of a frame in one association."""
         return self.model.observation_term(self.associated(observation, association))
 
-    def evidence(self, observation: Observation, q: np.ndarray) -> Evidence | None:
+    def likelihood(self, observation: Observation, q: np.ndarray) -> ImageLikelihood | None:
         """What the frame's pictures say, None where there are none; q (nq,): about where the body is."""
-        return self.model.evidence(observation, self.body.at(q))
+        return self.model.likelihood(observation, self.body.at(q))
 
     def associations(self, observation: Observation) -> tuple[Association, ...]:
         """Those of a frame: as detected, and with left and right exchanged where the body has sides."""
@@ -113,7 +113,7 @@ class ModeSearch:
     def _learn_flows(self, frame: FrameSearch, hypotheses: Sequence[Hypothesis]) -> None:
         """Flow of the surface from each hypothesis' previous pose: many poses at once, since their nodes see the same
         pixels, and known to all processes that search."""
-        if frame.case.evidence is None:
+        if frame.case.likelihood is None:
             return
         poses = [h.origin.previous for h in hypotheses if h.origin.previous is not None]
         new = {pose.key: pose for pose in poses if pose.key not in frame.flows}

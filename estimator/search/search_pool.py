@@ -9,8 +9,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.cues import ImageCues
+from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
+from estimator.likelihood.settings import CueSettings
 from estimator.parallel.pool import checked_count, worker_pool
 from estimator.search.association import Association
 from estimator.search.frame_search import FrameCase, FrameSearch
@@ -47,6 +48,7 @@ class SearchRecipe(NamedTuple):
     base: Base
     clearance: bool
     cost: CostSettings
+    cues: CueSettings
     settings: ModeSearchSettings
 
     @staticmethod
@@ -56,13 +58,15 @@ class SearchRecipe(NamedTuple):
         if search.body.model is not subject.model:
             raise ValueError("only a body with its subject's own joint limits can be made again elsewhere")
         clearance = model.clearance is not None
-        return SearchRecipe(subject.urdf, subject.source, subject.base, clearance, model.settings, search.settings)
+        return SearchRecipe(
+            subject.urdf, subject.source, subject.base, clearance, model.settings, model.cues, search.settings
+        )
 
     def search(self) -> ModeSearch:
         """The search."""
         body = Body(subject_from_text(self.urdf, source=self.source, base=self.base))
         clearance = Clearance(body) if self.clearance else None
-        return ModeSearch(CostModel(body, self.cost, clearance), self.settings)
+        return ModeSearch(CostModel(body, self.cost, clearance, self.cues), self.settings)
 
     def message(self, context: FrameSearch) -> CaseMessage:
         """See `Job`."""
@@ -80,7 +84,7 @@ class SearchRecipe(NamedTuple):
 
 class CaseMessage(NamedTuple):
     """A `FrameCase` in plain data. associations: name, keypoints and penalty of each. cues, extents: of each camera
-    whose pictures are looked at; detected: see `ImageModel.evidence`."""
+    whose pictures are looked at; detected: see `ImageModel.likelihood`."""
 
     associations: tuple[tuple[str, Observation, float], ...]
     dt: float
@@ -92,14 +96,13 @@ class CaseMessage(NamedTuple):
     def of(case: FrameCase) -> CaseMessage:
         """The message that tells of a case."""
         associations = tuple((a.name, replace(a.term.observation, cues=()), a.penalty) for a in case.associations)
-        cameras = () if case.evidence is None else case.evidence.cameras
+        cameras = () if case.likelihood is None else case.likelihood.cameras
         detected = cameras[0].detected if cameras else 0.0
-        return CaseMessage(
-            associations, case.dt, tuple(c.cues for c in cameras), tuple(c.extent for c in cameras), detected
-        )
+        cues = tuple(c.cues if c.needs_picture else c.cues.without_picture() for c in cameras)
+        return CaseMessage(associations, case.dt, cues, tuple(c.extent for c in cameras), detected)
 
     def case(self, model: CostModel) -> FrameCase:
         """The case, for the same body and cost."""
         terms = [(name, model.observation_term(o), penalty) for name, o, penalty in self.associations]
-        evidence = model.image.evidence(self.cues, self.extents, self.detected) if self.cues else None
-        return FrameCase(tuple(Association(*each) for each in terms), self.dt, evidence)
+        likelihood = model.image.likelihood(self.cues, self.extents, self.detected) if self.cues else None
+        return FrameCase(tuple(Association(*each) for each in terms), self.dt, likelihood)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from estimator.imaging.cues import ImageCues
+from estimator.imaging.image_cues import ImageCues
 
 Progress = Callable[[int, int], None]
 """Is told how many instants of how many are done."""
 
 
 class Cues(Protocol):
-    """Where the pictures' cues come from (see `estimator.imaging.cues.CueReader`)."""
+    """Where the pictures' cues come from (see `estimator.likelihood.reader.CueReader`)."""
 
     def at(self, index: int) -> tuple[ImageCues, ...]:
         """The cues of every camera at a frame."""

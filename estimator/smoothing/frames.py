@@ -19,11 +19,11 @@ def frame_costs(search: ModeSearch, observation: Observation, result: FrameResul
     there."""
     if not observable(observation):
         return [search.model.cost(None)] * len(result.weight)
-    evidence = search.evidence(observation, result.q[0])
+    likelihood = search.likelihood(observation, result.q[0])
     terms = {name: search.term(observation, name) for name in set(result.association)}
     costs = []
     for q, association in zip(result.q, result.association, strict=True):
-        assigned = [] if evidence is None else evidence.assigned(search.body.at(q))
+        assigned = [] if likelihood is None else likelihood.assigned(search.body.at(q))
         costs.append(search.model.cost(terms[association], image_terms=assigned))
     return costs
 

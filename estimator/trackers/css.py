@@ -13,6 +13,7 @@ import numpy as np
 
 from estimator.cost.model import ALL_DETECTED
 from estimator.imaging.observation import Observation
+from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.modes.origin import Family
@@ -117,12 +118,12 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         if not observable(observation):
             return carried(self.search, state.mixture, observation.time - state.time, observation)
         prior = state.mixture
-        evidence = self.search.evidence(observation, prior.modes[0].q)
-        case = FrameCase(self.search.associations(observation), observation.time - state.time, evidence)
+        likelihood = self.search.likelihood(observation, prior.modes[0].q)
+        case = FrameCase(self.search.associations(observation), observation.time - state.time, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         found = self.search.explored(proposals.kept(), case) if self.settings.keep else []
         left = self.settings.budget.left(len(found), _rise(found, prior), 1.0 - float(prior.weights[0]))
-        found += self.search.explored(allocated(left, self._sources(proposals, observation)), case)  # 1, 2
+        found += self.search.explored(allocated(left, self._sources(proposals, observation, likelihood)), case)  # 1, 2
         mixture = self.search.best_of(found, case, self.settings.modes, rng)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
@@ -132,10 +133,12 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         """See `estimator.trackers.capabilities.SharesWork`."""
         return search_pool(self.search, processes)
 
-    def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
+    def _sources(
+        self, proposals: Proposals, observation: Observation, likelihood: ImageLikelihood | None
+    ) -> list[Source]:
         s = self.settings
         seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
-        depths = seen if any(cues.flow is not None for cues in observation.cues) else 1.0
+        depths = seen if likelihood is not None and likelihood.follows else 1.0
         lost = 1.0 - 0.75 * seen if observation.cues else 0.0
         return [
             Source(s.other_readings, proposals.other_associations),

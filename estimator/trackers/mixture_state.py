@@ -123,9 +123,9 @@ def judged(
     posed = search.body.at(best.q)
     distances = search.term(observation, best.association).distances(posed)
     seen = distances[~np.isnan(distances)]
-    evidence = search.model.evidence(observation, posed)
+    likelihood = search.model.likelihood(observation, posed)
     agreement = [float(np.mean(seen < FAR))] if seen.size else []
-    agreement += [] if evidence is None else evidence.agreement(posed)
+    agreement += [] if likelihood is None else likelihood.agreement(posed)
     overlapping = best.penetration > search.settings.contact.limit
     hard = min(agreement, default=0.0) < 0.5 or best.status == ITERATIONS or overlapping
     result = result_of(observation, mixture, "hard" if hard else "tracked", extra)

@@ -71,8 +71,8 @@ class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
         search, dt = self._tracking, observation.time - state.time
         if not observable(observation):
             return carried(search, state.mixture, dt, observation)
-        evidence = search.evidence(observation, state.mixture.modes[0].q)
-        case = FrameCase(search.associations(observation), dt, evidence)
+        likelihood = search.likelihood(observation, state.mixture.modes[0].q)
+        case = FrameCase(search.associations(observation), dt, likelihood)
         found = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
         return judged(search, observation, found, searches_told({Family.SAMPLE: self.settings.starts}))
 

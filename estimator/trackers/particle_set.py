@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.cues.evidence import Past
+from estimator.cues.base import Past
 from estimator.imaging.observation import Observation
 from estimator.inference.clusters import clusters, mean_and_covariance
 from estimator.inference.particles import Particles
@@ -42,28 +42,28 @@ class FrameEnergy:
     def __init__(self, search: ModeSearch, observation: Observation, before: Mixture) -> None:
         self.body = search.body
         base = search.model.cost(search.term(observation, AS_DETECTED))
-        self._evidence = search.evidence(observation, before.modes[0].q)
+        self._likelihood = search.likelihood(observation, before.modes[0].q)
         self._costs = [base] * len(before.modes)
-        if self._evidence is not None:
-            flows = self._evidence.followed_each([Past(self.body.at(m.q)) for m in before.modes])
+        if self._likelihood is not None:
+            flows = self._likelihood.followed_each([Past(self.body.at(m.q)) for m in before.modes])
             self._costs = [base.plus(flow) for flow in flows]
 
     def at(self, q: np.ndarray, owner: int) -> QuadraticModel:
         """The energy at q (nq,), for a particle that came from hypothesis `owner`."""
         posed = self.body.at(q)
         cost = self._costs[owner]
-        if self._evidence is not None:
-            cost = cost.plus(self._evidence.assigned(posed))
+        if self._likelihood is not None:
+            cost = cost.plus(self._likelihood.assigned(posed))
         return cost.of(posed)
 
     def assigned_at(self, q: np.ndarray) -> np.ndarray | None:
         """Where the pictures' features are assigned for the energy at q (nq,), None without pictures."""
-        return None if self._evidence is None else q
+        return None if self._likelihood is None else q
 
     @property
     def extent(self) -> tuple[float, ...]:
         """See `Origin`."""
-        return () if self._evidence is None else tuple(camera.extent for camera in self._evidence.cameras)
+        return () if self._likelihood is None else tuple(camera.extent for camera in self._likelihood.cameras)
 
     def values(self, q: np.ndarray, owner: np.ndarray) -> np.ndarray:
         """Energies (N,) of configurations (N, nq) that came from hypotheses (N,)."""

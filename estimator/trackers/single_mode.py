@@ -56,8 +56,8 @@ class SingleMode(BeginsByKeypoints, CarriesMixture):
             return carried(search, state.mixture, observation.time - state.time, observation)
         q = state.mixture.modes[0].q
         origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)
-        associations, evidence = search.associations(observation), search.evidence(observation, q)
-        case = FrameCase(associations, observation.time - state.time, evidence)
+        associations, likelihood = search.associations(observation), search.likelihood(observation, q)
+        case = FrameCase(associations, observation.time - state.time, likelihood)
         best = search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1)
         return judged(search, observation, best, searches_told({Family.KEPT: 1}))
 
@@ -65,7 +65,7 @@ class SingleMode(BeginsByKeypoints, CarriesMixture):
 def without_limits(search: ModeSearch) -> ModeSearch:
     """The same search over a body without joint limits: its modes, and the results made of them, may leave them."""
     model = search.model
-    return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance), search.settings)
+    return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance, model.cues), search.settings)
 
 
 _IDLE = (

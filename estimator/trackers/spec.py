@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from estimator.cost.model import CostModel, CostSettings
+from estimator.likelihood.settings import CueSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.base import Tracker
@@ -26,6 +27,11 @@ class TrackerSettings(Protocol):
     @property
     def search(self) -> ModeSearchSettings:
         """How its minima are found."""
+        ...
+
+    @property
+    def cues(self) -> CueSettings:
+        """What is taken from the pictures."""
         ...
 
     @property
@@ -76,7 +82,7 @@ class Spec:
 def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:
     """The search for modes of a body by the settings' energy; parts keep apart where that is part of the energy."""
     clearance = Clearance(body) if settings.cost.interpenetration_weight > 0.0 else None
-    return ModeSearch(CostModel(body, settings.cost, clearance), settings.search)
+    return ModeSearch(CostModel(body, settings.cost, clearance, settings.cues), settings.search)
 
 
 def by_search(recipe: Callable[[ModeSearch, Any], Tracker]) -> Callable[[Body, TrackerSettings], Tracker]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
+from estimator.likelihood.settings import idle_rules
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import DEFAULT, TRACKERS, settings_for
 from estimator.tracking.setting_changes import refused
@@ -97,7 +98,7 @@ def _needing(tracker: str, needs: str) -> list[str]:
 
 
 def _rules(tracker: str) -> tuple[IdleRule, ...]:
-    return (*RULES, *TRACKERS[tracker].idle)
+    return (*RULES, *idle_rules(), *TRACKERS[tracker].idle)
 
 
 def _values(settings: Settings) -> dict[str, Any]:

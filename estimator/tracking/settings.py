@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from estimator.cost.model import CostSettings
-from estimator.imaging.cues import CueSettings
+from estimator.likelihood.settings import CueSettings, cue_settings
 from estimator.search.settings import ModeSearchSettings
 from estimator.smoothing import SmoothSettings
 from humanoid.support.settings import plain
@@ -29,7 +29,7 @@ class Settings:
     search: ModeSearchSettings = field(default_factory=ModeSearchSettings)
     own: Any = None
     smooth: SmoothSettings = field(default_factory=SmoothSettings)
-    cues: CueSettings = field(default_factory=CueSettings)
+    cues: CueSettings = field(default_factory=cue_settings)
     table: str = ""
 
     def members(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ def fit(
     Parameters
     ----------
     cues
-        What the flesh is fitted to, see `track`: off, or some of edges,silhouette.
+        What the flesh is fitted to, see `track`; cues whose features lie on the contours of the body count.
     seed
         Seed of the random numbers.
     out
@@ -75,6 +75,13 @@ def subjects() -> None:
     from kinemode.terminal import report
 
     report.print_subjects()
+
+
+def cues() -> None:
+    """List what pictures can be looked at for, see `track --cues`."""
+    from kinemode import report
+
+    report.print_cues()
 
 
 def trackers() -> None:

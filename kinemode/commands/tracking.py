@@ -42,8 +42,8 @@ def track(
     Parameters
     ----------
     cues
-        What the pictures are looked at for: off, or some of edges,flow,silhouette; auto takes all of them where less
-        than half of the frames have keypoints.
+        What the pictures are looked at for: off, or some of what `kinemode cues` lists, with commas between them; auto
+        takes all of them where less than half of the frames have keypoints.
     settings
         A TOML file of settings, see `kinemode settings`.
     tracker

@@ -158,8 +158,8 @@ def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -
 
 def _energy(search: ModeSearch, observation: Observation, q: np.ndarray) -> float:
     """Energy of q (nq,) in the better association of a frame's keypoints: keypoints, edges, outlines and priors."""
-    evidence, posed = search.evidence(observation, q), search.body.at(q)
-    assigned = [] if evidence is None else evidence.assigned(posed)
+    likelihood, posed = search.likelihood(observation, q), search.body.at(q)
+    assigned = [] if likelihood is None else likelihood.assigned(posed)
     return min(
         search.model.cost(a.term, image_terms=assigned).of(posed).value + a.penalty
         for a in search.associations(observation)

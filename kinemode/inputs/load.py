@@ -42,7 +42,7 @@ class Inputs:
 
     observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
     notes: what the user should know of the input.
-    masks, backgrounds (C): of each camera where they are given, see `estimator.imaging.cues.CueReader`.
+    masks, backgrounds (C): of each camera where they are given, see `estimator.likelihood.reader.CueReader`.
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     """
 

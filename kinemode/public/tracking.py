@@ -61,8 +61,9 @@ def track(
         are enough. The name picks the camera, and is the file's stem by default.
     cameras: camera file, or cameras by name; the one camera of a single clip is guessed without it.
     keypoints: 2D keypoint files, given as the clips are; with cues those of one frame will do, tracking begins there.
-    cues: what is taken from the pictures: "off", or some of "edges", "flow" and "silhouette", as names or separated by
-        commas; "auto" takes them all where there are clips and less than half of the frames have keypoints.
+    cues: what is taken from the pictures: "off", or some of the cues there are (`kinemode cues` lists them), as names
+        or separated by commas; "auto" takes them all where there are clips and less than half of the frames have
+        keypoints.
     masks, background: for the silhouette, given as the clips are: a video or folder of masks, white on the person; a
         picture of the empty scene. Without them the background is learned from the clip.
     tracker, modes: name of the tracker and how many hypotheses it keeps; unless given as many as its settings say, for

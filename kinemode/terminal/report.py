@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.fitting.fit import Fit, ShapeFit
+from estimator.likelihood.registry import CUES
 from estimator.results.evaluation import LIMB_JOINTS, Evaluation
 from estimator.results.run_file import Run
 from estimator.results.shared_landmarks import CENTRED
@@ -174,6 +175,15 @@ def print_trackers() -> None:
     made.add_column("about")
     for name, spec in TRACKERS.items():
         made.add_row(name, spec.sentence)
+    console().print(made)
+
+
+def print_cues() -> None:
+    """The cues by name."""
+    made = table("cues by name", "name")
+    made.add_column("about")
+    for name, cue in CUES.items():
+        made.add_row(name, cue.summary)
     console().print(made)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from estimator.imaging.flow import FlowField
+from estimator.cues.flow.flow_field import FlowField
 from estimator.media.threads import one_thread
 
 WINDOW = (11, 11)  # px, about a forearm

@@ -19,7 +19,7 @@ class FlowSettings:
     """How flow is found and judged.
 
     finest_scale: where the search ends: 0 at full resolution, 1 at half, 2 at a quarter; each is some 4 times quicker.
-        Half leads the points that are refined (`estimator.imaging.point_flow`) well; at a quarter limbs are lost.
+        Half leads the points that are refined (`estimator.cues.flow.point_flow`) well; at a quarter limbs are lost.
     tolerance: disagreement of the flows there and back that makes a pixel half an outlier [px].
     relative_tolerance: the same as a share of the flow's length; both are added.
     boundary_reach: standard deviation of the smoothing of the motion boundaries [px].
@@ -43,7 +43,7 @@ class FlowField:
     outlier (H, W) float32: 0 to 1, of the previous frame's pixels: there and back do not lead to the same place.
     boundary (H, W) float32: of this frame's pixels: the potential S_p of CSS 3.1.2, 0 on motion boundaries, 1 far
         from any. An edge's weight is 1 - k S_p.
-    before, now (H, W) uint8: the two images (see `estimator.imaging.point_flow`).
+    before, now (H, W) uint8: the two images (see `estimator.cues.flow.point_flow`).
     """
 
     flow: np.ndarray

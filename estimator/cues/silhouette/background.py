@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from estimator.imaging.stillness import camera_moves, motion, small_size
-from estimator.imaging.subtraction import Background, SilhouetteSettings, departure, smoothed
+from estimator.cues.silhouette.stillness import camera_moves, motion, small_size
+from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
 from estimator.media.threads import one_thread
 
 FEWEST_FRAMES = 3  # without as many there is nothing to learn from

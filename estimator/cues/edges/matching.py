@@ -1,4 +1,4 @@
-"""Image features found near a predicted surface: compiled kernels (CSS section 3.1.2)."""
+"""Edges found near a predicted contour: compiled kernels (CSS section 3.1.2)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import numpy as np
 from estimator.prediction.visibility import INNER, OUTER
 from humanoid.support.compiled import jit
 
-MOST_CANDIDATES = 8
 _STRAIGHT = 0.6  # cosine between contour normal and image gradient from which an edge may belong to the contour
 _WEAK = 0.08  # strength below which an edge is noise
 _UNSURE = 0.3  # strength of the unseen alternative that the candidates of a contour point compete with
@@ -109,57 +108,3 @@ def take_candidates(target, share, trust, normals, each, precision, point, place
             shares[count] = each * share[i, c]
             count += 1
     return count
-
-
-@jit
-def group_by_point(point, count):  # type: ignore[no-untyped-def]
-    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
-    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
-    at = np.zeros(count + 1, np.int64)
-    for p in point:
-        at[p + 1] += 1
-    used, first, order = np.empty(count, np.int64), np.empty(count + 1, np.int64), np.empty(len(point), np.int64)
-    users, total = 0, 0
-    for p in range(count):
-        many = at[p + 1]
-        if many > 0:
-            used[users], first[users] = p, total
-            users += 1
-        at[p] = total
-        total += many
-    first[users] = total
-    for a in range(len(point)):
-        order[at[point[a]]] = a
-        at[point[a]] += 1
-    return used[:users], first[: users + 1], order
-
-
-@jit
-def nearest_outline(pixels, state, nearest, chosen):  # type: ignore[no-untyped-def]
-    """For each OUTER contour point the index of the boundary pixel nearest to it, -1 for others; fills chosen (M,)."""
-    height, width = nearest.shape
-    for i in range(pixels.shape[0]):
-        chosen[i] = -1
-        if state[i] == OUTER:
-            x, y = int(pixels[i, 0] + 0.5), int(pixels[i, 1] + 0.5)
-            chosen[i] = nearest[min(max(y, 0), height - 1), min(max(x, 0), width - 1)]
-
-
-@jit
-def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chosen):  # type: ignore[no-untyped-def]
-    """For each boundary sample (S, 2) the index of the OUTER contour point nearest in place and direction: `chosen`.
-
-    turn [px]: a normal at a right angle counts like this distance.
-    """
-    for s in range(samples.shape[0]):
-        best, chosen[s] = np.inf, -1
-        for i in range(pixels.shape[0]):
-            if state[i] != OUTER:
-                continue
-            dx, dy = samples[s, 0] - pixels[i, 0], samples[s, 1] - pixels[i, 1]
-            d = dx * dx + dy * dy
-            if d >= best:
-                continue
-            d += (1.0 - sample_normals[s, 0] * normals[i, 0] - sample_normals[s, 1] * normals[i, 1]) * turn * turn
-            if d < best:
-                best, chosen[s] = d, i

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.imaging.background import learn_background
-from estimator.imaging.subtraction import Background, SilhouetteSettings, departure, smoothed
+from estimator.cues.silhouette.background import learn_background
+from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
 from estimator.media.threads import one_thread
 
 __all__ = [

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from estimator.imaging.cues import CueReader, ImageCues
+from estimator.imaging.image_cues import ImageCues
+from estimator.likelihood.reader import CueReader
 
 
 class ReadAhead:

@@ -1,0 +1,1 @@
+"""Edges along the contours (CSS section 3.1.2)."""

@@ -1,0 +1,109 @@
+"""Edges as a cue: read from each picture, matched along the normals of the body's contours (CSS eq. 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estimator.cues.assigned import assignments, nothing
+from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
+from estimator.cues.cue_picture import CONTOUR_LEGEND, CuePicture, contour_dots, links
+from estimator.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
+from estimator.cues.edges.matching import search_edges, take_candidates
+from estimator.cues.edges.settings import IDLE, EdgeLikelihoodSettings
+from estimator.imaging.camera_pictures import CameraPictures
+from estimator.prediction.prediction import Prediction
+from estimator.prediction.visibility import HIDDEN
+from estimator.terms.kernels import LECLERC
+
+_NONE = np.zeros((0, 0), dtype=np.float32)
+
+
+class Edges(Cue):
+    """Edges along the body's contours."""
+
+    name = "edges"
+    summary = "image edges along the contours of the body (CSS section 3.1.2)"
+    settings = EdgeSettings()
+    idle = IDLE
+    on_contours = True
+
+    def read(self, pictures: CameraPictures, instant: int, settings: EdgeSettings, prepared: Any) -> EdgeMap:
+        """See `Cue.read`."""
+        return edge_map(pictures.picture(instant), settings)
+
+    def match(self, view: CameraView) -> Matcher:
+        """See `Cue.match`."""
+        return EdgeMatcher(view)
+
+
+class EdgeMatcher(Matcher):
+    """Edges of one image. Motion boundaries of the flow and the silhouette's outline, where there are any, tell which
+    of them can be the body's."""
+
+    def __init__(self, view: CameraView) -> None:
+        super().__init__(view)
+        assert isinstance(view.likelihood, EdgeLikelihoodSettings)
+        self._settings = view.likelihood
+        self._edges: EdgeMap = view.cues[Edges.name]
+
+    def contours(self, prediction: Prediction) -> list[ContourMatch]:
+        """Edges along the contours' normals (CSS eq. 8), and the energy of contour points without any."""
+        s, view, edges, contours = self._settings, self.view, self._edges, prediction.contours
+        if s.edge_evidence <= 0.0:
+            return []
+        count = len(contours.state)
+        if not count:
+            return [_match()]
+        size = (count, s.edge_candidates)
+        target, share, trust = np.empty((*size, 2)), np.zeros(size), np.empty(size)
+        sigma = view.sigma(s.edge_noise)
+        search_edges(
+            contours.pixels, contours.normals, contours.state, edges.strength, edges.direction, self._boundary,
+            self._distance, max(2.0, s.edge_window * view.extent), 2.0 * sigma, s.edge_candidates, 2.0 * sigma,
+            s.motion_boundary, target, share, trust,
+        )  # fmt: skip
+        each, most = view.weight * s.edge_evidence / count, share.size
+        point, place, shares = np.empty(most, dtype=np.int64), np.empty((most, 2)), np.empty(most)
+        weights = np.empty((most, 3))
+        taken = take_candidates(
+            target, share, trust, contours.normals, each, 1.0 / sigma**2, point, place, weights, shares
+        )
+        group = assignments(point[:taken], place[:taken], weights[:taken], shares[:taken], LECLERC, s.edge_nu)
+        seen = contours.state != HIDDEN
+        missing = np.count_nonzero(seen) - share[seen].sum()
+        hidden = count - np.count_nonzero(seen)
+        return [_match(group, each * (0.5 * s.edge_nu * missing + s.occluded * s.back_facing * hidden))]
+
+    @cached_property
+    def _boundary(self) -> np.ndarray:
+        """The potential S_p (H, W) of motion boundaries, empty where no flow is known."""
+        flow = self.view.cues.get("flow")
+        return _NONE if flow is None else np.asarray(flow.boundary)
+
+    @cached_property
+    def _distance(self) -> np.ndarray:
+        """Distance (H, W) [px] to the silhouette's outline, empty where none is known."""
+        silhouette = self.view.cues.get("silhouette")
+        return _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
+
+    def pictures(self, shown: Shown) -> Iterator[CuePicture]:
+        """See `Matcher.pictures`."""
+        groups = [match.features for match in self.contours(shown.assigned)]
+        terms = [self.view.on_contours(shown.assigned, g) for g in groups if len(g.point)]
+        yield CuePicture(
+            "edges",
+            "edges and the body's contours",
+            (160.0 * self._edges.strength).astype(np.uint8),
+            [*(links(term, shown.posed, "hypothesis") for term in terms), *contour_dots(shown.prediction.contours)],
+            [*CONTOUR_LEGEND, ("to the edges that may be theirs", "hypothesis")],
+        )
+
+
+def _match(group: Any = None, unassigned: float = 0.0) -> ContourMatch:
+    return ContourMatch(
+        "edges", nothing() if group is None else group, unassigned, "contour without an edge, or hidden"
+    )

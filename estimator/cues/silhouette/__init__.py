@@ -1,0 +1,1 @@
+"""The person's outline against a known background."""

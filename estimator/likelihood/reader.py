@@ -1,0 +1,81 @@
+"""Reads the cues of clips: what every cue that is used says of every camera's picture at an instant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.imaging.camera_pictures import CameraPictures
+from estimator.imaging.image_cues import ImageCues
+from estimator.likelihood.registry import CUES
+from estimator.likelihood.settings import CueSettings
+from estimator.media.clip import Clip
+
+
+class CueReader:
+    """Reads the cues of synchronised clips, one a camera.
+
+    clips: open clips or their paths. cameras: in the same order.
+    masks: for each camera a folder of images or a video, white on the person, or None; they replace the background.
+    plates: for each camera a picture of the empty scene, or None.
+    frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
+
+    Attributes
+    ----------
+    notes: what a user should hear of.
+
+    Raises
+    ------
+    InputError: a file cannot be read, or its size is not the camera's.
+    """
+
+    def __init__(
+        self,
+        clips: Sequence[Clip | Path],
+        cameras: Sequence[Camera],
+        settings: CueSettings,
+        *,
+        masks: Sequence[Path | None] | None = None,
+        plates: Sequence[Path | None] | None = None,
+        frames: Sequence[np.ndarray | None] | None = None,
+    ) -> None:
+        none = (None,) * len(cameras)
+        views = []
+        for clip, camera, mask, plate, numbers in zip(
+            clips, cameras, masks or none, plates or none, frames or none, strict=True
+        ):
+            size = settings.working_size
+            pictures = CameraPictures(clip, camera, size, masks=mask, plate=plate, frames=numbers)
+            views.append(_View(pictures, settings))
+        self._views = tuple(views)
+        self.notes = tuple(note for view in self._views for note in view.pictures.notes)
+
+    def at(self, index: int) -> tuple[ImageCues, ...]:
+        """Cues of every camera at instant `index`, the same whatever was read before; InputError past a clip's end."""
+        return tuple(view.at(index) for view in self._views)
+
+    def close(self) -> None:
+        """Let go of the files."""
+        for view in self._views:
+            view.pictures.close()
+
+
+class _View:
+    """One camera's pictures, and what each cue has to know of them as a whole."""
+
+    def __init__(self, pictures: CameraPictures, settings: CueSettings) -> None:
+        self.pictures = pictures
+        used = [(CUES[name], settings.of(name)) for name in settings.used]
+        self._follows = any(cue.follows for cue, _ in used)
+        self._used = [(cue, own, cue.prepare(pictures, own)) for cue, own in used]
+
+    def at(self, index: int) -> ImageCues:
+        if self._follows:
+            self.pictures.before(index)  # read in the order of the clip, and kept
+        read: dict[str, Any] = {cue.name: cue.read(self.pictures, index, s, known) for cue, s, known in self._used}
+        picture = self.pictures.picture(index)
+        return ImageCues(self.pictures.camera, {n: value for n, value in read.items() if value is not None}, picture)
