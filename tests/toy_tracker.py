@@ -53,5 +53,5 @@ class ToyTracker:
 
 
 def _mask(observation: Observation) -> np.ndarray:
-    found = [cues.silhouette.mask for cues in observation.cues[:1] if cues.silhouette is not None]
-    return found[0] if found else np.zeros((1, 1), dtype=bool)
+    masks = [cues["silhouette"].mask for cues in observation.cues[:1] if "silhouette" in cues]
+    return masks[0] if masks else np.zeros((1, 1), dtype=bool)
