@@ -127,7 +127,7 @@ def _texts() -> dict[str, list[Files]]:
     return {
         "cameras": [{"cameras.json": _json({"cameras": some})} for some in (entries, [alone])],
         "bvh": [{"motion.bvh": text.encode()} for text in (BVH_PLAIN, BVH_CMU)],
-        "settings": [{"settings.toml": text.encode()} for text in (bare, some, describe_settings("annealed"))],
+        "settings": [{"settings.toml": text.encode()} for text in (bare, some, describe_settings("css-paper"))],
         "reference": [{"reference.npz": npz(arrays)}, {"reference.npz": npz(ours)}],
     }
 

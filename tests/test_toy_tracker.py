@@ -215,9 +215,9 @@ register(Spec("toy", "follows the middle of the silhouette", lambda body, settin
 
 def test_the_command_line_takes_it_as_it_is_registered(clip: RenderedClip, tmp_path: Path) -> None:
     """Named by its plugin alone, on a clip without keypoints: tracked, explained, exported, viewed, refused."""
-    (tmp_path / "toy_plugin_of_this_test.py").write_text(PLUGIN)
+    (tmp_path / "registers_the_toy.py").write_text(PLUGIN)
     paths = [str(Path(__file__).parent.parent), str(tmp_path)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), VARIABLE: "toy_plugin_of_this_test"}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), VARIABLE: "registers_the_toy"}
     out, masks = tmp_path / "a.run", [f"{name}={path}" for name, path in clip.masks.items()]
     (tmp_path / "small.toml").write_text("[cues]\nworking_size = 160\n")
     how = [*map(str, clip.videos.values()), "--cameras", str(clip.cameras), "--mask", *masks, "--tracker", "toy"]
