@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,6 +20,7 @@ from estimator.results.run_file import Run
 from estimator.tracking.runner import run as run_tracker
 from estimator.tracking.runner import stored_state
 from humanoid.support.errors import InputError
+from humanoid.support.plugins import VARIABLE
 from kinemode import api, explain
 from kinemode.commands import results as commands
 from kinemode.notices import FindingWarning, InputWarning
@@ -198,3 +202,39 @@ def test_frames_ahead_are_shown_with_their_cues_each_read_once(monkeypatch: pyte
     assert [r.q.tobytes() for r, _ in plain] == [r.q.tobytes() for r, _ in frames[1:]]
     moved = np.array([s.direction for _, s in frames if s is not None])
     assert 0.0 < np.abs(np.diff(moved, axis=0)).max() < 6.0 * NOISE
+
+
+PLUGIN = """
+from estimator.trackers.spec import Spec
+from estimator.tracking.registry import register
+from tests.toy_tracker import ToyTracker
+
+register(Spec("toy", "follows the middle of the silhouette", lambda body, settings: ToyTracker(body)))
+"""
+
+
+def test_the_command_line_takes_it_as_it_is_registered(clip: RenderedClip, tmp_path: Path) -> None:
+    """Named by its plugin alone, on a clip without keypoints: tracked, explained, exported, viewed, refused."""
+    (tmp_path / "registers_the_toy.py").write_text(PLUGIN)
+    paths = [str(Path(__file__).parent.parent), str(tmp_path)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), VARIABLE: "registers_the_toy"}
+    out, masks = tmp_path / "a.run", [f"{name}={path}" for name, path in clip.masks.items()]
+    (tmp_path / "small.toml").write_text("[cues]\nworking_size = 160\n")
+    how = [*map(str, clip.videos.values()), "--cameras", str(clip.cameras), "--mask", *masks, "--tracker", "toy"]
+    how += ["--settings", str(tmp_path / "small.toml"), "--out", str(out)]
+    commands = [
+        ["track", *how],
+        ["explain", str(out), "--frame", "2"],
+        ["export", str(out), str(tmp_path / "a.npz")],
+        ["view", str(out), "--html", str(tmp_path / "a.html")],
+        ["track", *how, "--overwrite", "--workers", "2"],
+    ]
+    said = [
+        subprocess.run([sys.executable, "-m", "kinemode", *c], env=environment, capture_output=True, text=True)
+        for c in commands
+    ]
+    assert [s.returncode for s in said] == [0, 0, 0, 0, 2], [s.stderr for s in said]
+    assert "the hypotheses of toy have no energy that could be taken apart" in said[1].stdout
+    with np.load(tmp_path / "a.npz") as stored:
+        assert np.isfinite(stored["extra_direction"]).all()
+    assert "workers: toy works in one process" in said[4].stderr
