@@ -79,7 +79,7 @@ def subjects() -> None:
 
 def cues() -> None:
     """List what pictures can be looked at for, see `track --cues`."""
-    from kinemode import report
+    from kinemode.terminal import report
 
     report.print_cues()
 
