@@ -96,7 +96,9 @@ def energy_of(name: str, table: str) -> float:
 
 
 def test_it_is_listed_and_its_settings_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "toy" not in command("cues").stdout
+    listed = command("cues").stdout
+    assert "silhouette" in listed
+    assert "toy" not in listed
     monkeypatch.setenv(VARIABLE, "tests.toy_cue")
     assert "where the picture is bright" in command("cues").stdout
     told = command("settings").stdout
