@@ -59,7 +59,7 @@ def test_it_runs_on_pictures_alone_and_every_command_takes_its_run(
 ) -> None:
     run = track(clip, out=tmp_path / "a.run")
     assert run.complete
-    assert run.header.cues == CUES
+    assert run.header.cues == tuple(CUES)
     assert run.status.tolist() == ["tracked"] * FRAMES
     assert not run.confidence.any()
     for note in (f"keypoints in 0 of {FRAMES} frames", "the subject is not fitted"):
