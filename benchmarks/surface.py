@@ -25,9 +25,8 @@ from estimator.imaging.cues import ImageCues
 from estimator.imaging.edges import EdgeSettings, edge_map
 from estimator.imaging.flow import FlowSettings, flow_field
 from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.prediction.seeing import see_points
 from estimator.synthesis import Renderer, authored_motion, scene_cameras
-from estimator.terms.kernels import see_points
-from estimator.terms.reprojection import pack_cameras
 from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import load_subject
@@ -77,7 +76,7 @@ class Case:
         self.evidence = CameraEvidence(ImageModel(body, settings), cues, extent)
         self.surface = self.evidence.model.surface
         count = len(self.surface.joint)
-        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((cues.camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = cues.camera.arrays
         self._seen = np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count), np.empty((count, 2))
 
     def floor(self, q: np.ndarray) -> None:

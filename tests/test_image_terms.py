@@ -20,9 +20,9 @@ from estimator.imaging.edges import EdgeMap, EdgeSettings, edge_map
 from estimator.imaging.flow import FlowField, FlowSettings, flow_field
 from estimator.imaging.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.imaging.point_flow import follow_points
+from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.prediction.visibility import HIDDEN, INNER, OUTER
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
-from estimator.terms.kernels import LECLERC, LORENTZIAN
 from estimator.terms.term import Cost, Term
 from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope

@@ -13,12 +13,13 @@ from estimator.cues.settings import ImageSettings
 from estimator.imaging.cues import ImageCues
 from estimator.imaging.foreground import Silhouette
 from estimator.imaging.point_flow import follow_points
+from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.prediction.prediction import Prediction, Predictor
 from estimator.prediction.visibility import HIDDEN, OUTER
-from estimator.terms.kernels import LECLERC, LORENTZIAN
 from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.surface import Surface, surface_of
+from humanoid.support.compiled import jit
 
 LEAST_NOISE = 0.5  # px
 FLOW_NODES = 200  # more say nothing new
@@ -172,7 +173,7 @@ class CameraEvidence:
         precision = 1.0 / np.square(s.flow_noise + s.flow_share * length)
         weight = self._weight * s.flow_evidence / len(point) * sure
         group = _group(point, target, _isotropic(precision), weight, LORENTZIAN, s.flow_nu)
-        return [AssignedPoints(self.model.body, self.cues.camera, surface.joint, surface.local, [group])]
+        return [AssignedPoints(self.model.body, self.cues.camera, surface.joint, surface.local, [group], name="flow")]
 
     def edges(self, prediction: Prediction) -> tuple[Assignments, float]:
         """Edges along the contours' normals (CSS eq. 8), and the energy of contour points without any."""
@@ -282,10 +283,14 @@ def _nothing() -> Assignments:
     return _group(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), LORENTZIAN, 1.0)
 
 
-def _across(normals: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """W (A, 3) that measures along unit normals (A, 2) alone."""
-    x, y = normals.T
-    return np.stack([x * x, x * y, y * y], axis=1) * precision[:, None]
+@jit
+def _across(normals, precision):  # type: ignore[no-untyped-def]
+    """W (A, 3) that measures along unit normals (A, 2) alone, with precision (A,)."""
+    W = np.empty((normals.shape[0], 3))
+    for i in range(normals.shape[0]):
+        x, y = normals[i, 0], normals[i, 1]
+        W[i, 0], W[i, 1], W[i, 2] = x * x * precision[i], x * y * precision[i], y * y * precision[i]
+    return W
 
 
 def _isotropic(precision: np.ndarray) -> np.ndarray:
