@@ -85,7 +85,7 @@ def _slices(axes: list[Axes], problems: dict[str, Problem]) -> None:
     for k, panel in enumerate(axes[:SLICES]):
         for (name, problem), style in zip(problems.items(), ("-", "--"), strict=True):
             cost = _line_costs(problem, squared, k, t)
-            _curve(panel, t, cost - problem.cost.at(squared.mode.q).value, style, f"{name} errors")
+            _curve(panel, t, cost - problem.cost.value_at(squared.mode.q), style, f"{name} errors")
         _labelled(panel, k, squared)
     axes[0].legend(frameon=False, fontsize=8)
 
@@ -93,11 +93,13 @@ def _slices(axes: list[Axes], problems: dict[str, Problem]) -> None:
 def _line_costs(problem: Problem, line: Problem, k: int, t: np.ndarray) -> np.ndarray:
     """Cost (T,) of a problem at t (T,) along direction k of the problem `line`."""
     model, q, axis = line.body.model, line.mode.q, line.axes[:, k]
-    return np.array([problem.cost.at(line.body.clamp(pin.integrate(model, q, s * axis))).value for s in t])
+    return problem.cost.values_at(np.array([line.body.clamp(pin.integrate(model, q, s * axis)) for s in t]))
 
 
 class _Place:
     """Holds the step from a mode at a place along one of its directions: a term of the cost."""
+
+    name = "place"
 
     def __init__(self, problem: Problem, k: int, place: float) -> None:
         self._model, self._q, self._axis, self._place = (
@@ -106,11 +108,18 @@ class _Place:
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.terms.term.Term`."""
-        off = float(self._axis @ pin.difference(self._model, self._q, posed.q)) - self._place
+        off = self._off(posed)
         slope = pin.dDifference(self._model, self._q, posed.q, pin.ARG1).T @ self._axis
         gradient += HELD * off * slope
         hessian += HELD * np.outer(slope, slope)
         return 0.5 * HELD * off * off
+
+    def value(self, posed: PosedBody) -> float:
+        """See `estimator.terms.term.Term`."""
+        return 0.5 * HELD * self._off(posed) * self._off(posed)
+
+    def _off(self, posed: PosedBody) -> float:
+        return float(self._axis @ pin.difference(self._model, self._q, posed.q)) - self._place
 
 
 def _valley_costs(problem: Problem, k: int, t: np.ndarray) -> np.ndarray:
@@ -123,7 +132,7 @@ def _valley_costs(problem: Problem, k: int, t: np.ndarray) -> np.ndarray:
             q = seeker.seek(problem.cost.plus([_Place(problem, k, float(t[i]))]), q).q
             reached = float(problem.axes[:, k] @ problem.body.difference(problem.mode.q, q))
             if abs(reached - t[i]) < 0.05:
-                costs[i] = problem.cost.at(q).value
+                costs[i] = problem.cost.value_at(q)
     return costs
 
 

@@ -86,7 +86,7 @@ def searched(task: RowTask) -> Searches:
     raw = [proposal.sample(rng) for _ in range(task.samples)]
     found = [seeker.seek(problem.cost, q) for q in raw]
     cpu = time.process_time() - began
-    raw_energy = np.array([problem.cost.at(q).value for q in raw])
+    raw_energy = problem.cost.values_at(np.array(raw))
     return judged(problem, seeker, np.array(raw), raw_energy, found, cpu)
 
 

@@ -17,12 +17,12 @@ from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cues.base import Past
 from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
+from estimator.numerics.robust import POTENTIALS
 from estimator.optimise.qp import StepSolver
 from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.potentials import POTENTIALS
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
@@ -214,7 +214,7 @@ class Descents:
 
     def add(self, body: Body, cost: Cost, seen: list[np.ndarray], found: Solution) -> None:
         path = seen if seen and seen[-1] is found.q else [*seen, found.q]
-        values = np.array([cost.at(q).value for q in path])
+        values = np.array([cost.value_at(q) for q in path])
         rises = np.diff(values) / (1.0 + np.abs(values[:-1]))
         self.steps += len(rises)
         self.rose += int(np.sum(rises > 0.0))

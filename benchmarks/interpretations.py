@@ -34,7 +34,7 @@ from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
 from estimator.search.jumps import KinematicJumps
 from estimator.search.mode_search import ModeSearch
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_TURN_Q, Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
@@ -93,9 +93,9 @@ def plausible_pose(body: Body, rng: np.random.Generator) -> np.ndarray:
         i = body.model.idx_qs[body.model.getJointId(s.joint)]
         q[i] = s.rest + s.std * rng.standard_normal()
     q = body.clamp(q)
-    if body.subject.base == "free":
+    if body.has_free_root:
         turn = pin.exp3(0.2 * rng.standard_normal(3)) @ pin.exp3(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]))
-        q[3:7] = pin.Quaternion(turn).coeffs()
+        q[ROOT_TURN_Q] = pin.Quaternion(turn).coeffs()
     return q
 
 

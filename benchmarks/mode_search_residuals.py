@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from estimator.cameras.projection import pack_cameras, project_with_jacobian
 from estimator.imaging.observation import Observation
-from estimator.terms.kernels import BEHIND, project_with_jacobian
-from estimator.terms.reprojection import pack_cameras
-from estimator.terms.upright import ROOT
-from humanoid.kinematics.body import Body, PosedBody
+from estimator.terms.reprojection import BEHIND
+from humanoid.kinematics.body import ROOT_JOINT, Body, PosedBody
 
 FREE = 6  # degrees of freedom of a free root
 
@@ -130,7 +129,7 @@ class Residuals:
         return r.ravel(), J[:, 0]
 
     def _tilt(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
-        u = posed.rotations[ROOT] @ self._axis
+        u = posed.rotations[ROOT_JOINT] @ self._axis
         D = np.zeros((3, self._body.nv))
         D[:, :FREE] = np.cross(posed.spatial_jacobian[:FREE, 3:], u).T
         r, J = robust(((u - self._up) / self._tilt_std)[None], D[None] / self._tilt_std, self._prior_nu)

@@ -129,7 +129,7 @@ def gain(body: Body, mixture: PoseMixture, poses: Poses) -> float:
     before, after = Cost(body, [Stabilisers(body)]), Cost(body, [PosePrior(body, mixture)])
     q = np.repeat(body.neutral[None], len(poses.angles), axis=0)
     q[:, -poses.angles.shape[1] :] = poses.angles
-    return float(np.mean([before.at(one).value - after.at(one).value for one in q]))
+    return float(np.mean([before.value_at(one) - after.value_at(one) for one in q]))
 
 
 def show_gains(gains: Mapping[int, Mapping[str, float]], poses: Mapping[str, Poses]) -> None:

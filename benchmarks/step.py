@@ -26,11 +26,11 @@ from estimator.imaging.observation import Observation
 from estimator.optimise.qp import StepSolver
 from estimator.optimise.seek import trust_box
 from estimator.synthesis import scene_cameras
-from estimator.terms.points import accumulate_points
+from estimator.terms.point_targets import PointTargets
 from estimator.terms.priors import Stabilisers
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
@@ -40,21 +40,6 @@ DAMPING = 1e-6
 WIDE = 1e3  # a trust box that never binds: pink has none
 STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
 OFFSET = 0.15  # standard deviation of the joints between start and target [rad]; root moved by as many metres
-
-
-class Targets:
-    """Least squares 1/2 sum |p - target|^2 of landmarks: pink's sum of position tasks as a term of the cost."""
-
-    def __init__(self, body: Body, index: np.ndarray, targets: np.ndarray) -> None:
-        self._body, self._index, self._targets = body, index, targets
-        self._joints = body.landmark_joint[index]
-        self._weight = np.broadcast_to(np.eye(3), (len(index), 3, 3)).copy()
-
-    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        points = self._body.landmarks(posed)[self._index]
-        force = points - self._targets
-        accumulate_points(self._body, posed, self._joints, points, force, self._weight, gradient, hessian, exact)
-        return 0.5 * float(np.sum(force * force))
 
 
 @dataclass(frozen=True)
@@ -77,8 +62,13 @@ class Contest:
         self.guessing, self.solving = StepSolver(self.body), StepSolver(self.body, active_set_rounds=0)
         self._pink_model(pin.Model(subject.model))
         camera = scene_cameras()[:1]
-        self.costs = [Cost(self.body, [Targets(self.body, self.index, p.targets)]) for p in self.problems]
+        self.costs = [Cost(self.body, [self._targets(p.targets)]) for p in self.problems]
         self.image_costs = [self._image_cost(p, camera) for p in self.problems]
+
+    def _targets(self, targets: np.ndarray) -> PointTargets:
+        """Least squares 1/2 sum |p - target|^2 of landmarks: pink's sum of position tasks as a term of the cost."""
+        joint, local = self.body.landmark_joint[self.index], self.body.landmark_local[self.index]
+        return PointTargets(self.body, joint, local, targets, np.tile(np.eye(3), (len(joint), 1, 1)))
 
     def _problem(self, rng: np.random.Generator) -> Problem:
         """A start with joints anywhere within their limits, some on them; targets from a pose near it, within them."""

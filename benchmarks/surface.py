@@ -26,9 +26,8 @@ from estimator.cues.silhouette.foreground import Background, SilhouetteSettings,
 from estimator.imaging.image_cues import ImageCues
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.likelihood.settings import ImageSettings
+from estimator.prediction.seeing import see_points
 from estimator.synthesis import Renderer, authored_motion, scene_cameras
-from estimator.terms.kernels import see_points
-from estimator.terms.reprojection import pack_cameras
 from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import load_subject
@@ -79,7 +78,7 @@ class Case:
         self.likelihood = CameraLikelihood(ImageModel(body, settings), cues, extent)
         self.surface = self.likelihood.model.surface
         count = len(self.surface.joint)
-        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((cues.camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = cues.camera.arrays
         self._seen = np.empty((count, 3)), np.empty((count, 2)), np.empty(count), np.empty(count), np.empty((count, 2))
 
     def floor(self, q: np.ndarray) -> None:

@@ -14,20 +14,8 @@ from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
-from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.pose_prior import PosePrior
-from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.term import Term
-from estimator.terms.upright import Upright
 from humanoid.kinematics.body import PosedBody
-
-_PRIORS: dict[type, str] = {
-    Stabilisers: "stabilisers",
-    PosePrior: "pose prior",
-    Upright: "upright",
-    Interpenetration: "interpenetration",
-    Transition: "transition",
-}
 
 
 @dataclass(frozen=True)
@@ -73,10 +61,10 @@ def energy_parts(case: Case) -> Iterator[Part]:
     if case.association == EXCHANGED:
         yield Part("left and right exchanged", "", search.model.settings.exchange_penalty)
     q_previous = case.before.q if case.before is not None and case.paid else None
-    cost = search.model.cost(search.term(observation, case.association), q_previous, case.dt)
-    for term in cost.terms:
-        if type(term) in _PRIORS:
-            yield Part(_PRIORS[type(term)], "", _energy(term, case.posed))
+    keypoints = search.term(observation, case.association)
+    for term in search.model.cost(keypoints, q_previous, case.dt).terms:
+        if term is not keypoints:  # told camera by camera already
+            yield Part(term.name, "", term.value(case.posed))
     for camera_likelihood in () if case.likelihood is None else case.likelihood.cameras:
         yield from _image_parts(case, camera_likelihood)
 
@@ -88,7 +76,7 @@ def _keypoints(case: Case, c: int, name: str) -> Part:
     term = case.search.term(alone, case.association)
     distance = term.distances(case.posed)
     known = distance[np.isfinite(distance)]
-    return Part("keypoints", name, _energy(term, case.posed), known.size, float(known.mean()) if known.size else np.nan)
+    return Part(term.name, name, term.value(case.posed), known.size, float(known.mean()) if known.size else np.nan)
 
 
 def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[Part]:
@@ -115,12 +103,7 @@ def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[Part]:
 
 def _term_part(label: str, camera: str, term: Term, posed: PosedBody) -> Part:
     if not isinstance(term, AssignedPoints):
-        return Part(label, camera, _energy(term, posed))
+        return Part(label, camera, term.value(posed))
     features = term.features(posed)
     mean = float(features.weight @ features.distance / max(features.weight.sum(), 1e-300))
-    return Part(label, camera, _energy(term, posed), len(features.weight), mean)
-
-
-def _energy(term: Term, posed: PosedBody) -> float:
-    nv = len(posed.spatial_jacobian)
-    return float(term.accumulate(posed, np.zeros(nv), np.zeros((nv, nv))))
+    return Part(label, camera, term.value(posed), len(features.weight), mean)

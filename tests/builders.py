@@ -49,7 +49,7 @@ def random_pose(body: Body, rng: np.random.Generator, *, share: float = 1.0, tur
     q, i = body.neutral.copy(), body.bounded_q
     middle, half = 0.5 * (body.lower[i] + body.upper[i]), 0.5 * share * (body.upper[i] - body.lower[i])
     q[i] = rng.uniform(middle - half, middle + half)
-    if body.subject.base == "free":
+    if body.has_free_root:
         axis = rng.normal(size=3)
         placed = np.concatenate([rng.normal(scale=0.2, size=3), rng.uniform(-turn, turn) * axis / np.linalg.norm(axis)])
         q = pin.integrate(body.model, q, np.concatenate([placed, np.zeros(body.nv - 6)]))

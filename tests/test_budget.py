@@ -77,6 +77,8 @@ def test_a_frame_never_has_more_searches_than_its_budget(searches: int, monkeypa
 class Bowl:
     """Energy of a Gaussian in the tangent space at `centre`, with a slope against the limits where one is given."""
 
+    name = "bowl"
+
     def __init__(self, body: Body, centre: np.ndarray, hessian: np.ndarray, slope: np.ndarray) -> None:
         self._body, self._centre, self._hessian, self._slope = body, centre, hessian, slope
 
@@ -86,6 +88,10 @@ class Bowl:
         gradient += self._hessian @ e + self._slope
         hessian += self._hessian
         return float(0.5 * e @ self._hessian @ e + self._slope @ e)
+
+    def value(self, posed: PosedBody) -> float:
+        """See `estimator.terms.term.Term`."""
+        return self.accumulate(posed, np.zeros(self._body.nv), np.zeros((self._body.nv, self._body.nv)))
 
 
 def bowl(seed: int, at_limit: int | None = None) -> tuple[Body, Cost, QuadraticModel]:

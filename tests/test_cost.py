@@ -12,8 +12,11 @@ from builders import BROWN, body_of, camera_at, observe, random_pose, slope
 
 from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.imaging.observation import Observation
+from estimator.numerics.robust import POTENTIALS
 from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.potentials import POTENTIALS
+from estimator.terms.point_targets import PointTargets
+from estimator.terms.pose_mixture import load_mixture
+from estimator.terms.pose_prior import PosePrior
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
@@ -87,7 +90,32 @@ def upright(potential: str) -> Callable[[np.random.Generator], Made]:
     return make
 
 
+def point_targets(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+    """Three landmarks, one of which is known in two directions only and another counts half."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        chosen = [0, 2, len(body.landmark_names) - 1]
+        factors = rng.normal(size=(3, 3, 3)) * 5.0
+        factors[1, :, 2] = 0.0
+        target = body.landmarks(body.at(random_pose(body, rng)))[chosen]
+        term = PointTargets(
+            body, body.landmark_joint[chosen], body.landmark_local[chosen], target,
+            factors @ factors.transpose(0, 2, 1), weight=np.array([1.0, 1.0, 0.5]), potential=potential, nu=3.0,
+        )  # fmt: skip
+        return body, term, random_pose(body, rng)
+
+    return make
+
+
 FAMILY = {
+    **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},
+    "point-targets-arm8": point_targets("arm8", "lorentzian"),
+    "pose-prior": lambda rng: (
+        body_of("human34"),
+        PosePrior(body_of("human34"), load_mixture(), 0.7),
+        random_pose(body_of("human34"), rng, share=0.3),
+    ),
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
     **{f"reprojection-{n}": reprojection(n, "lorentzian") for n in ("arm8", "upper13")},

@@ -20,9 +20,9 @@ from estimator.cues.silhouette.foreground import Background, SilhouetteSettings,
 from estimator.imaging.image_cues import ImageCues
 from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.likelihood.settings import ImageSettings
+from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.prediction.visibility import HIDDEN, INNER, OUTER
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
-from estimator.terms.kernels import LECLERC, LORENTZIAN
 from estimator.terms.term import Cost, Term
 from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope

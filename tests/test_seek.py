@@ -144,6 +144,8 @@ def test_steps_keep_to_the_trust_box() -> None:
 class Bowl:
     """A term given as a function of the posed body."""
 
+    name = "bowl"
+
     def __init__(self, function: Callable[[PosedBody], tuple[float, np.ndarray, np.ndarray]]) -> None:
         self._function = function
 
@@ -152,6 +154,9 @@ class Bowl:
         gradient += slope
         hessian += curvature
         return value
+
+    def value(self, posed: PosedBody) -> float:
+        return self._function(posed)[0]
 
 
 def test_a_search_survives_useless_models() -> None:

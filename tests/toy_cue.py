@@ -12,7 +12,7 @@ from estimator.cues.assigned import AssignedPoints, assignments, isotropic
 from estimator.cues.base import CameraView, Cue, LabelledTerm, Matcher
 from estimator.cues.cue_picture import CuePicture, Dots, dimmed, links
 from estimator.likelihood.registry import register
-from estimator.terms.kernels import LORENTZIAN
+from estimator.numerics.robust import LORENTZIAN
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -31,16 +32,24 @@ class Camera:
         """Optical centre in the world [m], (3,)."""
         return -self.R_camera_world.T @ self.t_camera_world
 
+    @cached_property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What the kernels of `estimator.cameras.projection` take: intrinsics (5,) fx, fy, cx, cy, skew [px],
+        distortion (5,), R (3, 3) and t (3,) camera from world."""
+        K = self.K
+        intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]])
+        return intrinsics, self.distortion, self.R_camera_world, self.t_camera_world
+
     def project(self, points: np.ndarray) -> np.ndarray:
-        """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera."""
+        """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera.
+
+        For pictures and people. Energies project by `estimator.cameras.projection`, one point at a time: the same to
+        rounding, but without an image for what is nearer than `MIN_DEPTH`.
+        """
         x = points @ self.R_camera_world.T + self.t_camera_world
         depth = np.where(x[..., 2] > 1e-6, x[..., 2], np.nan)
         u, v = x[..., 0] / depth, x[..., 1] / depth
-        k1, k2, p1, p2, k3 = self.distortion
-        r2 = u * u + v * v
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        ud = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u)
-        vd = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v
+        ud, vd = distorted(u, v, self.distortion)
         return np.stack(
             [self.K[0, 0] * ud + self.K[0, 1] * vd + self.K[0, 2], self.K[1, 1] * vd + self.K[1, 2]], axis=-1
         )
@@ -53,10 +62,23 @@ class Camera:
         flat = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1) @ np.linalg.inv(self.K).T
         seen = np.isfinite(flat).all(axis=-1)
         if seen.any() and np.any(self.distortion):
-            distorted = np.ascontiguousarray(flat[seen][:, None, :2])
-            flat[seen, :2] = cv2.undistortPoints(distorted, np.eye(3), self.distortion)[:, 0]
+            bent = np.ascontiguousarray(flat[seen][:, None, :2])
+            flat[seen, :2] = cv2.undistortPoints(bent, np.eye(3), self.distortion)[:, 0]
         flat[~seen] = np.nan
         return np.asarray(flat)
+
+
+def distorted(a: np.ndarray, b: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the lens puts directions (a, b, 1), in the plane z = 1 (Brown 1966): numbers, or arrays of one shape.
+
+    The only place of the formula: `estimator.cameras.projection` compiles it. distortion (5,): k1, k2, p1, p2, k3.
+    """
+    k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
+    r2 = a * a + b * b
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    ad = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a)
+    bd = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b
+    return ad, bd
 
 
 def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:

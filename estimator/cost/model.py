@@ -11,16 +11,16 @@ from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
+from estimator.numerics.robust import POTENTIALS
 from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.pose_mixture import SHIPPED, load_mixture
 from estimator.terms.pose_prior import PosePrior
-from estimator.terms.potentials import POTENTIALS
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
 from estimator.terms.upright import Upright, world_up
 from humanoid.collision.clearance import Clearance
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread
 from humanoid.support.settings import setting
 
@@ -31,7 +31,7 @@ ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as
 class CostSettings:
     """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
 
-    potential, nu: robust potential of a keypoint (`estimator.terms.potentials`).
+    potential, nu: robust potential of a keypoint (`estimator.numerics.robust`).
     keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
         (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
     landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
@@ -92,7 +92,7 @@ class CostModel:
             priors.append(Interpenetration(self.clearance, s.clearance_scale, s.interpenetration_weight))
         self._priors = tuple(priors)
         self._has_upright = (
-            body.subject.base == "free"
+            body.has_free_root
             and body.subject.upright is not None
             and self.settings.stabiliser_weight * self.settings.upright_weight > 0.0
         )
@@ -162,7 +162,7 @@ class CostModel:
     def transition_std(self, dt: float) -> np.ndarray:
         """Standard deviation (nv,) of the change in `dt` seconds."""
         s = self.settings
-        return per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed) * max(dt, 1e-3)
+        return per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed) * max(dt, SHORTEST_STEP)
 
 
 def _pose_priors(body: Body, settings: CostSettings) -> list[Term]:
@@ -180,8 +180,8 @@ def _pose_priors(body: Body, settings: CostSettings) -> list[Term]:
 def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:
     """One number for each degree of freedom (nv,): of joints, of a free root's orientation and of its position."""
     values = np.full(body.nv, turn)
-    if body.subject.base == "free":
-        values[:3], values[3:6] = root_slide, root_turn
+    if body.has_free_root:
+        values[ROOT_PLACE_V], values[ROOT_TURN_V] = root_slide, root_turn
     return values
 
 

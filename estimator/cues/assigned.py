@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.terms.kernels import LORENTZIAN, assigned_loads
-from estimator.terms.points import accumulate_points
-from estimator.terms.reprojection import pack_cameras
-from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from estimator.cues.assigned_loads import assigned_loads, assigned_values, in_order
+from estimator.numerics.robust import LORENTZIAN
+from estimator.terms.points import LoadedPoints, accumulate_points
+from estimator.terms.term import BatchTerm
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody, points_in_world
 from humanoid.support.compiled import jit
 
 
@@ -19,7 +20,7 @@ class Assignments(NamedTuple):
     """Features assigned to points: each costs 1/2 weight rho(e' W e), e = target - projection of the point.
 
     point (A,) int: index of the point. target (A, 2) [px]. precision (A, 3): entries xx, xy, yy of W [1/px^2].
-    weight (A,). potential (A,) int, nu (A,): see `estimator.terms.potentials`.
+    weight (A,). potential (A,) int, nu (A,): see `estimator.numerics.robust`.
     """
 
     point: np.ndarray
@@ -43,10 +44,14 @@ def nothing() -> Assignments:
     return assignments(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), LORENTZIAN, 1.0)
 
 
-def across(normals: np.ndarray, precision: np.ndarray) -> np.ndarray:
+@jit
+def across(normals, precision):  # type: ignore[no-untyped-def]
     """W (A, 3) that measures along unit normals (A, 2) alone, with precision (A,) [1/px^2]."""
-    x, y = normals.T
-    return np.stack([x * x, x * y, y * y], axis=1) * precision[:, None]
+    W = np.empty((normals.shape[0], 3))
+    for i in range(normals.shape[0]):
+        x, y = normals[i, 0], normals[i, 1]
+        W[i, 0], W[i, 1], W[i, 2] = x * x * precision[i], x * y * precision[i], y * y * precision[i]
+    return W
 
 
 def isotropic(precision: np.ndarray) -> np.ndarray:
@@ -69,7 +74,7 @@ class Features(NamedTuple):
     weight: np.ndarray
 
 
-class AssignedPoints:
+class AssignedPoints(BatchTerm):
     """Term of points on joints and the features of one image assigned to them; the assignment does not change.
 
     Parameters
@@ -77,6 +82,9 @@ class AssignedPoints:
     joint (N,), local (N, 3): points in the frames of their joints [m].
     groups: assignments of the points.
     constant: energy of what has no assignment (back-facing and occluded nodes, contour points without an edge).
+    name: of what is assigned.
+
+    One object serves one thread: it reuses buffers.
     """
 
     def __init__(
@@ -87,17 +95,18 @@ class AssignedPoints:
         local: np.ndarray,
         groups: Sequence[Assignments],
         constant: float = 0.0,
+        *,
+        name: str = "assigned features",
     ) -> None:
+        self.name = name
         parts = [np.concatenate(columns) for columns in zip(*groups, strict=True)]
         point = parts[0]
         used, self._first, order = group_by_point(point, len(joint))
-        self._features = tuple(part[order] for part in parts[1:])
+        self._features = in_order(order, *parts[1:])
         self._body, self._camera, self._constant = body, camera, float(constant)
-        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = camera.arrays
         self._joint, self._local = joint[used], local[used]
-        count = len(used)
-        self._points, self._force = np.empty((count, 3)), np.empty((count, 3))
-        self._load = np.empty((count, 3, 3))
+        self._loaded: LoadedPoints | None = None
 
     def features(self, posed: PosedBody) -> Features:
         """The assigned features one by one, and where a pose has the points they are assigned to."""
@@ -112,14 +121,23 @@ class AssignedPoints:
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.terms.term.Term`."""
         target, precision, weight, potential, nu = self._features
+        loaded = self._loaded = self._loaded or LoadedPoints.on(self._joint)
         value: float = assigned_loads(
             posed.placements, self._joint, self._local, self._intrinsics, self._distortion, self._R, self._t,
-            self._first, target, precision, weight, potential, nu, exact, self._points, self._force, self._load,
+            self._first, target, precision, weight, potential, nu, exact, loaded.points, loaded.force, loaded.weight,
         )  # fmt: skip
-        accumulate_points(
-            self._body, posed, self._joint, self._points, self._force, self._load, gradient, hessian, exact
-        )
+        accumulate_points(self._body, posed, loaded, gradient, hessian, exact)
         return value + self._constant
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        values = np.empty(len(placed.q))
+        target, precision, weight, potential, nu = self._features
+        assigned_values(
+            placed.placements, self._joint, self._local, self._intrinsics, self._distortion, self._R, self._t,
+            self._first, target, precision, weight, potential, nu, values,
+        )  # fmt: skip
+        return values + self._constant
 
 
 @jit

@@ -9,9 +9,8 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.cues.assigned import Assignments
+from estimator.cues.assigned_loads import assigned_loads
 from estimator.prediction.prediction import Contours
-from estimator.terms.kernels import assigned_loads
-from estimator.terms.reprojection import pack_cameras
 from humanoid.kinematics.body import PosedBody
 
 
@@ -48,7 +47,7 @@ class ContourPoints:
         order = np.argsort(inverse, kind="stable")
         self._first = np.searchsorted(inverse[order], np.arange(len(used) + 1))
         self._features = tuple(np.ascontiguousarray(feature[order]) for feature in features)
-        self._view = pack_cameras((camera,))
+        self._view = camera.arrays
         self.joint, self.nodes, self.share = contours.joint[used], contours.nodes[used], contours.share[used]
         self._rise = contours.local[used] - self.between(node_places)
 
@@ -64,7 +63,7 @@ class ContourPoints:
         intrinsics, distortion, R, t = self._view
         points, force, load = (np.empty((len(local), *size)) for size in ((3,), (3,), (3, 3)))
         value = assigned_loads(
-            posed.placements, self.joint, local, intrinsics[0], distortion[0], R[0], t[0], self._first, target,
+            posed.placements, self.joint, local, intrinsics, distortion, R, t, self._first, target,
             precision, weight, potential, nu, False, points, force, load,
         )  # fmt: skip
         return PointLoads(float(value), points, force, load)

@@ -85,7 +85,9 @@ def annealing_power(energies: np.ndarray, survival: float) -> float:
     wanted = survival * len(energies)
 
     def alive(power: float) -> float:
-        return effective_count(normalised(-power * excess)[0])
+        weights = np.exp(-power * excess)  # the largest is 1: no need of `normalised`, which would look for it
+        weights /= np.add.reduce(weights)
+        return effective_count(weights)
 
     high = 1.0 / spread
     while alive(high) > wanted and high * spread < 1e9:

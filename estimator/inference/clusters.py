@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from humanoid.kinematics.body import Body
+from humanoid.support.compiled import jit
 
 MEAN_STEPS = 20
 MEAN_TOLERANCE = 1e-10  # rad or m
@@ -18,9 +19,8 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
     cluster, and with a `count` of 1 everything is.
     """
     square = np.sum(np.square(points), axis=1)
-    apart = square[:, None] + square[None, :] - 2.0 * points @ points.T
-    near = (apart <= radius * radius).astype(float)
-    np.fill_diagonal(near, 1.0)
+    apart, near = 2.0 * points @ points.T, np.empty((len(points), len(points)))
+    _square_distances(square, radius * radius, apart, near)
     free = weights.copy()
     leaders: list[int] = []
     while len(leaders) < count and free.max() > 0.0:
@@ -35,6 +35,17 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
     return rank[nearest]
 
 
+@jit
+def _square_distances(square, limit, apart, near):  # type: ignore[no-untyped-def]
+    """Make squared distances of twice the scalar products in apart (N, N), given the squared lengths (N,); fill near
+    (N, N) with ones where they are within the limit, and on the diagonal, else zeros."""
+    for i in range(square.shape[0]):
+        for j in range(square.shape[0]):
+            apart[i, j] = square[i] + square[j] - apart[i, j]
+            near[i, j] = 1.0 if apart[i, j] <= limit else 0.0
+        near[i, i] = 1.0
+
+
 def mean_and_covariance(body: Body, q: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean (nq,) of configurations (N, nq) on the manifold and their covariance (nv, nv) in the tangent space at it.
 
@@ -44,11 +55,11 @@ def mean_and_covariance(body: Body, q: np.ndarray, weights: np.ndarray) -> tuple
     share = weights / weights.sum()
     mean = q[int(np.argmax(share))]
     for _ in range(MEAN_STEPS):
-        tangents = np.array([body.difference(mean, other) for other in q])
+        tangents = body.differences(mean, q)
         step = share @ tangents
         if np.max(np.abs(step)) < MEAN_TOLERANCE:
             break
         mean = body.integrate(mean, step)
-    tangents = np.array([body.difference(mean, other) for other in q])
+    tangents = body.differences(mean, q)
     covariance = (share[:, None] * tangents).T @ tangents
     return mean, 0.5 * (covariance + covariance.T)

@@ -41,4 +41,4 @@ def best_path(
 
 def _velocities(body: Body, before: np.ndarray, after: np.ndarray, dt: float) -> np.ndarray:
     """From every mode (J, nq) to every next one (K, nq), (J, K, nv) [per second]."""
-    return np.array([[body.difference(a, b) for b in after] for a in before]) / max(dt, 1e-3)
+    return np.array([[body.velocity(a, b, dt) for b in after] for a in before])

@@ -11,7 +11,7 @@ class MotionPrior(NamedTuple):
     """Energy of velocities and accelerations in the tangent space, every degree of freedom by itself.
 
     velocity_std (nv,) [per second], acceleration_std (nv,) [per second squared]: standard deviations. nu: of the
-    Lorentzian (`estimator.terms.potentials`): a sudden movement is unlikely but possible.
+    Lorentzian (`estimator.numerics.robust`): a sudden movement is unlikely but possible.
     """
 
     velocity_std: np.ndarray

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.prediction.seeing import see_nodes, see_points
 from estimator.prediction.visibility import (
     VISIBLE,
     classify_contours,
@@ -15,8 +16,6 @@ from estimator.prediction.visibility import (
     fill_buffer,
     frame_buffer,
 )
-from estimator.terms.kernels import see_points
-from estimator.terms.reprojection import pack_cameras
 from humanoid.kinematics.body import PosedBody
 from humanoid.shape.surface import Surface
 
@@ -73,7 +72,7 @@ class Predictor:
     def __init__(self, surface: Surface, camera: Camera, fineness: int = FINENESS) -> None:
         self.surface, self.camera = surface, camera
         self._fineness = float(fineness)
-        self._intrinsics, self._distortion, self._R, self._t = (a[0] for a in pack_cameras((camera,)))
+        self._intrinsics, self._distortion, self._R, self._t = camera.arrays
         self._edges = mesh_edges(surface.faces)
         self._capacity = max(64, len(self._edges) // 3)
 
@@ -81,7 +80,7 @@ class Predictor:
         """The view of a posed body; every array of the result is its own."""
         s = self.surface
         width, height = self.camera.image_size
-        pixels, depth, facing, _ = self._see(posed, s.joint, s.local, s.normal)
+        pixels, depth, facing = self._see_nodes(posed)
         frame = np.empty(3)
         rows, columns = frame_buffer(pixels, depth, self._fineness, frame)
         nearness, owner = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.int32)
@@ -114,6 +113,16 @@ class Predictor:
         state = np.empty(count, dtype=np.int8)
         classify_contours(pixels, there, image_normals, part, frame, nearness, owner, width, height, GAP, JOINED, state)
         return Contours(joint, local, pixels, image_normals, state, nodes, share[:count])
+
+    def _see_nodes(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pixels (N, 2), depth (N,) and facing (N,) of the surface's nodes."""
+        s, count = self.surface, len(self.surface.joint)
+        pixels, depth, facing = np.empty((count, 2)), np.empty(count), np.empty(count)
+        see_nodes(
+            posed.placements, s.joint, s.local, s.normal, self._intrinsics, self._distortion, self._R, self._t, pixels,
+            depth, facing,
+        )  # fmt: skip
+        return pixels, depth, facing
 
     def _see(
         self, posed: PosedBody, joint: np.ndarray, local: np.ndarray, normal: np.ndarray

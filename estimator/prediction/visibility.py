@@ -47,29 +47,35 @@ def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ig
     owner[:] = -1
     left, top, cell = frame[0], frame[1], frame[2]
     rows, columns = nearness.shape
+    place, inverse = np.empty(pixels.shape), np.empty(pixels.shape[0])
+    for i in range(pixels.shape[0]):
+        place[i, 0], place[i, 1] = (pixels[i, 0] - left) / cell, (pixels[i, 1] - top) / cell
+        inverse[i] = 1.0 / depth[i]
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         if depth[a] <= 0.0 or depth[b] <= 0.0 or depth[c] <= 0.0:
             continue
-        ax, ay = (pixels[a, 0] - left) / cell, (pixels[a, 1] - top) / cell
-        bx, by = (pixels[b, 0] - left) / cell - ax, (pixels[b, 1] - top) / cell - ay
-        cx, cy = (pixels[c, 0] - left) / cell - ax, (pixels[c, 1] - top) / cell - ay
+        ax, ay = place[a, 0], place[a, 1]
+        bx, by = place[b, 0] - ax, place[b, 1] - ay
+        cx, cy = place[c, 0] - ax, place[c, 1] - ay
         area = bx * cy - by * cx
         if area > -1e-12:  # counter-clockwise from outside is clockwise with y down: negative on the front
             continue
         x0, x1 = max(0, math.ceil(ax + min(0.0, bx, cx))), min(columns - 1, math.floor(ax + max(0.0, bx, cx)))
         y0, y1 = max(0, math.ceil(ay + min(0.0, by, cy))), min(rows - 1, math.floor(ay + max(0.0, by, cy)))
-        na, nb, nc = 1.0 / depth[a], 1.0 / depth[b], 1.0 / depth[c]
+        if x0 > x1 or y0 > y1:
+            continue
+        na, nb, nc = inverse[a], inverse[b], inverse[c]
         vx, wx = cy / area, -by / area  # change of the weights of b and c from column to column
         for y in range(y0, y1 + 1):
             v = ((x0 - ax) * cy - (y - ay) * cx) / area
             w = (bx * (y - ay) - by * (x0 - ax)) / area
             for x in range(x0, x1 + 1):
-                if v >= -1e-9 and w >= -1e-9 and v + w <= 1.0 + 1e-9:
-                    near = na + v * (nb - na) + w * (nc - na)
-                    if near > nearness[y, x]:
-                        nearness[y, x] = near
-                        owner[y, x] = part[a]
+                near = na + v * (nb - na) + w * (nc - na)
+                # one branch instead of four: which way it goes cannot be foretold, and that costs most
+                if (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (near > nearness[y, x]):
+                    nearness[y, x] = near
+                    owner[y, x] = part[a]
                 v += vx
                 w += wx
 

@@ -64,7 +64,7 @@ class Posterior:
         told = [_with_prior(body, *one, c.prior_weight) for one in zip(q, result.covariance[some], strict=True)]
         covariance = c.covariance_scale * np.array(told)
         lean = np.array([_leaning(body, one, cov, c.limit_lean) for one, cov in zip(q, covariance, strict=True)])
-        if seen_from is not None and body.subject.base == "free":
+        if seen_from is not None and body.has_free_root:
             covariance = covariance + np.array([_distance_covariance(body, one, seen_from, c.size_std) for one in q])
         return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
 

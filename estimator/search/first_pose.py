@@ -24,7 +24,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     also tried at their other depths, which headings alone do not reach.
     """
     body = search.body
-    if body.subject.base == "free":
+    if body.has_free_root:
         starts = view_sphere(body, body.neutral, observation)
     else:
         starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]

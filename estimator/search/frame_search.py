@@ -113,7 +113,7 @@ class FrameSearch:
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
         cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, assigned)
-        return h.prior_score - cost.at(h.q).value - association.penalty
+        return h.prior_score - cost.value_at(h.q) - association.penalty
 
     def _followed(self, h: Hypothesis, base: Cost) -> np.ndarray:
         """Where keypoints and flow take a hypothesis that begins where it has the body in the frame before, (nq,):
@@ -123,7 +123,7 @@ class FrameSearch:
         if previous is None or not h.origin.family.at_previous:
             return h.q
         start = h.q
-        if previous.q_predicted is not None and base.at(previous.q_predicted).value < base.at(h.q).value:
+        if previous.q_predicted is not None and base.value_at(previous.q_predicted) < base.value_at(h.q):
             start = previous.q_predicted
         return self._seeker.seek(base, start, self._settings.follow).q
 
@@ -150,7 +150,7 @@ class FrameSearch:
         static = self._model.cost(association.term, image_terms=assigned).of(posed)
         return Mode(
             q=posed.q,
-            velocity=np.zeros(body.nv) if previous is None else body.difference(previous.q, posed.q) / max(dt, 1e-3),
+            velocity=np.zeros(body.nv) if previous is None else body.velocity(previous.q, posed.q, dt),
             covariance=mode_covariance(body, posed.q, solution.quadratic.gradient, static.hessian),
             energy=solution.quadratic.value + association.penalty,
             status=solution.status,

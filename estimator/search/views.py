@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
-from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body, points_in_world
 
 HEADINGS = 12
 PITCHES = (-0.5, 0.0, 0.5)  # rad, of the camera's view relative to the horizontal plane of the body
@@ -83,6 +83,6 @@ def _weak_perspective(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) 
 
 def _with_root(q: np.ndarray, R_world_root: np.ndarray, p_world: np.ndarray) -> np.ndarray:
     q = q.copy()
-    q[:3] = p_world
-    q[3:7] = pin.Quaternion(R_world_root).normalized().coeffs()
+    q[ROOT_PLACE_Q] = p_world
+    q[ROOT_TURN_Q] = pin.Quaternion(R_world_root).normalized().coeffs()
     return q

@@ -85,6 +85,6 @@ def importance_log_volumes(
                 continue
             each = np.array([d.log_density(q) for d in densities])
             log_sum = float(np.logaddexp.reduce(each))
-            log_weight = -cost.at(q).value - (log_sum - math.log(len(modes)))
+            log_weight = -cost.value_at(q) - (log_sum - math.log(len(modes)))
             total = np.logaddexp(total, log_weight + each - log_sum)
     return total - math.log(count * len(modes)) + np.array([at.value for at, _ in modes])

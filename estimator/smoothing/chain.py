@@ -10,11 +10,11 @@ import pinocchio as pin
 from scipy.linalg import solveh_banded
 
 from estimator.modes.motion import MotionPrior
+from estimator.numerics.robust import LORENTZIAN, robust_square
 from estimator.optimise.covariance import free_mask
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
-from estimator.terms.kernels import LORENTZIAN, robust_square
 from estimator.terms.term import Cost
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import SHORTEST_STEP, Body
 
 DAMPING = Damping(first=1e-6)
 
@@ -41,7 +41,7 @@ class Chain:
         self, body: Body, costs: Sequence[Cost], times: np.ndarray, motion: MotionPrior, tolerance: float
     ) -> None:
         self._body, self._costs, self._tolerance, self._nu = body, costs, tolerance, motion.nu
-        self._dt = np.maximum(np.diff(times), 1e-3)
+        self._dt = np.maximum(np.diff(times), SHORTEST_STEP)
         self._velocity_precision = 1.0 / np.square(motion.velocity_std)
         self._acceleration_precision = 1.0 / np.square(motion.acceleration_std)
 

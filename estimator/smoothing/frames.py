@@ -33,7 +33,7 @@ def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -
     penalty = search.model.settings.exchange_penalty
     return np.array(
         [
-            cost.at(q).value + (penalty if association == EXCHANGED else 0.0)
+            cost.value_at(q) + (penalty if association == EXCHANGED else 0.0)
             for cost, q, association in zip(costs, result.q, result.association, strict=True)
         ]
     )

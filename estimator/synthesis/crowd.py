@@ -10,7 +10,7 @@ import pinocchio as pin
 from estimator.cameras.camera import Camera
 from estimator.formats.keypoints_people import Person
 from estimator.synthesis.detector import keypoints
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_Q, Body
 
 
 def placed(q: np.ndarray, place: np.ndarray, turn: float) -> np.ndarray:
@@ -21,7 +21,7 @@ def placed(q: np.ndarray, place: np.ndarray, turn: float) -> np.ndarray:
     R = pin.rpy.rpyToMatrix(0.0, 0.0, turn)
     for t, one in enumerate(q):
         T_world_motion = pin.SE3(R, np.append(path[t], 0.0))
-        moved[t, :7] = pin.SE3ToXYZQUAT(T_world_motion * pin.XYZQUATToSE3(one[:7]))
+        moved[t, ROOT_Q] = pin.SE3ToXYZQUAT(T_world_motion * pin.XYZQUATToSE3(one[ROOT_Q]))
     return moved
 
 

@@ -12,11 +12,11 @@ from estimator.numerics.alignment import similarity_onto
 from estimator.optimise.seek import Seeker, SeekSettings
 from estimator.synthesis.mocap import Mocap
 from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.points import accumulate_points
+from estimator.terms.point_targets import PointTargets
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.term import Cost, Term
 from humanoid.collision.clearance import Clearance
-from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.errors import InputError
 
 _SIGMA = {"hip": 0.015, "toe": 0.03, "shoulder": 0.03, "top": 0.03}  # [m] of a landmark from its target
@@ -63,7 +63,7 @@ def retarget(body: Body, mocap: Mocap, times: np.ndarray) -> Retargeted:
 def _landmark_index(body: Body, names: tuple[str, ...]) -> list[int]:
     wanted = [_TOE.get(name, name) for name in names]
     missing = [name for name in wanted if name not in body.landmark_names]
-    if missing or body.subject.base != "free":
+    if missing or not body.has_free_root:
         problem = f"has no landmark {', '.join(missing)}" if missing else "has a fixed base"
         raise InputError(body.subject.source, problem, remedy="captured motions need a whole person, such as human34")
     return [body.landmark_names.index(name) for name in wanted]
@@ -108,28 +108,11 @@ def _ratio(rest: np.ndarray, moving: np.ndarray) -> float:
     return float(np.linalg.norm(rest) / np.percentile(np.linalg.norm(moving, axis=-1), 90.0))
 
 
-class _Pull:
-    """Squared distances of landmarks from their targets (K, 3), sigma (K,) [m], as a term of the energy."""
-
-    def __init__(self, body: Body, index: list[int], targets: np.ndarray, sigma: np.ndarray) -> None:
-        self._body, self._targets, self._precision = body, targets, 1.0 / np.square(sigma)
-        self._joint, self._local = body.landmark_joint[index], body.landmark_local[index]
-        self._weight = self._precision[:, None, None] * np.eye(3)
-
-    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
-        points = points_in_world(posed, self._joint, self._local)
-        away = points - self._targets
-        force = self._precision[:, None] * away
-        accumulate_points(
-            self._body, posed, self._joint, points, force, self._weight, gradient, hessian, exact
-        )  # fmt: skip
-        return 0.5 * float(np.sum(force * away))
-
-
 def _followed(body: Body, index: list[int], names: tuple[str, ...], points: np.ndarray, dt: float) -> np.ndarray:
     """Configurations (T, nq), each searched from the one before."""
     sigma = np.array([_SIGMA.get(name.split("_")[-1], _SIGMA_ELSE) for name in names])
+    precision = np.eye(3) / np.square(sigma)[:, None, None]
+    joint, local = body.landmark_joint[index], body.landmark_local[index]
     settings = CostSettings()
     std = dt * per_dof(body, settings.turn_speed, settings.root_turn_speed, settings.root_slide_speed)
     clearance = Clearance(body)
@@ -141,7 +124,7 @@ def _followed(body: Body, index: list[int], names: tuple[str, ...], points: np.n
     q = _aligned(body, [index[i] for i in trunk], points[0, trunk])
     poses = []
     for t, targets in enumerate(points):
-        terms = [_Pull(body, index, targets, sigma), *always]
+        terms: list[Term] = [PointTargets(body, joint, local, targets, precision), *always]
         if t > 0:
             terms.append(Transition(body, q, std))
         q = seeker.seek(Cost(body, terms), q).q
@@ -154,8 +137,8 @@ def _aligned(body: Body, index: list[int], targets: np.ndarray) -> np.ndarray:
     q = body.neutral.copy()
     own = body.landmarks(body.at(q))[index]
     moved = similarity_onto(own, targets)
-    T_world_root = pin.SE3(moved.R, moved.t) * pin.XYZQUATToSE3(q[:7])
-    q[:7] = pin.SE3ToXYZQUAT(T_world_root)
+    T_world_root = pin.SE3(moved.R, moved.t) * pin.XYZQUATToSE3(q[ROOT_Q])
+    q[ROOT_Q] = pin.SE3ToXYZQUAT(T_world_root)
     return q
 
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.terms.term import BatchTerm
 from humanoid.collision.clearance import Clearance
-from humanoid.kinematics.body import PosedBody
+from humanoid.kinematics.body import PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
 
 _DEEPEST = 3.0  # exponent beyond which the potential goes on as a parabola: for power 1, from three scales inside
 
 
-class Interpenetration:
+class Interpenetration(BatchTerm):
     """Potential of every near pair: f(d) = exp(-z |z|^(power - 1)) with z = d / scale, d the signed distance.
 
     So it is 1 at contact, falls e-fold per `scale` outside and grows as fast inside (for power 1). Two changes keep it
@@ -34,6 +35,8 @@ class Interpenetration:
     InputError: scale not positive, weight negative or power below 1 (its slope at contact would be infinite).
     """
 
+    name = "interpenetration"
+
     def __init__(self, clearance: Clearance, scale: float = 0.005, weight: float = 1.0, power: float = 1.0) -> None:
         given = (("scale", scale, scale > 0.0), ("weight", weight, weight >= 0.0), ("power", power, power >= 1.0))
         for name, number, valid in given:
@@ -50,6 +53,13 @@ class Interpenetration:
         if not contacts.distance.size:
             return 0.0
         return float(_accumulate(contacts.distance, contacts.gradient, self._settings, gradient, hessian, exact))
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        first, distance = self.clearance.distances(placed)
+        values = np.empty(len(placed.q))
+        _values(first, distance, self._settings, values)
+        return values
 
 
 @jit
@@ -97,3 +107,15 @@ def _accumulate(
             for j in moving[:count]:
                 hessian[i, j] += second * (rows[m, i] * rows[m, j])  # symmetric to the last bit
     return total
+
+
+@jit
+def _values(first: np.ndarray, distance: np.ndarray, settings: np.ndarray, values: np.ndarray) -> None:
+    """Fill values (N,) with those of `_accumulate`; contacts first[n] to first[n + 1] - 1 are those of pose n."""
+    scale, weight, power, value, slope, margin = settings
+    for n in range(values.size):
+        total = 0.0
+        for m in range(first[n], first[n + 1]):
+            f = _potential(distance[m], scale, power)[0]
+            total += weight * (f - value - slope * (distance[m] - margin))
+        values[n] = total

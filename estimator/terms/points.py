@@ -7,39 +7,67 @@ matrices in the world frame, so that the cost of J'f and J'WJ does not grow with
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.compiled import jit
 
 
+class LoadedPoints(NamedTuple):
+    """Points with the derivatives of an energy by their places.
+
+    joints (N,): joint each point is fixed to. points (N, 3): in the world [m]. force (N, 3) [1/m]: gradient. weight
+    (N, 3, 3) [1/m^2]: Hessian.
+    """
+
+    joints: np.ndarray
+    points: np.ndarray
+    force: np.ndarray
+    weight: np.ndarray
+
+    @staticmethod
+    def on(joints: np.ndarray) -> LoadedPoints:
+        """Points on joints (N,), without places or loads yet."""
+        count = len(joints)
+        return LoadedPoints(joints, np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3, 3)))
+
+
 def accumulate_points(
-    body: Body,
-    posed: PosedBody,
-    joints: np.ndarray,
-    points: np.ndarray,
-    force: np.ndarray,
-    weight: np.ndarray,
-    gradient: np.ndarray,
-    hessian: np.ndarray,
-    exact: bool,
+    body: Body, posed: PosedBody, loaded: LoadedPoints, gradient: np.ndarray, hessian: np.ndarray, exact: bool
 ) -> None:
     """Add J' f to `gradient` (nv,) and J' W J to `hessian` (nv, nv), summed over the points.
 
-    joints (N,): joint each point is fixed to. points (N, 3): in the world [m]. force (N, 3), weight (N, 3, 3).
     With `exact` the curvature of the kinematics, sum f . d2p, is added too.
     """
     tree = body.tree
     _accumulate(
-        posed.spatial_jacobian, tree.joint_parent, tree.dof_joint, tree.dof_parent, joints, points, force, weight,
-        gradient, hessian, exact,
+        posed.spatial_jacobian, tree.joint_parent, tree.dof_joint, tree.dof_parent, loaded.joints, loaded.points,
+        loaded.force, loaded.weight, gradient, hessian, exact,
     )  # fmt: skip
+
+
+@jit
+def to_world(placement, local, point):  # type: ignore[no-untyped-def]
+    """Fill `point` (3,) with the place in the world of `local` (3,) in the frame of a joint's placement (12,)."""
+    M, x = placement, local
+    for k in range(3):
+        point[k] = M[9 + k] + M[k] * x[0] + M[3 + k] * x[1] + M[6 + k] * x[2]
+
+
+@jit
+def turn(placement, local, direction):  # type: ignore[no-untyped-def]
+    """`to_world` of a direction (3,)."""
+    for k in range(3):
+        direction[k] = placement[k] * local[0] + placement[3 + k] * local[1] + placement[6 + k] * local[2]
 
 
 @jit
 def _accumulate(  # type: ignore[no-untyped-def]
     J, joint_parent, dof_joint, dof_parent, joints, points, force, weight, gradient, hessian, exact
 ):
+    """See `accumulate_points`; J (nv, 6), joint_parent (njoints,), dof_joint, dof_parent (nv,) as in `Tree`."""
     njoints = joint_parent.shape[0]
     joint_force = np.zeros((njoints, 6))
     joint_load = np.zeros((njoints, 6, 6))

@@ -7,15 +7,16 @@ import math
 import numpy as np
 
 from estimator.terms.pose_mixture import PoseMixture
-from humanoid.kinematics.body import Body, PosedBody
+from estimator.terms.priors import STABILISER_NU as NU
+from estimator.terms.term import BatchTerm
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
 
-NU = 4.0  # spread of the stabilisers' Lorentzian, see `estimator.terms.priors.Stabilisers`
 _NEGLIGIBLE = 1e-12  # a component's share of a pose below which it neither pulls nor bends
 
 
-class PosePrior:
+class PosePrior(BatchTerm):
     """-log p(joint angles), p = background + components, scaled by `weight` and up to a constant.
 
     The background is what the stabilisers say (CSS 3.2.2): exp(-their energy) is a product of Student's t with 3
@@ -38,6 +39,8 @@ class PosePrior:
     ------
     InputError: the body lacks a joint of the mixture, or its stabiliser.
     """
+
+    name = "pose prior"
 
     def __init__(self, body: Body, mixture: PoseMixture, weight: float = 1.0) -> None:
         self._q_index, self._v_index = _places(body, mixture.joints)
@@ -62,6 +65,15 @@ class PosePrior:
             self._log_background, self._rest, self._rest_precision, self._weight, exact, gradient, hessian,
         )  # fmt: skip
         return value
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        values = np.empty(len(placed.q))
+        mixture_values(
+            placed.q, self._q_index, self._log_share, self._mean, self._whiten, self._log_background, self._rest,
+            self._rest_precision, self._weight, values,
+        )  # fmt: skip
+        return values
 
 
 def _log_heights(cholesky: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -106,21 +118,7 @@ def mixture_energy(  # type: ignore[no-untyped-def]
     """
     K, D = mean.shape
     log_density = np.empty(K + 1)
-    log_density[K] = log_background
-    for i in range(D):
-        e = q[q_index[i]] - rest[i]
-        log_density[K] -= 0.5 * NU * math.log1p(e * e * rest_precision[i] / NU)
-    away = np.empty(D)
-    for k in range(K):
-        for i in range(D):
-            away[i] = q[q_index[i]] - mean[k, i]
-        square = 0.0
-        for i in range(D):
-            y = 0.0
-            for j in range(i + 1):
-                y += whiten[k, i, j] * away[j]
-            square += y * y
-        log_density[k] = log_share[k] - 0.5 * square
+    _log_densities(q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density)
     highest = log_density.max()
     share = np.exp(log_density - highest)
     total = share.sum()
@@ -139,6 +137,39 @@ def mixture_energy(  # type: ignore[no-untyped-def]
             for j in range(D):
                 hessian[v_index[i], v_index[j]] += weight * force[i] * force[j]
     return -weight * (highest + math.log(total))
+
+
+@jit
+def mixture_values(  # type: ignore[no-untyped-def]
+    q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, weight, values
+):
+    """Fill values (N,) with those of `mixture_energy` at q (N, nq)."""
+    log_density = np.empty(mean.shape[0] + 1)
+    for n in range(q.shape[0]):
+        _log_densities(q[n], q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density)
+        highest = log_density.max()
+        values[n] = -weight * (highest + math.log(np.exp(log_density - highest).sum()))
+
+
+@jit
+def _log_densities(q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density):  # type: ignore[no-untyped-def]
+    """Fill log_density (K + 1,) at q (nq,): of the K Gaussians, then of the background."""
+    K, D = mean.shape
+    log_density[K] = log_background
+    for i in range(D):
+        e = q[q_index[i]] - rest[i]
+        log_density[K] -= 0.5 * NU * math.log1p(e * e * rest_precision[i] / NU)
+    away = np.empty(D)
+    for k in range(K):
+        for i in range(D):
+            away[i] = q[q_index[i]] - mean[k, i]
+        square = 0.0
+        for i in range(D):
+            y = 0.0
+            for j in range(i + 1):
+                y += whiten[k, i, j] * away[j]
+            square += y * y
+        log_density[k] = log_share[k] - 0.5 * square
 
 
 @jit

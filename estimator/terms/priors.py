@@ -5,16 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from estimator.terms.kernels import diffuse, stabilise
-from estimator.terms.potentials import POTENTIALS
-from humanoid.kinematics.body import Body, PosedBody
+from estimator.numerics.robust import POTENTIALS, rho, robust_square, robust_sum
+from estimator.terms.term import BatchTerm
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
+from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
 
+STABILISER_NU = 4.0
+"""Spread of the stabilisers' outliers: with the Lorentzian exp(-energy) is Student's t with 3 degrees of freedom, the
+fewest that have a variance; the pose prior's background and the order of kinematic jumps are the same density."""
 
-class Stabilisers:
+
+class Stabilisers(BatchTerm):
     """Long-tailed pull of every joint towards its rest position (CSS section 3.2.2), scaled by `weight`."""
 
-    def __init__(self, body: Body, weight: float = 1.0, potential: str = "lorentzian", nu: float = 4.0) -> None:
+    name = "stabilisers"
+
+    def __init__(
+        self, body: Body, weight: float = 1.0, potential: str = "lorentzian", nu: float = STABILISER_NU
+    ) -> None:
         model = body.model
         joints = []
         for stabiliser in body.subject.stabilisers:
@@ -35,14 +44,24 @@ class Stabilisers:
         )  # fmt: skip
         return value
 
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        values = np.empty(len(placed.q))
+        stabiliser_values(
+            placed.q, self._q_index, self._rest, self._precision, self._weight, self._kind, self._nu, values
+        )
+        return values
 
-class Transition:
+
+class Transition(BatchTerm):
     """Diffusion from a previous configuration, 1/2 sum rho((q (-) q_previous)_i^2 / std_i^2) in its tangent space.
 
     q_previous (nq,): centre. std (nv,): scale of the change [m, rad]. The Gaussian potential is a random walk; a
     long-tailed one lets a mode jump at a price that grows with the logarithm of the distance, which is what lets a
-    search recover from a wrong interpretation (CSS section 1.1).
+    search recover from a wrong interpretation (CSS section 1.1). One object serves one thread: it reuses buffers.
     """
+
+    name = "transition"
 
     def __init__(
         self, body: Body, q_previous: np.ndarray, std: np.ndarray, potential: str = "gaussian", nu: float = 8.0
@@ -61,7 +80,7 @@ class Transition:
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.terms.term.Term`."""
-        e = pin.difference(self._model, self._q_previous, posed.q)
+        e = self._change(posed.q)
         jacobian = self._identity
         if self._blocks:
             jacobian = pin.dDifference(self._model, self._q_previous, posed.q, pin.ARG1)
@@ -70,3 +89,64 @@ class Transition:
             hessian,
         )  # fmt: skip
         return value
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        return np.array([robust_sum(self._change(q), self._precision, self._kind, self._nu) for q in placed.q])
+
+    def _change(self, q: np.ndarray) -> np.ndarray:
+        """q (-) q_previous, (nv,)."""
+        change: np.ndarray = pin.difference(self._model, self._q_previous, q)
+        return change
+
+
+@jit
+def stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, hessian, exact):  # type: ignore[no-untyped-def]
+    """Value of S stabilisers; adds their gradient (nv,) and diagonal Hessian (nv, nv).
+
+    q (nq,). q_index, v_index (S,): places of their joints in q and in the tangent. rest, precision (S,).
+    """
+    value = 0.0
+    for i in range(q_index.shape[0]):
+        e = q[q_index[i]] - rest[i]
+        cost, slope, bend = rho(kind, e * e * precision[i], nu)
+        value += 0.5 * weight * cost
+        gradient[v_index[i]] += weight * slope * precision[i] * e
+        curvature = slope + 2.0 * bend * e * e * precision[i] if exact else slope
+        hessian[v_index[i], v_index[i]] += weight * curvature * precision[i]
+    return value
+
+
+@jit
+def stabiliser_values(q, q_index, rest, precision, weight, kind, nu, values):  # type: ignore[no-untyped-def]
+    """Fill values (N,) with those of `stabilise` at q (N, nq)."""
+    for n in range(q.shape[0]):
+        value = 0.0
+        for i in range(q_index.shape[0]):
+            e = q[n, q_index[i]] - rest[i]
+            value += 0.5 * weight * rho(kind, e * e * precision[i], nu)[0]
+        values[n] = value
+
+
+@jit
+def diffuse(e, precision, kind, nu, exact, ranges, jacobian, pull, bend, gradient, hessian):  # type: ignore[no-untyped-def]
+    """Value of the transition; adds to gradient (nv,) and hessian (nv, nv).
+
+    e, precision (nv,). jacobian (nv, nv): derivative of e, the identity outside the diagonal blocks in `ranges` (B, 2),
+    and of no size where there are none. pull, bend (nv,): overwritten.
+    """
+    value = robust_square(e, precision, kind, nu, exact, pull, bend)
+    first = 0
+    for b in range(ranges.shape[0] + 1):
+        start = ranges[b, 0] if b < ranges.shape[0] else e.shape[0]
+        for i in range(first, start):
+            gradient[i] += pull[i]
+            hessian[i, i] += bend[i]
+        if b < ranges.shape[0]:
+            first = ranges[b, 1]
+            for i in range(start, first):
+                for m in range(start, first):
+                    gradient[i] += jacobian[m, i] * pull[m]
+                    for k in range(start, first):
+                        hessian[i, k] += jacobian[m, i] * bend[m] * jacobian[m, k]
+    return value

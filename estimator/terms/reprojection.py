@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.cameras.projection import pack_cameras, project_point, project_with_jacobian
 from estimator.imaging.observation import Observation
-from estimator.terms.kernels import point_loads, whitened_distances
-from estimator.terms.points import accumulate_points
-from estimator.terms.potentials import POTENTIALS
-from humanoid.kinematics.body import Body, PosedBody
+from estimator.numerics.robust import POTENTIALS, rho
+from estimator.terms.points import LoadedPoints, accumulate_points, to_world
+from estimator.terms.term import BatchTerm
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
+from humanoid.support.compiled import jit
+
+BEHIND = 1e4  # squared whitened residual charged for a landmark that is not in front of its camera: 100 sigma
 
 
-class Reprojection:
+class Reprojection(BatchTerm):
     """Keypoints of one instant; several cameras simply add (CSS eqs. 5, 6 with given assignments).
 
     Parameters
@@ -20,8 +23,12 @@ class Reprojection:
     body: the body whose landmarks are compared, in its landmark order.
     observation: pixels (C, L, 2), confidence (C, L).
     sigma (C, L): standard deviation of each keypoint [px].
-    potential, nu: see `estimator.terms.potentials`.
+    potential, nu: see `estimator.numerics.robust`.
+
+    One object serves one thread: it reuses buffers.
     """
+
+    name = "keypoints"
 
     def __init__(
         self, body: Body, observation: Observation, sigma: np.ndarray, potential: str = "lorentzian", nu: float = 4.0
@@ -34,30 +41,27 @@ class Reprojection:
         self._pixels = np.where(valid[..., None], observation.pixels, 0.0)
         self._confidence = np.where(valid, observation.confidence, 0.0)
         self._precision = 1.0 / np.square(sigma)
-        count = len(body.landmark_names)
-        self._points, self._force = np.zeros((count, 3)), np.zeros((count, 3))
-        self._weight = np.zeros((count, 3, 3))
+        self._loaded = LoadedPoints.on(body.landmark_joint)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.terms.term.Term`."""
         value = self._load_points(posed, exact)
-        accumulate_points(
-            self._body,
-            posed,
-            self._body.landmark_joint,
-            self._points,
-            self._force,
-            self._weight,
-            gradient,
-            hessian,
-            exact,
-        )
+        accumulate_points(self._body, posed, self._loaded, gradient, hessian, exact)
         return value
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """See `BatchTerm`."""
+        values = np.empty(len(placed.q))
+        keypoint_values(
+            placed.placements, self._body.landmark_joint, self._body.landmark_local, self._intrinsics, self._distortion,
+            self._R, self._t, self._pixels, self._confidence, self._precision, self._kind, self._nu, values,
+        )  # fmt: skip
+        return values
 
     def point_loads(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (L, 3) [1/m] and Gauss-Newton Hessian (L, 3, 3) of the value with respect to each landmark."""
         self._load_points(posed, False)
-        return self._force.copy(), self._weight.copy()
+        return self._loaded.force.copy(), self._loaded.weight.copy()
 
     def distances(self, posed: PosedBody) -> np.ndarray:
         """Distance of every keypoint from its projected landmark in standard deviations, (C, L); NaN where missing."""
@@ -72,18 +76,80 @@ class Reprojection:
         value: float = point_loads(
             posed.placements, self._body.landmark_joint, self._body.landmark_local, self._intrinsics,
             self._distortion, self._R, self._t, self._pixels, self._confidence, self._precision, self._kind, self._nu,
-            exact, self._points, self._force, self._weight,
+            exact, self._loaded.points, self._loaded.force, self._loaded.weight,
         )  # fmt: skip
         return value
 
 
-def pack_cameras(cameras: tuple[Camera, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Cameras as arrays: fx, fy, cx, cy, skew (C, 5); distortion (C, 5); R (C, 3, 3) and t (C, 3) camera from world."""
-    K = np.array([c.K for c in cameras])
-    intrinsics = np.stack([K[:, 0, 0], K[:, 1, 1], K[:, 0, 2], K[:, 1, 2], K[:, 0, 1]], axis=1)
-    return (
-        intrinsics,
-        np.array([c.distortion for c in cameras]),
-        np.array([c.R_camera_world for c in cameras]),
-        np.array([c.t_camera_world for c in cameras]),
-    )
+@jit
+def point_loads(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, pixels, confidence, precision, kind, nu, exact, points,
+    force, weight,
+):  # fmt: skip
+    """Value of the term; fills landmarks in the world `points` (L, 3), and the gradient `force` (L, 3) and Hessian
+    `weight` (L, 3, 3) of the value with respect to them.
+
+    placements (njoints, 12); joints (L,), local (L, 3): of the landmarks. Cameras: intrinsics, distortion (C, 5), R
+    (C, 3, 3), t (C, 3). pixels (C, L, 2); confidence, precision (C, L).
+    """
+    value = 0.0
+    image_jacobian = np.zeros((2, 3))
+    along = np.zeros(3)  # residual pulled back to the point
+    for n in range(joints.shape[0]):
+        p, f, W = points[n], force[n], weight[n]
+        to_world(placements[joints[n]], local[n], p)
+        f[:] = 0.0
+        W[:] = 0.0
+        for c in range(pixels.shape[0]):
+            if confidence[c, n] <= 0.0:
+                continue
+            u, v, visible = project_with_jacobian(p, intrinsics[c], distortion[c], R[c], t[c], image_jacobian)
+            if not visible:
+                value += 0.5 * confidence[c, n] * rho(kind, BEHIND, nu)[0]
+                continue
+            ru, rv = pixels[c, n, 0] - u, pixels[c, n, 1] - v
+            cost, slope, bending = rho(kind, (ru * ru + rv * rv) * precision[c, n], nu)
+            value += 0.5 * confidence[c, n] * cost
+            pull = confidence[c, n] * slope * precision[c, n]
+            curve = 2.0 * confidence[c, n] * bending * precision[c, n] ** 2 if exact else 0.0
+            for k in range(3):
+                along[k] = ru * image_jacobian[0, k] + rv * image_jacobian[1, k]
+                f[k] -= pull * along[k]
+            for i in range(3):
+                for k in range(3):
+                    square = image_jacobian[0, i] * image_jacobian[0, k] + image_jacobian[1, i] * image_jacobian[1, k]
+                    W[i, k] += pull * square + curve * along[i] * along[k]
+    return value
+
+
+@jit
+def keypoint_values(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, pixels, confidence, precision, kind, nu, values
+):
+    """Fill values (N,) with those of `point_loads` for placements (N, njoints, 12)."""
+    p = np.empty(3)
+    for s in range(placements.shape[0]):
+        value = 0.0
+        for n in range(joints.shape[0]):
+            to_world(placements[s, joints[n]], local[n], p)
+            for c in range(pixels.shape[0]):
+                if confidence[c, n] <= 0.0:
+                    continue
+                u, v, visible = project_point(p, intrinsics[c], distortion[c], R[c], t[c])
+                square = BEHIND
+                if visible:
+                    ru, rv = pixels[c, n, 0] - u, pixels[c, n, 1] - v
+                    square = (ru * ru + rv * rv) * precision[c, n]
+                value += 0.5 * confidence[c, n] * rho(kind, square, nu)[0]
+        values[s] = value
+
+
+@jit
+def whitened_distances(points, intrinsics, distortion, R, t, pixels, confidence, precision, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (C, L) with the distances of keypoints from projected points (L, 3) in standard deviations."""
+    for c in range(pixels.shape[0]):
+        for n in range(pixels.shape[1]):
+            if confidence[c, n] > 0.0:
+                u, v, visible = project_point(points[n], intrinsics[c], distortion[c], R[c], t[c])
+                s = ((pixels[c, n, 0] - u) ** 2 + (pixels[c, n, 1] - v) ** 2) * precision[c, n]
+                out[c, n] = np.sqrt(s) if visible else np.inf

@@ -7,11 +7,23 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 
 
 class Term(Protocol):
-    """One part of the energy (negative log-probability, dimensionless)."""
+    """One part of the energy (negative log-probability, dimensionless).
+
+    name: what it is, as tables of the energy's parts show it.
+    """
+
+    @property
+    def name(self) -> str:
+        """See `Term`."""
+        ...
+
+    def value(self, posed: PosedBody) -> float:
+        """What `accumulate` returns, to the last bit, without the price of derivatives."""
+        ...
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """Add the term's gradient (nv,) and Hessian (nv, nv), both in the tangent space at `posed.q`; return its value.
@@ -20,6 +32,18 @@ class Term(Protocol):
         curvature as far as the term knows it: that may be indefinite, and lets a search end in a few steps.
         """
         ...
+
+
+class BatchTerm:
+    """Base of the terms that look at many poses in one call of compiled code, and without Jacobians."""
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """`Term.value` of N poses, (N,), each to the last bit whatever the others are."""
+        raise NotImplementedError
+
+    def value(self, posed: PosedBody) -> float:
+        """See `Term`."""
+        return float(self.values(posed.alone)[0])
 
 
 class QuadraticModel(NamedTuple):
@@ -55,3 +79,32 @@ class Cost:
         for term in self.terms:
             value += term.accumulate(posed, gradient, hessian, exact)
         return QuadraticModel(posed, value, gradient, hessian, exact)
+
+    def value_at(self, q: np.ndarray) -> float:
+        """The energy at configuration q (nq,): `at(q).value` to the last bit, without derivatives."""
+        return float(self.values_at(q[None])[0])
+
+    def value(self, posed: PosedBody) -> float:
+        """The energy at an already posed body, see `value_at`."""
+        value = 0.0
+        for term in self.terms:
+            value += term.value(posed)
+        return value
+
+    def values_at(self, q: np.ndarray) -> np.ndarray:
+        """The energies (N,) at configurations q (N, nq), see `value_at`."""
+        return self.values(self.body.placed(q))
+
+    def values(self, placed: PlacedBodies) -> np.ndarray:
+        """The energies (N,) of N placed bodies, see `value_at`."""
+        total = np.zeros(len(placed.q))
+        self.add_values(placed, total)
+        return total
+
+    def add_values(self, placed: PlacedBodies, total: np.ndarray) -> None:
+        """Add the terms one after the other to `total` (N,): the energy of a sum that goes on with these."""
+        for term in self.terms:
+            total += term.values(placed) if isinstance(term, BatchTerm) else self._one_by_one(term, placed)
+
+    def _one_by_one(self, term: Term, placed: PlacedBodies) -> np.ndarray:
+        return np.array([term.value(self.body.at(q)) for q in placed.q])

@@ -96,12 +96,10 @@ class Condensation(BeginsByKeypoints):
         """States (N, nq + nv) after `dt` [s]."""
         body, nq = self.body, self.body.nq
         std = self.settings.noise * self.search.model.transition_std(dt)
-        moved = np.empty_like(states)
-        for row, old in zip(moved, states, strict=True):
-            drift = self.settings.momentum * dt * old[nq:]
-            row[:nq] = body.integrate(old[:nq], drift + std * rng.standard_normal(body.nv))
-            row[nq:] = body.difference(old[:nq], row[:nq]) / max(dt, 1e-3)
-        return moved
+        drift = self.settings.momentum * dt * states[:, nq:]
+        q = body.integrated(states[:, :nq], drift + std * rng.standard_normal((len(states), body.nv)))
+        velocity = [body.velocity(old, new, dt) for old, new in zip(states[:, :nq], q, strict=True)]
+        return np.hstack([q, np.array(velocity)])
 
 
 SPEC = Spec(

@@ -17,11 +17,11 @@ from estimator.optimise.solution import SAMPLED
 from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
-from estimator.terms.term import QuadraticModel
+from estimator.terms.term import Cost, QuadraticModel, Term
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import carried, judged
 from estimator.trackers.particle_state import ParticleState
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.idle import idle_where
 
 DYNAMICS_ALONE = (
@@ -41,17 +41,17 @@ class FrameEnergy:
 
     def __init__(self, search: ModeSearch, observation: Observation, before: Mixture) -> None:
         self.body = search.body
-        base = search.model.cost(search.term(observation, AS_DETECTED))
+        self._base = search.model.cost(search.term(observation, AS_DETECTED))
         self._likelihood = search.likelihood(observation, before.modes[0].q)
-        self._costs = [base] * len(before.modes)
+        self._flows: list[list[Term]] = [[] for _ in before.modes]
+        self._last: PlacedBodies | None = None
         if self._likelihood is not None:
-            flows = self._likelihood.followed_each([Past(self.body.at(m.q)) for m in before.modes])
-            self._costs = [base.plus(flow) for flow in flows]
+            self._flows = self._likelihood.followed_each([Past(self.body.at(m.q)) for m in before.modes])
 
     def at(self, q: np.ndarray, owner: int) -> QuadraticModel:
         """The energy at q (nq,), for a particle that came from hypothesis `owner`."""
         posed = self.body.at(q)
-        cost = self._costs[owner]
+        cost = self._base.plus(self._flows[owner])
         if self._likelihood is not None:
             cost = cost.plus(self._likelihood.assigned(posed))
         return cost.of(posed)
@@ -66,8 +66,30 @@ class FrameEnergy:
         return () if self._likelihood is None else tuple(camera.extent for camera in self._likelihood.cameras)
 
     def values(self, q: np.ndarray, owner: np.ndarray) -> np.ndarray:
-        """Energies (N,) of configurations (N, nq) that came from hypotheses (N,)."""
-        return np.array([self.at(one, int(k)).value for one, k in zip(q, owner, strict=True)])
+        """Energies (N,) of configurations (N, nq) that came from hypotheses (N,): those of `at`, to the last bit."""
+        placed = self._last = self.body.placed(q)
+        values = self._base.values(placed)
+        for k, flow in enumerate(self._flows):
+            own = owner == k
+            if flow and own.any():
+                values[own] = self._added(values[own], flow, PlacedBodies(q[own], placed.placements[own]))
+        if self._likelihood is not None:
+            for n, each in enumerate(q):
+                posed = self.body.at(each)
+                for term in self._likelihood.assigned(posed):
+                    values[n] += term.value(posed)
+        return values
+
+    def landmarks(self, q: np.ndarray) -> np.ndarray:
+        """Landmarks (N, L, 3) [m] at q (N, nq); those that `values` looked at last are placed already."""
+        placed = self._last
+        if placed is None or not np.array_equal(placed.q, q):
+            placed = self.body.placed(q)
+        return self.body.landmarks_of(placed)
+
+    def _added(self, values: np.ndarray, terms: list[Term], placed: PlacedBodies) -> np.ndarray:
+        Cost(self.body, terms).add_values(placed, values)
+        return values
 
 
 def first_particle_set(
@@ -87,7 +109,7 @@ def first_particle_set(
 
 def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Configurations (N, nq) after independent normal steps of standard deviation (nv,), kept inside the limits."""
-    return np.array([body.integrate(one, std * rng.standard_normal(body.nv)) for one in q])
+    return body.integrated(q, std * rng.standard_normal((len(q), body.nv)))
 
 
 @dataclass(frozen=True)
@@ -125,7 +147,7 @@ def summarised(
     before: the mixture of the frame before, `dt` [s] ago.
     """
     body = search.body
-    points = np.array([body.landmarks(body.at(one)).ravel() for one in q]) / np.sqrt(len(body.landmark_names))
+    points = energy.landmarks(q).reshape(len(q), -1) / np.sqrt(len(body.landmark_names))
     label = clusters(points, particles.weights, summary.radius, summary.modes)
     modes, weights = [], []
     for k in range(int(label.max()) + 1):
@@ -134,7 +156,7 @@ def summarised(
         mean, covariance = mean_and_covariance(body, q[own], weight)
         parent = int(np.argmax(np.bincount(particles.owner[own], weights=weight)))
         q_previous = before.modes[parent].q
-        velocity = body.difference(q_previous, mean) / max(dt, 1e-3)
+        velocity = body.velocity(q_previous, mean, dt)
         previous = PreviousPose(q_previous, paid=False)
         origin = Origin(Family.PARTICLES, previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
         modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity, origin))

@@ -16,7 +16,7 @@ import pinocchio as pin
 from estimator.formats.checked_arrays import Field, check_arrays
 from estimator.modes.merge import body_size
 from estimator.trackers.frame_result import FrameResult
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_PLACE_V, ROOT_TURN_Q, Body
 
 FASTEST = 7.0  # body lengths a second, the sprinter's with some room
 _DEVIATIONS = 3.0  # standard deviations by which the places themselves may be wrong
@@ -78,7 +78,7 @@ class LeapCheck:
     """Tells whether the root of a free body leapt from one frame to the next; a fixed one never does."""
 
     def __init__(self, body: Body) -> None:
-        self._free = body.subject.base == "free"
+        self._free = body.has_free_root
         self._speed = FASTEST * body_size(body)  # [m/s]
 
     def leapt(
@@ -88,7 +88,7 @@ class LeapCheck:
         hypotheses before (K, nq), beyond what their covariances (nv, nv) and (K, nv, nv) leave open."""
         if not self._free or not len(before):
             return False
-        steps = q[:3] - before[:, :3]
+        steps = q[ROOT_PLACE_Q] - before[:, ROOT_PLACE_Q]
         length = np.linalg.norm(steps, axis=1)
         along = steps / np.maximum(length, 1e-9)[:, None]
         spread = [
@@ -100,8 +100,8 @@ class LeapCheck:
 
 def _placed(q: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Covariance (3, 3) [m^2] of the root's place in the world; in the tangent space it is in the root's own axes."""
-    R_world_root = pin.Quaternion(q[3:7]).toRotationMatrix()
-    return np.asarray(R_world_root @ covariance[:3, :3] @ R_world_root.T)
+    R_world_root = pin.Quaternion(q[ROOT_TURN_Q]).toRotationMatrix()
+    return np.asarray(R_world_root @ covariance[ROOT_PLACE_V, ROOT_PLACE_V] @ R_world_root.T)
 
 
 def leaps(body: Body, results: Iterable[FrameResult]) -> list[int]:

@@ -80,6 +80,39 @@ def candidates(
 
 
 @jit
+def candidates_of_poses(
+    placements: np.ndarray,
+    joint: np.ndarray,
+    local: np.ndarray,
+    core: np.ndarray,
+    radius: np.ndarray,
+    radii: np.ndarray,
+    pairs: np.ndarray,
+    limit: float,
+    world: np.ndarray,
+    segment: np.ndarray,
+    first: np.ndarray,
+) -> np.ndarray:
+    """`place` and `candidates` for N poses: returns the pairs of all of them, (M,), one pose after the other.
+
+    placements (N, njoints, 12). Written: world (N, S, 12), segment (N, S, 6); first (N + 1,): where the pairs of each
+    pose begin.
+    """
+    near, count = np.empty(64, dtype=np.int64), 0
+    of_pose = np.empty(pairs.shape[0], dtype=np.int64)
+    first[0] = 0
+    for n in range(placements.shape[0]):
+        place(placements[n], joint, local, core, world[n], segment[n])
+        more = candidates(world[n], segment[n], radius, radii, pairs, limit, of_pose)
+        while count + more > near.size:
+            near = np.concatenate((near, np.empty_like(near)))
+        near[count : count + more] = of_pose[:more]
+        count += more
+        first[n + 1] = count
+    return near[:count]
+
+
+@jit
 def _core_distance(segment: np.ndarray, a: int, b: int, uu: float, vv: float, direction: np.ndarray) -> float:
     """Distance of two segments centre -+ half-axis; direction (3,): from the closest point of a to that of b."""
     cu = cv = uv = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import coal
@@ -12,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.collision import broad_phase, witness
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import Geometry, Solid, solids_of
 from humanoid.support.errors import InputError
 
@@ -47,11 +48,28 @@ class Contacts(NamedTuple):
     gradient: np.ndarray
 
 
+class _Buffers(NamedTuple):
+    """Room for contacts, reused from pose to pose; see `Contacts`. near: index of a pair."""
+
+    near: np.ndarray
+    distance: np.ndarray
+    point_a: np.ndarray
+    point_b: np.ndarray
+    normal: np.ndarray
+
+    @staticmethod
+    def of(count: int) -> _Buffers:
+        return _Buffers(np.zeros(count, dtype=np.int64), np.zeros(count), *np.zeros((3, count, 3)))
+
+
 class Clearance:
     """Signed distances between the parts of a body, by coal, behind a compiled lower bound.
 
     A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
     contracted away, are no pair, nor are links that overlap by over 3 mm at `body.neutral`.
+
+    One object serves one thread: it reuses buffers and coal's queries. Answers own their arrays and depend on nothing
+    asked before.
 
     Parameters
     ----------
@@ -96,19 +114,44 @@ class Clearance:
         count = self._measure(posed, self.margin if margin is None else margin)
         if count == 0:
             return self._nothing
-        pair = self._near[:count].copy()
-        point_a, point_b = self._point_a[:count].copy(), self._point_b[:count].copy()
-        normal = self._normal[:count].copy()
+        pair, distance, point_a, point_b, normal = (buffer[:count].copy() for buffer in self._contacts)
         tree = self._body.tree
         gradient = witness.gradients(
             posed.spatial_jacobian, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal
         )
-        return Contacts(pair, self._distance[:count].copy(), point_a, point_b, normal, gradient)
+        return Contacts(pair, distance, point_a, point_b, normal, gradient)
+
+    def distances(self, placed: PlacedBodies) -> tuple[np.ndarray, np.ndarray]:
+        """The signed distances of `near` alone, of N poses: where those of each pose begin, (N + 1,), and they, (M,).
+
+        Each is that of `near` to the last bit. Makes no witness points and no gradients.
+        """
+        count, size = len(placed.q), len(self.solids)
+        world, segment = np.empty((count, size, 12)), np.empty((count, size, 6))
+        first = np.empty(count + 1, dtype=np.int64)
+        pair = broad_phase.candidates_of_poses(
+            placed.placements, self._joint, self._local, self._core, self._radius, self._radii, self._solid_pairs,
+            self.margin, world, segment, first,
+        )  # fmt: skip
+        buffers, total, starts = _Buffers.of(len(pair)), 0, np.zeros_like(first)
+        candidates, begins = pair.tolist(), first.tolist()
+        for n, (begin, end) in enumerate(pairwise(begins)):
+            if begin < end:
+                self._world[:] = world[n]
+                total = self._ask(candidates[begin:end], self.margin, buffers, total, every_point=False)
+            starts[n + 1] = total
+        if total:  # every solid of every pose is one of many, so that one call sharpens the contacts of all poses
+            pose = np.repeat(np.arange(count), np.diff(starts))
+            pairs = self._solid_pairs[buffers.near[:total]] + size * pose[:, None]
+            buffers.near[:total] = np.arange(total)
+            solids = world.reshape(-1, 12), segment.reshape(-1, 6), np.tile(self._radius, count)
+            _sharpen((*solids, np.tile(self._radii, (count, 1))), pairs, buffers, total)
+        return starts, buffers.distance[:total]
 
     def penetration(self, posed: PosedBody) -> float:
         """Deepest overlap of two parts [m], 0 if none."""
         count = self._measure(posed, 0.0)
-        return max(0.0, -float(self._distance[:count].min())) if count else 0.0
+        return max(0.0, -float(self._contacts.distance[:count].min())) if count else 0.0
 
     def _measure(self, posed: PosedBody, margin: float) -> int:
         """Write the pairs below the margin into the buffers; returns how many."""
@@ -116,34 +159,31 @@ class Clearance:
         found = broad_phase.candidates(
             self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._found
         )
-        count, result = 0, self._result
-        for k in self._found[:found].tolist():
-            i, j, query, request = self._queries[k] or self._made_query(k)
-            for s in (i, j):
-                self._transforms[s].setRotation(self._rotations[s])
-                self._transforms[s].setTranslation(self._translations[s])
-            result.clear()
-            distance = query(self._transforms[i], self._transforms[j], request, result)
-            if not distance >= margin:  # NaN is a failed query
-                self._near[count], self._distance[count] = k, distance
-                self._point_a[count], self._point_b[count] = result.getNearestPoint1(), result.getNearestPoint2()
-                self._normal[count] = result.normal
-                count += 1
+        count = self._ask(self._found[:found].tolist(), margin, self._contacts, 0, every_point=True)
         if count:
-            self._sharpen(count)
+            solids = (self._world, self._segment, self._radius, self._radii)
+            _sharpen(solids, self._solid_pairs, self._contacts, count)
         return count
 
-    def _sharpen(self, count: int) -> None:
-        """Contacts to the last digits, in place."""
-        solids = (self._world, self._segment, self._radius, self._radii)
-        points = (self._point_a, self._point_b, self._normal)
-        contacts: list[Any] = [*solids, self._solid_pairs, self._near, count, self._distance, *points]
-        failed = witness.sharpen(*[*contacts, 0, False])
-        while failed >= 0:
-            i, j = self._solid_pairs[self._near[failed]]
-            point_a, point_b, normal = (array[failed] for array in points)
-            self._distance[failed] = broad_phase.guess_contact(*solids, i, j, point_a, point_b, normal)
-            failed = witness.sharpen(*[*contacts, failed, True])
+    def _ask(self, pairs: list[int], margin: float, contacts: _Buffers, count: int, every_point: bool) -> int:
+        """Write those of some pairs of the solids in `_world` that are below the margin into buffers that hold `count`
+        contacts already; returns how many they hold then. Witness points are left out, unless `every_point`, where
+        `_sharpen` does not look at them."""
+        near, distances, points_a, points_b, normals = contacts
+        transforms, result, pointless = self._transforms, self._result, self._requests[0]
+        for k in pairs:
+            i, j, query, request = self._queries[k] or self._made_query(k)
+            for s in (i, j):
+                transforms[s].setRotation(self._rotations[s])
+                transforms[s].setTranslation(self._translations[s])
+            result.clear()
+            distance = query(transforms[i], transforms[j], request, result)
+            if not distance >= margin:  # NaN is a failed query
+                near[count], distances[count], normals[count] = k, distance, result.normal
+                if every_point or request is not pointless:
+                    points_a[count], points_b[count] = result.getNearestPoint1(), result.getNearestPoint2()
+                count += 1
+        return count
 
     def _set_solids(self, body: Body) -> None:
         """Solids as arrays for the kernels, and coal's transforms with views of where the kernels write."""
@@ -167,9 +207,7 @@ class Clearance:
         self._pair_dof = last_dof[self._solid_pairs]
         self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
         self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
-        self._found, self._near = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        self._distance = np.zeros(count)
-        self._point_a, self._point_b, self._normal = np.zeros((3, count, 3))
+        self._found, self._contacts = np.zeros(count, dtype=np.int64), _Buffers.of(count)
         empty = np.zeros((0, 3))
         self._nothing = Contacts(
             np.zeros(0, dtype=np.int64), np.zeros(0), empty, empty, empty, np.zeros((0, self._body.nv))
@@ -202,7 +240,7 @@ class Clearance:
         """Pairs of links that overlap by more than `REST_OVERLAP` at rest, with the deepest overlap of their solids."""
         count = self._measure(body.at(body.neutral), -REST_OVERLAP)
         overlaps: dict[LinkPair, float] = {}
-        for k, distance in zip(self._near[:count].tolist(), self._distance[:count].tolist(), strict=True):
+        for k, distance in zip(*(buffer[:count].tolist() for buffer in self._contacts[:2]), strict=True):
             pair = self.pairs[k]
             overlaps[pair] = max(overlaps.get(pair, 0.0), -distance)
         return overlaps
@@ -227,6 +265,18 @@ class Clearance:
 
     def _links(self, i: int, j: int) -> frozenset[str]:
         return frozenset((self.solids[i].link, self.solids[j].link))
+
+
+def _sharpen(solids: tuple[np.ndarray, ...], pairs: np.ndarray, contacts: _Buffers, count: int) -> None:
+    """`count` contacts to the last digits, in place; pairs (., 2): of solids, see `broad_phase.candidates`."""
+    points = contacts[2:]
+    listed: list[Any] = [*solids, pairs, contacts.near, count, contacts.distance, *points]
+    failed = witness.sharpen(*[*listed, 0, False])
+    while failed >= 0:
+        i, j = pairs[contacts.near[failed]]
+        guess: list[Any] = [*solids, i, j, *(array[failed] for array in points)]
+        contacts.distance[failed] = broad_phase.guess_contact(*guess)
+        failed = witness.sharpen(*[*listed, failed, True])
 
 
 def _request(gjk_tolerance: float, epa_tolerance: float) -> coal.DistanceRequest:

@@ -14,6 +14,15 @@ from humanoid.subject.subject import Subject
 from humanoid.support.compiled import jit
 
 ON_LIMIT = 1e-12  # rad or m
+SHORTEST_STEP = 1e-3
+"""[s] Frames nearer in time count as this far apart: no clip has more frames a second than 1000, but equal time stamps
+occur, and a velocity must stay finite."""
+ROOT_JOINT = 1
+"""Pinocchio's joint of a free root."""
+ROOT_Q, ROOT_PLACE_Q, ROOT_TURN_Q = slice(0, 7), slice(0, 3), slice(3, 7)
+"""Where a free root stands in q: all of it, its place [m], its quaternion xyzw."""
+ROOT_V, ROOT_PLACE_V, ROOT_TURN_V = slice(0, 6), slice(0, 3), slice(3, 6)
+"""Where a free root stands in the tangent space: all of it, its linear and its angular part."""
 
 
 class PosedBody(NamedTuple):
@@ -38,6 +47,21 @@ class PosedBody(NamedTuple):
     def translations(self) -> np.ndarray:
         """Translation of T_world_joint [m], (njoints, 3)."""
         return self.placements[:, 9:]
+
+    @property
+    def alone(self) -> PlacedBodies:
+        """This configuration as one of many."""
+        return PlacedBodies(self.q[None], self.placements[None])
+
+
+class PlacedBodies(NamedTuple):
+    """The body at N configurations, for what needs no derivative.
+
+    q (N, nq): configurations. placements (N, njoints, 12): as those of `PosedBody`.
+    """
+
+    q: np.ndarray
+    placements: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -87,6 +111,8 @@ class Body:
     ----------
     subject, model: where it comes from.
     nq, nv: sizes of configuration and tangent.
+    has_free_root: whether a root leads q and the tangent, as `ROOT_Q` and `ROOT_V` have it. first_joint_dof: the first
+    degree of freedom that is no root's.
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
     landmark_support (L, nv) bool: which degrees of freedom move each landmark.
@@ -99,6 +125,8 @@ class Body:
         self.subject = subject
         self.model = model = subject.model if model is None else model
         self.nq, self.nv, self.njoints = model.nq, model.nv, model.njoints
+        self.has_free_root = subject.base == "free"
+        self.first_joint_dof = ROOT_V.stop if self.has_free_root else 0
         self.tree = _tree(model)
         self.landmark_names = tuple(landmark.name for landmark in subject.landmarks)
         self.landmark_joint, self.landmark_local = points_on_links(
@@ -132,9 +160,32 @@ class Body:
         """Forward kinematics and joint Jacobians at q (nq,); the result owns its arrays."""
         return PosedBody(q, *self._kinematics.at(q))
 
+    def placed(self, q: np.ndarray) -> PlacedBodies:
+        """Forward kinematics alone at q (N, nq): the placements of `at`, to the last bit."""
+        return PlacedBodies(q, self._kinematics.placed(q))
+
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """q (+) v on the configuration manifold, (nq,); angles are kept inside the limits to the last bit."""
         return self.clamp(pin.integrate(self.model, q, v))
+
+    def integrated(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """`integrate` of many: q (N, nq) (+) v (N, nv), (N, nq)."""
+        moved = np.empty_like(q)
+        for row, each, step in zip(moved, q, v, strict=True):
+            row[:] = pin.integrate(self.model, each, step)
+        _clamp_each(moved, self.bounded_q, self.lower, self.upper)
+        return moved
+
+    def differences(self, q0: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """`difference` to many: tangents (N, nv) at q0 (nq,) to q (N, nq)."""
+        tangents = np.empty((len(q), self.nv))
+        for row, each in zip(tangents, q, strict=True):
+            row[:] = pin.difference(self.model, q0, each)
+        return tangents
+
+    def velocity(self, q0: np.ndarray, q1: np.ndarray, dt: float) -> np.ndarray:
+        """Tangent velocity (nv,) [1/s] that leads from q0 to q1 (nq,) in `dt` [s], see `SHORTEST_STEP`."""
+        return self.difference(q0, q1) / max(dt, SHORTEST_STEP)
 
     def difference(self, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
         """Tangent v (nv,) at q0 with q0 (+) v = q1."""
@@ -156,6 +207,12 @@ class Body:
     def landmarks(self, posed: PosedBody) -> np.ndarray:
         """Landmarks in the world [m], (L, 3)."""
         return points_in_world(posed, self.landmark_joint, self.landmark_local)
+
+    def landmarks_of(self, placed: PlacedBodies) -> np.ndarray:
+        """Landmarks of N configurations in the world [m], (N, L, 3); each as `landmarks` has them, to the last bit."""
+        points = np.empty((len(placed.q), *self.landmark_local.shape))
+        _place_points(placed.placements, self.landmark_joint, self.landmark_local, points)
+        return points
 
     def landmark_jacobians(self, posed: PosedBody) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
@@ -187,6 +244,16 @@ class Body:
 
 
 @jit
+def _place_points(placements, joints, local, points):  # type: ignore[no-untyped-def]
+    """Fill points (N, P, 3) in the world, of local (P, 3) on joints (P,), for placements (N, njoints, 12)."""
+    for n in range(placements.shape[0]):
+        for i in range(joints.shape[0]):
+            M, x = placements[n, joints[i]], local[i]
+            for k in range(3):  # summed in the order of `points_in_world`
+                points[n, i, k] = (M[k] * x[0] + M[3 + k] * x[1] + M[6 + k] * x[2]) + M[9 + k]
+
+
+@jit
 def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
     """Clamp in place. A step to a limit may miss it by an ulp, and would then not count as on it."""
     for i in bounded_q:
@@ -194,6 +261,13 @@ def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
             q[i] = lower[i]
         elif q[i] > upper[i] - ON_LIMIT:
             q[i] = upper[i]
+
+
+@jit
+def _clamp_each(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
+    """`_clamp` of q (N, nq)."""
+    for n in range(q.shape[0]):
+        _clamp(q[n], bounded_q, lower, upper)
 
 
 def points_on_links(

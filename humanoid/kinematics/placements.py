@@ -20,6 +20,10 @@ class Kinematics(Protocol):
         """Placements (njoints, 12) and spatial Jacobian (nv, 6) at q (nq,), see `PosedBody`; the caller owns them."""
         ...
 
+    def placed(self, q: np.ndarray) -> np.ndarray:
+        """Placements (N, njoints, 12) alone at q (N, nq), the same to the last bit."""
+        ...
+
 
 def kinematics_of(model: pin.Model) -> Kinematics:
     """The fastest kinematics that fits into the memory."""
@@ -42,6 +46,15 @@ class DataKinematics:
         placements = _gathered_placements(self._data) if raw is None else raw.copy()
         return placements, self._raw_columns.copy()
 
+    def placed(self, q: np.ndarray) -> np.ndarray:
+        """See `Kinematics`."""
+        model, data, raw = self._model, self._data, self._raw_placements
+        placements = np.empty((len(q), model.njoints, _SE3_DOUBLES))
+        for row, each in zip(placements, q, strict=True):
+            pin.forwardKinematics(model, data, each)
+            row[:] = _gathered_placements(data) if raw is None else raw
+        return placements
+
 
 class JointKinematics:
     """Joint by joint: a hundred times as slow as `DataKinematics`, in memory that grows with nv only."""
@@ -52,6 +65,10 @@ class JointKinematics:
         self._parents = list(model.parents)[1:]
         self._offsets = list(model.jointPlacements)[1:]
         self._dof_joint = np.repeat(np.arange(model.njoints), list(model.nvs))
+
+    def placed(self, q: np.ndarray) -> np.ndarray:
+        """See `Kinematics`."""
+        return np.array([self.at(each)[0] for each in q]).reshape(-1, self._model.njoints, _SE3_DOUBLES)
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Kinematics`."""

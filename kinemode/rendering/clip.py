@@ -126,5 +126,5 @@ def _framed(body: Body, q: np.ndarray, fps: float, view: ViewSettings) -> tuple[
     surface = surface_of(body, nodes=500)
     shown = q[:: max(1, round(_FRAMING_STEP * fps))]
     points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in shown])
-    floor = 0.0 if body.subject.base == "free" else _FIXED_FLOOR
+    floor = 0.0 if body.has_free_root else _FIXED_FLOOR
     return synthesis.framing_cameras(points, view), place_of(points, floor)

@@ -116,7 +116,7 @@ def _tree_solids(body: Body) -> tuple[Solid, ...]:
 
 def _first_joint(body: Body) -> int:
     """The first joint whose placement is a length of the body rather than its place in the world."""
-    return 2 if body.subject.base == "free" else 1
+    return 2 if body.has_free_root else 1
 
 
 def skeleton(body: Body) -> Skeleton:

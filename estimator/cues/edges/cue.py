@@ -15,9 +15,9 @@ from estimator.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
 from estimator.cues.edges.matching import search_edges, take_candidates
 from estimator.cues.edges.settings import IDLE, EdgeLikelihoodSettings
 from estimator.imaging.camera_pictures import CameraPictures
+from estimator.numerics.robust import LECLERC
 from estimator.prediction.prediction import Prediction
 from estimator.prediction.visibility import HIDDEN
-from estimator.terms.kernels import LECLERC
 
 _NONE = np.zeros((0, 0), dtype=np.float32)
 

@@ -15,7 +15,7 @@ from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.cues.flow.point_flow import follow_points
 from estimator.cues.flow.settings import IDLE, FlowLikelihoodSettings
 from estimator.imaging.camera_pictures import CameraPictures
-from estimator.terms.kernels import LORENTZIAN
+from estimator.numerics.robust import LORENTZIAN
 from humanoid.kinematics.body import points_in_world
 
 FLOW_NODES = 200  # more say nothing new
@@ -87,7 +87,11 @@ class FlowMatcher(Matcher):
         weight = view.weight * s.flow_evidence / len(point) * sure
         group = assignments(point, target, isotropic(precision), weight, LORENTZIAN, s.flow_nu)
         surface = view.surface
-        return [LabelledTerm("flow", AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group]))]
+        return [
+            LabelledTerm(
+                "flow", AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name="flow")
+            )
+        ]
 
     def _seen(self, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""

@@ -24,9 +24,9 @@ from estimator.cues.silhouette.matching import nearest_contour, nearest_outline
 from estimator.cues.silhouette.settings import IDLE, OutlineLikelihoodSettings
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.image_cues import ImageCues
+from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.prediction.prediction import Prediction
 from estimator.prediction.visibility import OUTER
-from estimator.terms.kernels import LECLERC, LORENTZIAN
 
 OUTLINE_SAMPLES = 200
 AGREES = 4.0  # standard deviations within which a contour point lies on the outline

@@ -25,15 +25,16 @@ def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chose
 
     turn [px]: a normal at a right angle counts like this distance.
     """
+    outer = np.flatnonzero(state == OUTER)
+    x, y, nx, ny = pixels[outer, 0], pixels[outer, 1], normals[outer, 0], normals[outer, 1]
+    near, far = np.empty(len(outer)), np.empty(len(outer))
     for s in range(samples.shape[0]):
+        u, v, nu, nv = samples[s, 0], samples[s, 1], sample_normals[s, 0], sample_normals[s, 1]
+        for i in range(far.size):  # no branch in it, so that it is done several points at a time
+            dx, dy = u - x[i], v - y[i]
+            near[i] = dx * dx + dy * dy
+            far[i] = near[i] + (1.0 - nu * nx[i] - nv * ny[i]) * turn * turn
         best, chosen[s] = np.inf, -1
-        for i in range(pixels.shape[0]):
-            if state[i] != OUTER:
-                continue
-            dx, dy = samples[s, 0] - pixels[i, 0], samples[s, 1] - pixels[i, 1]
-            d = dx * dx + dy * dy
-            if d >= best:
-                continue
-            d += (1.0 - sample_normals[s, 0] * normals[i, 0] - sample_normals[s, 1] * normals[i, 1]) * turn * turn
-            if d < best:
-                best, chosen[s] = d, i
+        for i in range(far.size):
+            if (near[i] < best) & (far[i] < best):
+                best, chosen[s] = far[i], outer[i]

@@ -74,7 +74,7 @@ class _Probe:
 
     def __init__(self, body: Body) -> None:
         self.body = body
-        self.first = 6 if body.subject.base == "free" else 0
+        self.first = body.first_joint_dof
         rng = np.random.default_rng(0)  # of the construction alone: every body is probed at the same poses
         i = body.bounded_q
         self.posed = []

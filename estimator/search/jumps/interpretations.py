@@ -13,10 +13,10 @@ from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
 from estimator.search.jumps.parts import part_mirrored
 from estimator.search.jumps.sight import Sight
+from estimator.terms.priors import STABILISER_NU
 from estimator.terms.upright import world_up
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_TURN_Q, Body
 
-NU = 4.0  # of the Lorentzian, as the stabilisers'
 MISS = 0.005  # m: standard deviation of the distance from a ray, about a pixel
 PART_PENALTY = 3.0  # energy of a pose with mirrored parts, since these keep the image only nearly
 UNREACHED = 10.0  # energy of a limb that no solution brings back onto its rays
@@ -42,9 +42,9 @@ class JointPrior:
     def tilt(self, q: np.ndarray, camera: Camera) -> float:
         """Of the root's tilt at q (nq,); zero for a body without an up axis."""
         upright = self._body.subject.upright
-        if upright is None or self._body.subject.base != "free":
+        if upright is None or not self._body.has_free_root:
             return 0.0
-        x, y, z, w = q[3:7]
+        x, y, z, w = q[ROOT_TURN_Q]
         a = np.array(upright.axis)
         v = np.array([x, y, z])
         up = a + 2.0 * np.cross(v, np.cross(v, a) + w * a)
@@ -52,7 +52,7 @@ class JointPrior:
 
 
 def _lorentzian(squares: np.ndarray) -> float:
-    return float(0.5 * NU * np.log1p(squares / NU).sum())
+    return float(0.5 * STABILISER_NU * np.log1p(squares / STABILISER_NU).sum())
 
 
 def interpretations(

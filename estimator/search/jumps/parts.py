@@ -13,7 +13,7 @@ from estimator.search.jumps.angles import part_turns
 from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, limb_solutions
 from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
 from estimator.search.jumps.sight import Sight, moved_to, turned
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
 
 
 def part_mirrored(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sight | None:
@@ -86,6 +86,6 @@ def _rotation(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 def _root_turned(q: np.ndarray, turn: np.ndarray, pivot: np.ndarray) -> np.ndarray:
     """q (nq,) of a free body turned as a whole by `turn` (3, 3) about a point (3,) [m]."""
     q = q.copy()
-    q[:3] = turn @ (q[:3] - pivot) + pivot
-    q[3:7] = pin.Quaternion(turn @ pin.Quaternion(q[3:7]).matrix()).coeffs()
+    q[ROOT_PLACE_Q] = turn @ (q[ROOT_PLACE_Q] - pivot) + pivot
+    q[ROOT_TURN_Q] = pin.Quaternion(turn @ pin.Quaternion(q[ROOT_TURN_Q]).matrix()).coeffs()
     return q

@@ -1,0 +1,86 @@
+"""Points of the body with image features assigned to them, in one camera: compiled kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.cameras.projection import project_point, project_with_jacobian
+from estimator.numerics.robust import rho
+from estimator.terms.points import to_world
+from estimator.terms.reprojection import BEHIND
+from humanoid.support.compiled import jit
+
+
+@jit
+def assigned_loads(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, first, target, precision, weight, kind, nu, exact, points,
+    force, load,
+):  # fmt: skip
+    """Value of assigned image points of one camera, 1/2 sum weight rho(e' W e) with e = target - projection.
+
+    placements (njoints, 12); joints (N,), local (N, 3): points on joints. The camera: intrinsics, distortion (5,), R
+    (3, 3), t (3,). Point n has the assignments first[n] to first[n + 1] - 1: target (A, 2) [px], precision (A, 3) the
+    entries xx, xy, yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3), and gradient `force`
+    (N, 3) and Hessian `load` (N, 3, 3) of the value with respect to them.
+    """
+    value = 0.0
+    J = np.zeros((2, 3))
+    for n in range(joints.shape[0]):
+        p, f, W = points[n], force[n], load[n]
+        to_world(placements[joints[n]], local[n], p)
+        f[:] = 0.0
+        W[:] = 0.0
+        u, v, visible = project_with_jacobian(p, intrinsics, distortion, R, t, J)
+        gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0
+        for a in range(first[n], first[n + 1]):
+            if not visible:
+                value += 0.5 * weight[a] * rho(kind[a], BEHIND, nu[a])[0]
+                continue
+            ex, ey = target[a, 0] - u, target[a, 1] - v
+            px = precision[a, 0] * ex + precision[a, 1] * ey
+            py = precision[a, 1] * ex + precision[a, 2] * ey
+            cost, slope, bending = rho(kind[a], ex * px + ey * py, nu[a])
+            value += 0.5 * weight[a] * cost
+            pull = weight[a] * slope
+            curve = 2.0 * weight[a] * bending if exact else 0.0
+            gx -= pull * px
+            gy -= pull * py
+            hxx += pull * precision[a, 0] + curve * px * px
+            hxy += pull * precision[a, 1] + curve * px * py
+            hyy += pull * precision[a, 2] + curve * py * py
+        if hxx == 0.0 and hxy == 0.0 and hyy == 0.0:
+            continue
+        for i in range(3):
+            f[i] = gx * J[0, i] + gy * J[1, i]
+            left, right = hxx * J[0, i] + hxy * J[1, i], hxy * J[0, i] + hyy * J[1, i]
+            for k in range(3):
+                W[i, k] = left * J[0, k] + right * J[1, k]
+    return value
+
+
+@jit
+def assigned_values(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, first, target, precision, weight, kind, nu, values
+):
+    """Fill values (S,) with those of `assigned_loads` for placements (S, njoints, 12)."""
+    p = np.empty(3)
+    for s in range(placements.shape[0]):
+        value = 0.0
+        for n in range(joints.shape[0]):
+            to_world(placements[s, joints[n]], local[n], p)
+            u, v, visible = project_point(p, intrinsics, distortion, R, t)
+            for a in range(first[n], first[n + 1]):
+                square = BEHIND
+                if visible:
+                    ex, ey = target[a, 0] - u, target[a, 1] - v
+                    px = precision[a, 0] * ex + precision[a, 1] * ey
+                    py = precision[a, 1] * ex + precision[a, 2] * ey
+                    square = ex * px + ey * py
+                value += 0.5 * weight[a] * rho(kind[a], square, nu[a])[0]
+        values[s] = value
+
+
+@jit
+def in_order(order, target, precision, weight, kind, nu):  # type: ignore[no-untyped-def]
+    """Assignments (A,) rearranged by order (A,): target (A, 2), precision (A, 3), weight, kind, nu (A,)."""
+    return target[order], precision[order], weight[order], kind[order], nu[order]
