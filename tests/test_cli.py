@@ -217,7 +217,9 @@ def test_an_interrupted_run_goes_on_to_the_same_result(
     assert "seed" in capsys.readouterr().err
 
 
-def test_a_run_is_not_replaced_unasked(folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_not_replaced_without_overwrite(
+    folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ["track", "--keypoints", str(folder / "left.json"), "--out", str(tracked)]
     before = tracked.read_bytes()
     assert front.main(arguments) == front.BAD_INPUT

@@ -113,11 +113,11 @@ class Clearance:
     def _measure(self, posed: PosedBody, margin: float) -> int:
         """Write the pairs below the margin into the buffers; returns how many."""
         broad_phase.place(posed.placements, self._joint, self._local, self._core, self._world, self._segment)
-        found = broad_phase.candidates(
-            self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._found
+        candidates = broad_phase.candidates(
+            self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._candidates
         )
         count, result = 0, self._result
-        for k in self._found[:found].tolist():
+        for k in self._candidates[:candidates].tolist():
             i, j, query, request = self._queries[k] or self._made_query(k)
             for s in (i, j):
                 self._transforms[s].setRotation(self._rotations[s])
@@ -167,7 +167,7 @@ class Clearance:
         self._pair_dof = last_dof[self._solid_pairs]
         self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
         self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
-        self._found, self._near = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        self._candidates, self._near = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         self._distance = np.zeros(count)
         self._point_a, self._point_b, self._normal = np.zeros((3, count, 3))
         empty = np.zeros((0, 3))
