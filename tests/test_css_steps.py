@@ -12,8 +12,8 @@ from estimator.imaging.observation import Observation
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.optimise.covariance import MAX_STD
+from estimator.search.frame_proposals import Proposals
 from estimator.search.frame_search import FrameCase
-from estimator.search.hypotheses import Proposals
 from estimator.search.proposals import LimbProposal
 from estimator.trackers.base import TrackState
 from estimator.trackers.css import PAPER, CovarianceScaledSampling
@@ -58,7 +58,7 @@ def test_step_1_the_proposal_is_the_rescaled_covariance() -> None:
 def test_steps_2_1_and_2_2_components_are_drawn_by_their_weights_and_sampled_wide() -> None:
     tracker, mixture, count = step(4)[0], prior(), 4000
     search = tracker.search
-    case = FrameCase(search.readings(seen()), 0.04)
+    case = FrameCase(search.associations(seen()), 0.04)
     settings = tracker.settings.proposals
     proposals = Proposals(search, LimbProposal(BODY), settings, np.random.default_rng(5), mixture, case, seen())
     samples = proposals.samples(count)

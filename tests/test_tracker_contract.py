@@ -14,7 +14,7 @@ from estimator.imaging.observation import Observation
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import TrackState, startable
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.registry import GROUPS, TRACKERS, UNCONSTRAINED, make_tracker, settings_for
+from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from kinemode.testing import ContractError, check_tracker
 
 FEW: dict[str, dict[str, object]] = {
@@ -70,12 +70,13 @@ CLIPS = {"arm8": arm_clip, "human34": person_clip}
 @pytest.mark.parametrize("subject", CLIPS)
 @pytest.mark.parametrize("name", TRACKERS)
 def test_trackers_keep_the_contract(name: str, subject: str) -> None:
-    settings = settings_for(name, changes={GROUPS[name]: FEW[GROUPS[name]]})
+    spec = TRACKERS[name]
+    settings = settings_for(name, changes={spec.group: FEW[spec.group]})
     check_tracker(
         lambda: contracted(make_tracker(name, body_of(subject), settings)),
         CLIPS[subject](),
         seed=1,
-        keeps_limits=name not in UNCONSTRAINED,
+        keeps_limits=spec.keeps_limits(settings.own),
     )
 
 
