@@ -74,14 +74,7 @@ def main(
     data
         Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     """
-    if (write is None) == (compare is None):
-        raise InputError(
-            "--write, --compare", "exactly one is needed", remedy="--write FILE first, --compare FILE then"
-        )
-    if compare is not None and (whole or frames is not None):
-        raise InputError("--compare", "has the frames of its file", remedy="leave out --frames and --whole")
-    if frames is not None and (whole or frames < 2):
-        raise InputError("--frames", f"is {frames}", remedy="2 or more, without --whole")
+    _check(write, compare, frames, whole)
     before = None if compare is None else load(compare)
     chosen = chosen_cases(cases, before, data)
     counts = {c: before[c]["frames"] if before is not None else count(c, frames, whole) for c in chosen}
@@ -100,6 +93,17 @@ def main(
         report.console().print(sentence)
     if unequal:
         sys.exit(1)
+
+
+def _check(write: Path | None, compare: Path | None, frames: int | None, whole: bool) -> None:
+    if (write is None) == (compare is None):
+        raise InputError(
+            "--write, --compare", "exactly one is needed", remedy="--write FILE first, --compare FILE then"
+        )
+    if compare is not None and (whole or frames is not None):
+        raise InputError("--compare", "has the frames of its file", remedy="leave out --frames and --whole")
+    if frames is not None and (whole or frames < 2):
+        raise InputError("--frames", f"is {frames}", remedy="2 or more, without --whole")
 
 
 def load(path: Path) -> dict[str, Record]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
@@ -82,26 +82,41 @@ def main(
     """
     if data_folder(data) is None:
         print("only authored motions: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
-    make = partial(
-        Task, seconds=seconds, every=every, tracker=tracker, known_body=known_body, known_noise=known_noise,
-        changes=nested(changes),
-    )  # fmt: skip
-    calibration = Calibration()
-    if fit:
-        calibration = fitted_calibration(_clips(data, TRAINING, make, 1000 + 100 * seed, jobs), jobs, tell)
-        print(f"fitted: {calibration}")
+    known = partial(Task, known_body=known_body, known_noise=known_noise)
+    make = partial(known, seconds=seconds, every=every, tracker=tracker, changes=nested(changes))
+    calibration = _fitted(data, make, seed, jobs) if fit else Calibration()
     held_out = _clips(data, HELD_OUT, make, 2000 + 100 * seed, jobs)
+    levels = {name: measured(held_out, c, jobs) for name, c in _variants(calibration, ablate).items()}
+    show(levels, held_out)
+    if plot is not None:
+        pooled = {name: together(levels[name]) for name in ("as tracked", "calibrated")}
+        write_reliability(plot, pooled, of_conditions(levels["calibrated"], held_out))
+    save(json, _figures_of_all(calibration, levels))
+
+
+def _fitted(data: Path | None, make: partial[Task], seed: int, jobs: int) -> Calibration:
+    """The calibration that the training motions ask for."""
+    calibration = fitted_calibration(_clips(data, TRAINING, make, 1000 + 100 * seed, jobs), jobs, tell)
+    print(f"fitted: {calibration}")
+    return calibration
+
+
+def _figures_of_all(calibration: Calibration, levels: Mapping[str, Sequence[Levels]]) -> dict[str, Any]:
+    """What is saved, besides what it was measured on."""
+    return {
+        "measure": "calibration",
+        "calibration": asdict(calibration),
+        "targets": {"coverage of 90 %": TARGET_COVERAGE, "expected calibration error": TARGET_ERROR},
+        "found": {name: figures(together(of_clips)) for name, of_clips in levels.items()},
+    }
+
+
+def _variants(calibration: Calibration, ablate: bool) -> dict[str, Calibration]:
+    """The calibrations that are measured, by name."""
     variants = {"as tracked": PLAIN, "calibrated": calibration}
     if ablate:
         variants |= {f"without {name}": replace(calibration, **{name: vars(PLAIN)[name]}) for name in vars(PLAIN)}
-    found = {name: measured(held_out, one, jobs) for name, one in variants.items()}
-    show(found, held_out)
-    if plot is not None:
-        pooled = {name: together(found[name]) for name in ("as tracked", "calibrated")}
-        write_reliability(plot, pooled, of_conditions(found["calibrated"], held_out))
-    save(json, {"measure": "calibration", "calibration": asdict(calibration), "targets": {
-        "coverage of 90 %": TARGET_COVERAGE, "expected calibration error": TARGET_ERROR}, "found": {
-        name: figures(together(levels)) for name, levels in found.items()}})  # fmt: skip
+    return variants
 
 
 def _clips(data: Path | None, names: Sequence[str], make: partial[Task], seed: int, jobs: int) -> list[Tracked]:
@@ -118,31 +133,31 @@ def measured(cases: Sequence[Tracked], calibration: Calibration, jobs: int) -> l
 def of_conditions(levels: Sequence[Levels], cases: Sequence[Tracked]) -> dict[str, Levels]:
     """The clips' levels by condition."""
     names = dict.fromkeys(case.condition.name for case in cases)
-    return {n: together(one for one, c in zip(levels, cases, strict=True) if c.condition.name == n) for n in names}
+    return {n: together(own for own, c in zip(levels, cases, strict=True) if c.condition.name == n) for n in names}
 
 
 def figures(levels: Levels) -> dict[str, dict[str, float]]:
     """Coverage of the 50 and 90 % regions and expected calibration error of every kind of region."""
-    found = {}
+    by_kind = {}
     for kind in KINDS:
-        one = getattr(levels, kind)
-        half, most = coverage(one, np.array([0.5, 0.9]))
-        found[kind] = {"50 %": float(half), "90 %": float(most), "error": calibration_error(one)}
-    return found
+        reached = getattr(levels, kind)
+        half, most = coverage(reached, np.array([0.5, 0.9]))
+        by_kind[kind] = {"50 %": float(half), "90 %": float(most), "error": calibration_error(reached)}
+    return by_kind
 
 
-def show(found: Mapping[str, Sequence[Levels]], cases: Sequence[Tracked]) -> None:
+def show(levels: Mapping[str, Sequence[Levels]], cases: Sequence[Tracked]) -> None:
     """The tables and verdicts."""
     out = report.console()
     columns = [f"{kind}: {what}" for kind in KINDS for what in ("50 %", "90 %", "error")]
     overall = report.table("held-out motions: coverage, expected calibration error", "", *columns)
-    for name, levels in found.items():
-        _add(overall, name, together(levels))
+    for name, of_clips in levels.items():
+        _add(overall, name, together(of_clips))
     overall.add_section()
-    for name, one in of_conditions(found["calibrated"], cases).items():
-        _add(overall, name, one)
+    for name, of_condition in of_conditions(levels["calibrated"], cases).items():
+        _add(overall, name, of_condition)
     out.print(overall)
-    calibrated = together(found["calibrated"])
+    calibrated = together(levels["calibrated"])
     joints = report.table("calibrated, by degree of freedom", "", "50 %", "90 %", "error")
     for name, column in zip(cases[0].tracked_body().v_names, calibrated.dof.T, strict=True):
         shares = coverage(column, np.array([0.5, 0.9]))

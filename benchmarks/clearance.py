@@ -41,9 +41,9 @@ def coal_alone(clearance: Clearance, posed: PosedBody) -> Callable[[], None]:
     """The queries of one pose, transforms already set."""
     clearance.near(posed)
     solids = (clearance._world, clearance._segment, clearance._radius, clearance._radii)
-    count = broad_phase.candidates(*solids, clearance._solid_pairs, clearance.margin, clearance._found)
+    count = broad_phase.candidates(*solids, clearance._solid_pairs, clearance.margin, clearance._candidates)
     transforms, result = clearance._transforms, clearance._result
-    queries = [clearance._queries[k] for k in clearance._found[:count]]
+    queries = [clearance._queries[k] for k in clearance._candidates[:count]]
 
     def run() -> None:
         for i, j, query, request in queries:
@@ -60,7 +60,7 @@ def broad_alone(clearance: Clearance, posed: PosedBody) -> Callable[[], None]:
         broad_phase.place(
             posed.placements, clearance._joint, clearance._local, clearance._core, clearance._world, clearance._segment
         )
-        broad_phase.candidates(*solids, clearance._solid_pairs, clearance.margin, clearance._found)
+        broad_phase.candidates(*solids, clearance._solid_pairs, clearance.margin, clearance._candidates)
 
     return run
 

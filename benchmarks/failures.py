@@ -3,7 +3,7 @@ having as much processor time a frame as CSS."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
@@ -101,38 +101,46 @@ def main(
     json
         Also write the figures here.
     """
-    rivals = _rivals(trackers)
-    if trial < 3:
-        raise InputError("--trial", f"is {trial}", remedy="3 or more: kernels are loaded in the first two frames")
-    detected = source == "keypoints"
-    chosen = () if detected else cue_choice(cues) or ()
+    rivals = _rivals(trackers, trial)
+    chosen = () if (detected := source == "keypoints") else cue_choice(cues) or ()
     how = {"cues": ",".join(chosen) or "off", "seed": seed, "modes": modes, "settings": nested(changes)}
     plate = background == "plate" and "silhouette" in chosen
     with work_folder(work) as folder:
         tasks = [Task(m, s, seconds, plate, folder / f"{m}_{s}", how, detected) for m in motions for s in seeds]
-        first = in_processes(css_run, tasks, jobs)
-        races = [
-            Race(task, clip, name, css.cpu, trial)
-            for task, (clip, css) in zip(tasks, first, strict=True)
-            for name in rivals
-        ]
-        others = in_processes(race, races, jobs)
-    found = {
+        attempts = _raced(tasks, rivals, trial, jobs)
+    _show_all(tasks, attempts)
+    clips = {label: [asdict(a) for a in of_clip] for label, of_clip in attempts.items()}
+    save(json, {"measure": "failures", "source": source, "background": background, "how": how, "clips": clips})
+
+
+def _raced(tasks: Sequence[Task], rivals: Sequence[str], trial: int, jobs: int) -> dict[str, list[Attempt]]:
+    """By clip css, and then the rivals in the time that it took."""
+    first = in_processes(css_run, tasks, jobs)
+    races = [
+        Race(task, clip, name, css.cpu, trial)
+        for task, (clip, css) in zip(tasks, first, strict=True)
+        for name in rivals
+    ]
+    others = in_processes(race, races, jobs)
+    return {
         task.label: [css, *(a for r, a in zip(races, others, strict=True) if r.task is task)]
         for task, (_, css) in zip(tasks, first, strict=True)
     }
-    for task in tasks:
-        show(task.motion, task.label, found[task.label])
-    report.console().print(LEGEND, soft_wrap=True)
-    save(json, {"measure": "failures", "source": source, "background": background, "how": how,
-                "clips": {label: [asdict(a) for a in attempts] for label, attempts in found.items()}})  # fmt: skip
 
 
-def _rivals(trackers: Sequence[str]) -> list[str]:
+def _rivals(trackers: Sequence[str], trial: int) -> list[str]:
+    if trial < 3:
+        raise InputError("--trial", f"is {trial}", remedy="3 or more: kernels are loaded in the first two frames")
     for name in trackers:
         if name not in TRACKERS:
             raise InputError("--trackers", f"no tracker {name!r}", remedy="some of " + ", ".join(TRACKERS))
     return [name for name in trackers if name != CSS]
+
+
+def _show_all(tasks: Sequence[Task], attempts: Mapping[str, Sequence[Attempt]]) -> None:
+    for task in tasks:
+        show(task.motion, task.label, attempts[task.label])
+    report.console().print(LEGEND, soft_wrap=True)
 
 
 def show(motion: str, title: str, attempts: Sequence[Attempt]) -> None:

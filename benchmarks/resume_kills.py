@@ -147,7 +147,7 @@ def _waited(process: subprocess.Popen[bytes], out: Path, moment: Moment) -> int 
 
 
 def _read_to_the_end(process: subprocess.Popen[bytes]) -> bytes:
-    """What it said last; whoever keeps its pipes open is given a while."""
+    """What it said last; a process that keeps its pipes open is given a while."""
     try:
         return process.communicate(timeout=SOON)[1]
     except subprocess.TimeoutExpired as late:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -12,6 +12,9 @@ from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
+from kinemode.testing import slope
+
+__all__ = ["BROWN", "SUBJECTS", "bent", "body_of", "camera_at", "inside", "observe", "random_pose", "slope"]
 
 SUBJECTS = ("human34", "arm8", "upper13")
 BROWN = (-0.11, 0.05, 0.002, -0.003, 0.01)
@@ -80,16 +83,6 @@ def observe(
     if rng is not None:
         pixels = pixels + noise * rng.normal(size=pixels.shape)
     return Observation(index, time, tuple(cameras), pixels, np.ones(pixels.shape[:2]))
-
-
-def slope(f: Callable[[np.ndarray], np.ndarray], body: Body, q: np.ndarray, v: np.ndarray, step: float) -> np.ndarray:
-    """Derivative of f at q along v: the central difference through the manifold, one order of step error removed."""
-
-    def central(h: float) -> np.ndarray:
-        ahead, behind = (np.asarray(f(pin.integrate(body.model, q, s * h * v))) for s in (1.0, -1.0))
-        return (ahead - behind) / (2.0 * h)
-
-    return (4.0 * central(step) - central(2.0 * step)) / 3.0
 
 
 def inside(body: Body, q: np.ndarray) -> bool:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+
+# as `kinemode.track` does: on matrices of this size threads of the linear algebra cost several times what they bring
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
+
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path

@@ -131,7 +131,7 @@ def test_strangers_are_refused(serve: Serve) -> None:
         assert served.post(good, Host=host)[0] == 403, host
     assert served.post(good, Origin="http://elsewhere.example")[0] == 403
     assert served.post(good, Origin="null")[0] == 403
-    assert served.post(good, Content_Type="text/plain")[0] == 415  # what a page may send anywhere unasked
+    assert served.post(good, Content_Type="text/plain")[0] == 415  # what a page may send to any server
     assert served.ask("POST", "/save", b"{}", Content_Type="application/json")[0] == 403
     assert not served.out.exists()
     assert served.post(good, Host=f"localhost:{port}", Origin=f"http://localhost:{port}")[0] == 200

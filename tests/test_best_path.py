@@ -1,4 +1,4 @@
-"""The best trajectory through kept modes, the motion prior, and smoothing behind a live track."""
+"""The best trajectory through kept modes, and the motion prior."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from estimator.imaging.observation import Observation
 from estimator.modes.best_path import best_path
 from estimator.modes.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
-from estimator.smoothing import FixedLag, SmoothSettings, smooth_track
+from estimator.smoothing import smooth_track
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.registry import make_tracker
@@ -82,49 +82,6 @@ def track() -> tuple[ModeSearch, list[Observation], list[FrameResult], np.ndarra
 def error(body: Body, q: np.ndarray, truth: np.ndarray) -> float:
     points = [np.array([body.landmarks(body.at(x)) for x in poses]) for poses in (q, truth)]
     return float(np.linalg.norm(points[0] - points[1], axis=2).mean())
-
-
-def test_a_lag_gives_every_frame_once_and_lies_between_filter_and_smoother(
-    track: tuple[ModeSearch, list[Observation], list[FrameResult], np.ndarray],
-) -> None:
-    search, seen, results, truth = track
-    body, lag = search.body, FixedLag(search, SmoothSettings(lag=5))
-    given: list[tuple[int, np.ndarray]] = []
-    for k, (observation, result) in enumerate(zip(seen, results, strict=True)):
-        now = lag.push(observation, result)
-        assert [i for i, _ in now] == ([k - 5] if k >= 5 else [])
-        given += now
-    given += lag.flush()
-    assert [i for i, _ in given] == list(range(len(seen)))
-    q = np.array([pose for _, pose in given])
-    assert np.all(q >= body.lower)
-    assert np.all(q <= body.upper)
-    filtered = error(body, np.array([r.q[0] for r in results]), truth)
-    assert error(body, q, truth) < filtered
-    jerk = [np.abs(np.diff(poses[:, 7:], 3, axis=0)).mean() for poses in (q, np.array([r.q[0] for r in results]))]
-    assert jerk[0] < 0.6 * jerk[1]
-
-
-def test_what_has_been_given_out_does_not_depend_on_what_comes(
-    track: tuple[ModeSearch, list[Observation], list[FrameResult], np.ndarray],
-) -> None:
-    search, seen, results, _ = track
-    whole, part = FixedLag(search, SmoothSettings(lag=3)), FixedLag(search, SmoothSettings(lag=3))
-    all_given = [g for o, r in zip(seen, results, strict=True) for g in whole.push(o, r)]
-    given = [g for o, r in zip(seen[:9], results[:9], strict=True) for g in part.push(o, r)]
-    assert len(given) == 6
-    assert all(i == j and np.array_equal(p, q) for (i, p), (j, q) in zip(given, all_given, strict=False))
-
-
-def test_frames_without_hypotheses_are_left_out(
-    track: tuple[ModeSearch, list[Observation], list[FrameResult], np.ndarray],
-) -> None:
-    search, seen, results, _ = track
-    r = results[0]
-    none = replace(r, q=r.q[:0], weight=r.weight[:0], energy=r.energy[:0], parent=r.parent[:0], association=())
-    lag = FixedLag(search, SmoothSettings(lag=1))
-    assert lag.push(seen[0], none) == []
-    assert lag.flush() == []
 
 
 def test_smoothing_leaves_a_path_that_the_filter_got_wrong(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from builders import body_of, camera_at, observe, random_pose
+from scipy.stats import multivariate_normal
 
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
@@ -120,13 +121,18 @@ def test_the_volume_of_a_gaussian_is_known(at_limit: int | None) -> None:
 
 
 def test_surroundings_are_a_density() -> None:
-    """The mean of 1 / density over its own samples is the volume of the region they are counted in."""
+    """Their own samples follow it, and its integral is one: the mean over them of another density that is known, over
+    theirs, is that one's integral."""
     body, _, at = bowl(5)
     about = Surroundings(body, at)
     rng = np.random.default_rng(1)
-    drawn = [about.sample(rng) for _ in range(400)]
-    assert all(q is not None for q in drawn)
-    within = np.array([about.log_density(q) for q in drawn if q is not None])
+    samples = [about.sample(rng) for _ in range(4000)]
+    drawn = [q for q in samples if q is not None]
+    assert len(drawn) > 0.99 * len(samples)  # a few are beyond the limits
+    within = np.array([about.log_density(q) for q in drawn])
+    steps = np.array([body.difference(at.posed.q, q) for q in drawn])
+    narrow = multivariate_normal(np.zeros(body.nv), 0.8 * np.linalg.inv(at.hessian))
+    assert np.exp(narrow.logpdf(steps) - within).sum() / len(samples) == pytest.approx(1.0, abs=0.05)
     beyond = about.log_density(body.integrate(at.posed.q, np.full(body.nv, 0.5)))
     assert beyond < within.min()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,14 +17,14 @@ import kinemode
 from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
-from kinemode import api
+from kinemode import api, cli
 from kinemode.inputs.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
 
 COMMANDS = (
-    "demo", "track", "annotate", "render", "view", "overlay", "explain", "export", "evaluate", "settings", "subjects",
-    "fit", "version",
+    "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "view", "overlay",
+    "explain", "export", "evaluate", "version",
 )  # fmt: skip
 FRAMES = 6
 
@@ -87,7 +88,11 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
     assert done.stderr.strip() == ""
-    assert all(command in done.stdout for command in COMMANDS)
+    assert re.findall(r"^│ ([a-z]\w*) ", done.stdout, re.MULTILINE) == sorted(COMMANDS)
+
+
+def test_all_commands_are_tested() -> None:
+    assert {name for name in cli.app if not name.startswith("-")} == set(COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -217,7 +222,9 @@ def test_an_interrupted_run_goes_on_to_the_same_result(
     assert "seed" in capsys.readouterr().err
 
 
-def test_a_run_is_not_replaced_unasked(folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_not_replaced_without_overwrite(
+    folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ["track", "--keypoints", str(folder / "left.json"), "--out", str(tracked)]
     before = tracked.read_bytes()
     assert front.main(arguments) == front.BAD_INPUT

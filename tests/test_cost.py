@@ -1,183 +1,24 @@
-"""Laws of the energy: one contract for every term, and what each of them is known to be."""
+"""Laws of the energy: what each of its terms is known to be. The contract of all: test_term_contract."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from builders import BROWN, body_of, camera_at, observe, random_pose, slope
+from builders import body_of, camera_at, observe, random_pose, slope
+from term_family import CAMERAS, evaluated, observed, reprojection
 
 from estimator.cost.model import CostModel, CostSettings, image_extent
-from estimator.imaging.observation import Observation
 from estimator.numerics.robust import POTENTIALS
 from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.point_targets import PointTargets
-from estimator.terms.pose_mixture import load_mixture
-from estimator.terms.pose_prior import PosePrior
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost, Term
+from estimator.terms.term import Term
 from estimator.terms.upright import Upright, world_up
 from humanoid.collision.clearance import Clearance
 from humanoid.kinematics.body import Body
-
-CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
-Made = tuple[Body, Term, np.ndarray]
-
-
-def evaluated(term: Term, body: Body, q: np.ndarray, exact: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
-    gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
-    return term.accumulate(body.at(q), gradient, hessian, exact), gradient, hessian
-
-
-def observed(body: Body, rng: np.random.Generator, noise: float = 8.0) -> Observation:
-    """Noisy keypoints of a random pose, some of them missing."""
-    seen = observe(body, random_pose(body, rng, share=0.6, turn=0.4), CAMERAS, noise=noise, rng=rng)
-    seen.pixels[0, 3] = np.nan
-    seen.confidence[0, 3] = 0.0
-    seen.confidence[1] = rng.uniform(0.2, 1.0, size=len(body.landmark_names))
-    return seen
-
-
-def reprojection(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
-    def make(rng: np.random.Generator) -> Made:
-        body = body_of(name)
-        seen = observed(body, rng)
-        sigma = rng.uniform(5.0, 15.0, size=seen.confidence.shape)
-        return body, Reprojection(body, seen, sigma, potential, 6.0), random_pose(body, rng, share=0.6, turn=0.4)
-
-    return make
-
-
-def stabilisers(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
-    def make(rng: np.random.Generator) -> Made:
-        body = body_of(name)
-        return body, Stabilisers(body, 1.7, potential), random_pose(body, rng)
-
-    return make
-
-
-def transition(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
-    def make(rng: np.random.Generator) -> Made:
-        body = body_of(name)
-        std = rng.uniform(0.1, 1.0, size=body.nv)
-        return (
-            body,
-            Transition(body, random_pose(body, rng, turn=1.0), std, potential),
-            random_pose(body, rng, turn=1.0),
-        )
-
-    return make
-
-
-def interpenetration(rng: np.random.Generator) -> Made:
-    body = body_of("human34")
-    term = Interpenetration(Clearance(body), scale=0.01)
-    while True:
-        q = random_pose(body, rng)
-        if evaluated(term, body, q)[0] > 0.5:
-            return body, term, q
-
-
-def upright(potential: str) -> Callable[[np.random.Generator], Made]:
-    def make(rng: np.random.Generator) -> Made:
-        body = body_of("human34")
-        return body, Upright(body, world_up(CAMERAS), 1.3, potential), random_pose(body, rng)
-
-    return make
-
-
-def point_targets(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
-    """Three landmarks, one of which is known in two directions only and another counts half."""
-
-    def make(rng: np.random.Generator) -> Made:
-        body = body_of(name)
-        chosen = [0, 2, len(body.landmark_names) - 1]
-        factors = rng.normal(size=(3, 3, 3)) * 5.0
-        factors[1, :, 2] = 0.0
-        target = body.landmarks(body.at(random_pose(body, rng)))[chosen]
-        term = PointTargets(
-            body, body.landmark_joint[chosen], body.landmark_local[chosen], target,
-            factors @ factors.transpose(0, 2, 1), weight=np.array([1.0, 1.0, 0.5]), potential=potential, nu=3.0,
-        )  # fmt: skip
-        return body, term, random_pose(body, rng)
-
-    return make
-
-
-FAMILY = {
-    **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},
-    "point-targets-arm8": point_targets("arm8", "lorentzian"),
-    "pose-prior": lambda rng: (
-        body_of("human34"),
-        PosePrior(body_of("human34"), load_mixture(), 0.7),
-        random_pose(body_of("human34"), rng, share=0.3),
-    ),
-    **{f"upright-{p}": upright(p) for p in POTENTIALS},
-    **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
-    **{f"reprojection-{n}": reprojection(n, "lorentzian") for n in ("arm8", "upper13")},
-    **{f"stabilisers-{p}": stabilisers("human34", p) for p in POTENTIALS},
-    **{f"transition-{p}": transition("human34", p) for p in POTENTIALS},
-    "transition-arm8": transition("arm8", "leclerc"),
-    "interpenetration": interpenetration,
-}
-
-
-@pytest.fixture(params=FAMILY)
-def made(request: pytest.FixtureRequest) -> Made:
-    return FAMILY[request.param](np.random.default_rng(11))
-
-
-def test_gradient_is_the_derivative_of_the_value(made: Made) -> None:
-    body, term, q = made
-    gradient = evaluated(term, body, q)[1]
-    rng = np.random.default_rng(12)
-    # one entry at a time, and all at once: a wrong entry cannot hide behind large others
-    for v in [*np.eye(body.nv), rng.normal(size=body.nv)]:
-        expected = slope(lambda x: np.array(evaluated(term, body, x)[0]), body, q, v, 1e-5)
-        assert abs(gradient @ v - expected) < 1e-5 * max(
-            abs(expected), 1e-2 * np.linalg.norm(gradient) * np.linalg.norm(v)
-        )
-
-
-def test_hessian_is_symmetric_and_semi_definite_unless_exact(made: Made) -> None:
-    body, term, q = made
-    for exact in (False, True):
-        hessian = evaluated(term, body, q, exact)[2]
-        largest = np.abs(hessian).max()
-        assert largest > 0.0
-        assert np.abs(hessian - hessian.T).max() < 1e-13 * largest
-        assert exact or np.linalg.eigvalsh(hessian)[0] > -1e-12 * body.nv * largest
-
-
-def test_terms_add_and_repeat(made: Made) -> None:
-    body, term, q = made
-    posed = body.at(q)
-    once = evaluated(term, body, q)
-    gradient, hessian = np.ones(body.nv), np.ones((body.nv, body.nv))
-    values = [term.accumulate(posed, gradient, hessian) for _ in range(2)]
-    assert values == [once[0], once[0]]
-    assert np.allclose(gradient - 1.0, 2.0 * once[1], rtol=1e-12, atol=1e-12 * np.abs(once[1]).max())
-    assert np.allclose(hessian - 1.0, 2.0 * once[2], rtol=1e-12, atol=1e-12 * np.abs(once[2]).max())
-    summed = Cost(body, [term, term]).at(q)
-    assert summed.value == 2.0 * once[0]
-
-
-def test_a_term_has_no_memory(made: Made) -> None:
-    body, term, q = made
-    before = evaluated(term, body, q)
-    evaluated(term, body, random_pose(body, np.random.default_rng(13)), exact=True)
-    assert all(np.array_equal(a, b) for a, b in zip(before, evaluated(term, body, q), strict=True))
-
-
-def test_exactness_changes_the_curvature_alone(made: Made) -> None:
-    body, term, q = made
-    plain, exact = evaluated(term, body, q), evaluated(term, body, q, exact=True)
-    assert plain[0] == exact[0]
-    assert np.array_equal(plain[1], exact[1])
 
 
 @pytest.mark.parametrize("name", POTENTIALS)

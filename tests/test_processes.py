@@ -88,7 +88,7 @@ def test_a_pool_works_for_what_is_no_search() -> None:
 
 
 def test_memory_is_reserved_before_it_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without that a full /dev/shm is a bus error in whoever writes first."""
+    """Without that a full /dev/shm is a bus error in the process that writes first."""
 
     def full(*_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -67,13 +67,15 @@ def test_the_box_solver_equals_enumeration() -> None:
 
 
 def test_the_box_solver_takes_a_right_guess_in_one_round() -> None:
-    rng = np.random.default_rng(32)
+    rng, taken = np.random.default_rng(32), 0
     for _ in range(20):
         M, g, (lower, upper) = convex(rng, 8), rng.normal(size=8), random_box(rng, 8)
         active, step, again = np.zeros(8, dtype=np.int8), np.empty(8), np.empty(8)
         if solve_box(M, g, lower, upper, active, 30, step) > 0:
             assert solve_box(M, g, lower, upper, active.copy(), 1, again) == 1
             assert np.array_equal(step, again)
+            taken += 1
+    assert taken > 15
 
 
 def test_the_box_solver_says_when_a_model_is_not_convex() -> None:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builders import observe, random_pose
-from test_cost import CAMERAS, FAMILY, Made, evaluated
+from term_family import CAMERAS, FAMILY, Made, evaluated
 from test_image_terms import frame, terms
 
 from estimator.terms.interpenetration import Interpenetration

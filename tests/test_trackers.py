@@ -427,7 +427,7 @@ def test_wrong_trackers_are_named_with_the_valid_ones() -> None:
     ],
 )
 def test_values_that_cannot_work_are_input_errors(changes: dict[str, object]) -> None:
-    """Whoever finds it out, settings or tracker, the user hears one readable line."""
+    """Whether settings or tracker find it, the user is told in one readable line."""
     with pytest.raises(InputError):
         list(
             run(make_tracker("css", body_of("human34"), settings_for("css", changes=changes)), clip(NOISE[0])[:2], SEED)

@@ -1,4 +1,4 @@
-"""Worker processes: the same bits whoever does the work, and nothing left behind however it ends."""
+"""Worker processes: the same bits with any number of them, and nothing left behind at any end."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def equal_bits(a: list[FrameResult], b: list[FrameResult]) -> bool:
     return all(mine.tobytes() == others.tobytes() for mine, others in pairs)
 
 
-def test_equal_bits_whoever_does_the_work(clip: RenderedClip, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equal_bits_with_any_number_of_workers(clip: RenderedClip, monkeypatch: pytest.MonkeyPatch) -> None:
     """One process, three that take what they get, and a worker that is left all the pieces."""
     importance = {"search": {"weigh": "importance", "weigh_samples": 5}}
     assert equal_bits(tracked(clip, 1, importance), tracked(clip, 3, importance))

@@ -59,12 +59,12 @@ class Scene:
 
     def others(self, t: int) -> list[tuple[int, np.ndarray, float]]:
         """(index, q, weight) of the hypotheses at instant t other than the best one, lightest first."""
-        found = [
+        modes = [
             (k, self.mode_q[t, k], float(self.mode_weight[t, k]))
             for k in range(self.mode_q.shape[1])
             if k != self.path[t] and np.isfinite(self.mode_q[t, k]).all() and self.mode_weight[t, k] > 0.0
         ]
-        return sorted(found, key=lambda mode: mode[2])
+        return sorted(modes, key=lambda mode: mode[2])
 
     def frame_of(self, camera: int, t: int) -> int:
         """Number of a camera's clip frame at instant t."""

@@ -188,9 +188,9 @@ class _Lines:
         return self._floats(words[len(key) :], count)
 
     def table(self, rows: int, columns: int) -> np.ndarray:
-        found = len(self._lines) - self._at
-        if found != rows:
-            raise InputError(self._source, f"{rows} frames are announced, found {found}", place="MOTION")
+        left = len(self._lines) - self._at
+        if left != rows:
+            raise InputError(self._source, f"{rows} frames are announced, found {left}", place="MOTION")
         return np.array([self._floats(self.next(), columns) for _ in range(rows)])
 
     def _floats(self, words: list[str], count: int) -> list[float]:

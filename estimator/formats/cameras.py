@@ -115,9 +115,9 @@ def _intrinsics(value: Any, source: str | Path, place: str) -> np.ndarray:
 def _distortion(value: Any, source: str | Path, place: str) -> np.ndarray:
     coefficients = numbers(value, source, place)
     if coefficients.ndim != 1 or coefficients.size not in (4, 5):
-        found = "x".join(map(str, coefficients.shape))
+        shape = "x".join(map(str, coefficients.shape))
         remedy = "k1, k2, p1, p2 and k3: calibrate with the 5-coefficient model (cv2.calibrateCamera's default)"
-        raise InputError(source, f"4 or 5 coefficients are needed, found {found}", place=place, remedy=remedy)
+        raise InputError(source, f"4 or 5 coefficients are needed, found {shape}", place=place, remedy=remedy)
     if (np.abs(coefficients) > _COEFFICIENT).any():
         raise InputError(source, "has a coefficient beyond all measure", place=place, remedy=f"up to {_COEFFICIENT:g}")
     return np.concatenate([coefficients, np.zeros(5 - coefficients.size)])

@@ -81,25 +81,25 @@ def numbers(value: Any, source: str | Path, place: str, *, finite: bool = True) 
 
 def number_between(value: Any, low: float, high: float, source: str | Path, place: str) -> float:
     """One number of a given range, ends included."""
-    found = shaped(value, (), source, place)
-    if not low <= found <= high:
-        raise InputError(source, f"{found:g} cannot be", place=place, remedy=f"{low:g} to {high:g}")
-    return float(found)
+    number = shaped(value, (), source, place)
+    if not low <= number <= high:
+        raise InputError(source, f"{number:g} cannot be", place=place, remedy=f"{low:g} to {high:g}")
+    return float(number)
 
 
 def shaped(value: Any, shape: tuple[int, ...], source: str | Path, place: str) -> np.ndarray:
     """Finite numbers of a given shape."""
     array = numbers(value, source, place)
     if array.shape != shape:
-        need, found = (" x ".join(map(str, s)) or "one" for s in (shape, array.shape))
-        raise InputError(source, f"{need} numbers are needed, found {found}", place=place)
+        need, got = (" x ".join(map(str, s)) or "one" for s in (shape, array.shape))
+        raise InputError(source, f"{need} numbers are needed, found {got}", place=place)
     return array
 
 
 def _culprit(value: Any) -> tuple[Any] | None:
     """The first value in nested lists that is no number, if there is one."""
     if isinstance(value, list):
-        return next((found for v in value if (found := _culprit(v)) is not None), None)
+        return next((culprit for v in value if (culprit := _culprit(v)) is not None), None)
     return None if isinstance(value, (int, float)) and not isinstance(value, bool) else (value,)
 
 

@@ -168,15 +168,15 @@ def _mmpose(frames: list[Any], reading: Reading, where: str) -> None:
     first = 1 if where and ids and min(ids) == 1 else 0  # the top-down demo counts its frames from 1
     for number, entry in zip(ids, entries, strict=True):
         people = sequence(member(entry, "instances", path, f"frame {number}"), path, f"frame {number}")
-        for k, one in enumerate(people):
+        for k, person in enumerate(people):
             place = f"frame {number}, person {k}"
-            one = mapping(one, path, place)
-            xy = numbers(member(one, "keypoints", path, place), path, place, finite=False)
-            scores = numbers(member(one, "keypoint_scores", path, place), path, place, finite=False)
+            person = mapping(person, path, place)
+            xy = numbers(member(person, "keypoints", path, place), path, place, finite=False)
+            scores = numbers(member(person, "keypoint_scores", path, place), path, place, finite=False)
             if xy.ndim != 2 or xy.shape[1] != 2 or scores.shape != xy.shape[:1]:
                 raise InputError(path, "needs [x, y] and a score for each keypoint", place=place)
             flat = np.column_stack([xy, scores]).ravel().tolist()
-            reading.add(number - first, [reading.person(flat, one.get("track_id"), path, place)])
+            reading.add(number - first, [reading.person(flat, person.get("track_id"), path, place)])
         reading.add(number - first, [])
 
 
@@ -190,13 +190,13 @@ def _people(frame: Any, reading: Reading, source: Path, place: str) -> list[Pers
     frame = mapping(frame, source, place)
     key, points = ("bodies", "joints") if "bodies" in frame else ("people", "pose_keypoints_2d")
     people = sequence(member(frame, key, source, place), source, f"{place} {key}".strip())
-    found: list[Person | None] = []
+    readings: list[Person | None] = []
     for k, person in enumerate(people):
         where = f"{place}, person {k}".removeprefix(", ")
         person = mapping(person, source, where)
         flat = member(person, points, source, where)
-        found.append(reading.person(flat, person.get("person_id"), source, where))
-    return found
+        readings.append(reading.person(flat, person.get("person_id"), source, where))
+    return readings
 
 
 def _folder(path: Path, layout: str) -> Reading:
@@ -220,16 +220,16 @@ def _folder(path: Path, layout: str) -> Reading:
 def _numbering(names: Sequence[str], source: Path) -> dict[str, int]:
     """Frame number of each file or image name: the number it ends with; without any, the order of the names."""
     unique = list(dict.fromkeys(names))
-    found: dict[str, str] = {}
+    digits_of: dict[str, str] = {}
     for name in unique:
         match = _FRAME_NUMBER.search(re.sub(r"\.[A-Za-z]{1,4}[0-9]?$", "", name))
         if match:
-            found[name] = match.group(1).lstrip("0") or "0"
-    if not found:
+            digits_of[name] = match.group(1).lstrip("0") or "0"
+    if not digits_of:
         return {name: i for i, name in enumerate(sorted(unique))}
     for name in unique:
-        if name not in found:
+        if name not in digits_of:
             raise InputError(source, "has no frame number at its end", place=name)
-        if len(found[name]) > len(str(_MOST_FRAMES)) or int(found[name]) > _MOST_FRAMES:
-            raise InputError(source, f"{found[name]} is no likely frame number", place=name)
-    return {name: int(digits) for name, digits in found.items()}
+        if len(digits_of[name]) > len(str(_MOST_FRAMES)) or int(digits_of[name]) > _MOST_FRAMES:
+            raise InputError(source, f"{digits_of[name]} is no likely frame number", place=name)
+    return {name: int(digits) for name, digits in digits_of.items()}

@@ -65,12 +65,12 @@ def jumps(chosen: Mapping[int, Person]) -> list[int]:
 
 def jump_note(chosen: Mapping[int, Person]) -> str:
     """What to tell of jumps, empty where there are none."""
-    found = jumps(chosen)
-    if not found:
+    frames_of_jumps = jumps(chosen)
+    if not frames_of_jumps:
         return ""
-    listed = ", ".join(map(str, found[:5])) + (", ..." if len(found) > 5 else "")
-    frames = f"frame{'s' * (len(found) != 1)}"
-    return f"the keypoints jump to somebody else, or elsewhere, in {len(found)} {frames} ({listed})"
+    listed = ", ".join(map(str, frames_of_jumps[:5])) + (", ..." if len(frames_of_jumps) > 5 else "")
+    frames = f"frame{'s' * (len(frames_of_jumps) != 1)}"
+    return f"the keypoints jump to somebody else, or elsewhere, in {len(frames_of_jumps)} {frames} ({listed})"
 
 
 def _rejoined(tracks: Sequence[PersonTrack]) -> dict[int, Person]:

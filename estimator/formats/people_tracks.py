@@ -13,7 +13,7 @@ _PATIENCE = 60  # frames after which somebody who left is somebody new
 _FAR = 0.6  # two detections further apart than this many body sizes are two people
 _DRIFT = 0.05  # share by which that grows with each frame in which a person was not seen
 _CLOSE = 0.1  # a rival less than this many body sizes farther away might have been meant
-_LEAP = 0.25  # body sizes: whoever moved farther may be somebody else
+_LEAP = 0.25  # body sizes: a person who moved farther may be another one
 _MOST_POINTS = 40  # compared of each person: layouts with hands and faces begin with the body
 _MOST_PAIRS = 50_000  # compared at once
 
@@ -47,26 +47,26 @@ def link(frames: Mapping[int, Sequence[Person]]) -> list[PersonTrack]:
         if not people:
             continue
         alive = alive.at(alive.last >= index - _PATIENCE)
-        found = _Alive.of(people, index)
-        pairs = _pairs(alive, found, _FAR * (1.0 + _DRIFT * (index - alive.last - 1)))
+        seen = _Alive.of(people, index)
+        pairs = _pairs(alive, seen, _FAR * (1.0 + _DRIFT * (index - alive.last - 1)))
         linked = _closest_first(pairs, len(alive.last), len(people))
         for pair in linked.tolist():
             k, i = int(pairs.first[pair]), int(pairs.second[pair])
-            found.track[i] = alive.track[k]
+            seen.track[i] = alive.track[k]
             tracks[alive.track[k]].people[index] = people[i]
         for pair in linked[_rivalled(pairs, linked) | (pairs.distance[linked] > _LEAP)].tolist():
             tracks[alive.track[pairs.first[pair]]].doubtful.add(index)
-        for i in np.flatnonzero(found.track < 0).tolist():
-            found.track[i] = len(tracks)
+        for i in np.flatnonzero(seen.track < 0).tolist():
+            seen.track[i] = len(tracks)
             tracks.append(PersonTrack({index: people[i]}, set()))
-        alive = alive.at(~np.isin(alive.track, found.track)).and_also(found)
+        alive = alive.at(~np.isin(alive.track, seen.track)).and_also(seen)
     return tracks
 
 
 def distance(a: Person, b: Person) -> float:
     """Mean distance of the points both have, in body sizes; of the middles where they share none."""
-    found = _distances(_Alive.of([a], 0), _Alive.of([b], 0), np.zeros(1, dtype=np.intp), np.zeros(1, dtype=np.intp))
-    return float(found[0])
+    distances = _distances(_Alive.of([a], 0), _Alive.of([b], 0), np.zeros(1, dtype=np.intp), np.zeros(1, dtype=np.intp))
+    return float(distances[0])
 
 
 def apart(a: Person, b: Person, frames: int) -> bool:
@@ -128,16 +128,16 @@ class _Pairs:
     distance: np.ndarray
 
 
-def _pairs(alive: _Alive, found: _Alive, reach: np.ndarray) -> _Pairs:
+def _pairs(alive: _Alive, seen: _Alive, reach: np.ndarray) -> _Pairs:
     """Pairs closer than reach (K,), in body sizes; boxes farther apart than that are not looked into."""
     across, down = (
-        np.maximum(alive.low[:, axis, None] - found.high[:, axis], found.low[:, axis] - alive.high[:, axis, None])
+        np.maximum(alive.low[:, axis, None] - seen.high[:, axis], seen.low[:, axis] - alive.high[:, axis, None])
         for axis in (0, 1)
     )
     gap = np.maximum(across, down)  # of the boxes, along the axis where it is wider
-    first, second = np.nonzero(gap < reach[:, None] * np.maximum(alive.size[:, None], found.size))
+    first, second = np.nonzero(gap < reach[:, None] * np.maximum(alive.size[:, None], seen.size))
     parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(first), _MOST_PAIRS)]
-    values = np.concatenate([np.zeros(0), *(_distances(alive, found, first[p], second[p]) for p in parts)])
+    values = np.concatenate([np.zeros(0), *(_distances(alive, seen, first[p], second[p]) for p in parts)])
     near = values < reach[first]
     return _Pairs(first[near], second[near], values[near])
 

@@ -47,8 +47,8 @@ def load_settings(path: str | Path) -> dict[str, Any]:
 
 def _parted(message: str) -> tuple[str, str]:
     """The parser's problem and where it is."""
-    found = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", message, re.DOTALL)
-    return (found[1], found[2]) if found else (message, "")
+    match = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", message, re.DOTALL)
+    return (match[1], match[2]) if match else (message, "")
 
 
 def settings_text(settings: Any, title: str) -> str:
@@ -83,10 +83,10 @@ def _table(group: Any, table: str, entry: _Entry | None) -> Iterator[str]:
     for name, value in values.items():
         if is_group(value):
             continue
-        found = about.get(name)
-        if found is not None and found not in told:
-            told.add(found)
-            yield from _comment(f"{found.heading}: {found.text}")
+        note = about.get(name)
+        if note is not None and note not in told:
+            told.add(note)
+            yield from _comment(f"{note.heading}: {note.text}")
         said = valid[name].said if name in valid else ""
         yield tomli_w.dumps({name: value}).rstrip() + (f"  # {said}" if said else "")
     for name, value in values.items():

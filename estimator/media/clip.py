@@ -34,7 +34,7 @@ class ClipReport:
     read: frames that could be decoded.
     times (read,): time of each frame [s], the first at 0, strictly increasing.
     fps: mean frame rate of `times`, the declared one for a single frame.
-    notes: what a user should hear of.
+    notes: what a user should know.
     """
 
     declared: int | None

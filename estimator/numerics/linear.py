@@ -11,9 +11,9 @@ from humanoid.support.compiled import jit
 def solve_definite(A, rows, n, floor, L, x):  # type: ignore[no-untyped-def]
     """Solve B y = x by Cholesky, in place of x: B is A at the leading n of `rows` and of the columns of the same names.
 
-    Only the lower triangle of B is read; L, n x n or larger, is filled with its factor, and may be A itself. A pivot (a
-    square of a diagonal entry of the factor) below `floor` becomes `floor`. With a floor of 0 the matrix has to be
-    positive definite: False, with x as it was, where it is not.
+    A (N, N), rows (N,) int, x (n,). Only the lower triangle of B is read; L (N, N), n x n at least, is filled with its
+    factor, and may be A itself. A pivot (a square of a diagonal entry of the factor) below `floor` becomes `floor`.
+    With a floor of 0 the matrix has to be positive definite: False, with x as it was, where it is not.
     """
     for a in range(n):
         i = rows[a]

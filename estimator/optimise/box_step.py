@@ -116,7 +116,8 @@ def solve_sets(M, g, lower, upper, A, b, active, held, step):  # type: ignore[no
 
 @jit
 def _certified(M, g, lower, upper, A, b, active, multipliers, step):  # type: ignore[no-untyped-def]
-    """KKT conditions of min 1/2 x'Mx + g'x, lower <= x <= upper, A x >= b, at x = step, to rounding."""
+    """KKT conditions of min 1/2 x'Mx + g'x, lower <= x <= upper, A x >= b, at x = step, to rounding;
+    multipliers (m,). The arrays: see `solve_sets`."""
     n, m = g.shape[0], b.shape[0]
     scale = 1e-30
     for i in range(n):

@@ -28,8 +28,8 @@ class Evidence:
     """Pairs of detections (R) of two cameras in one frame, those worth a closer look.
 
     first, second (R,): rows of the table. distance (R,): see `RayPairs`. looked (F,): the frames in which all
-    detections were compared, so that whoever was compared there and is not listed does not fit at all. scale: distance
-    at which nothing speaks for or against one person.
+    detections were compared, so that people who were compared there and are not listed do not fit at all. scale:
+    distance at which nothing speaks for or against one person.
     """
 
     first: np.ndarray
@@ -49,14 +49,16 @@ def evidence_of(table: Table, cameras: Sequence[Camera]) -> Evidence:
     """Compare every camera's detections with every other's, in evenly spread frames where there are very many."""
     looked = _looked(table, len(cameras))
     mirror = mirror_index(table.landmarks)
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    near_pairs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for a, b in combinations(range(len(cameras)), 2):
         pairs = RayPairs((cameras[a], cameras[b]), (table.rays[a], table.rays[b]), mirror)
         for i, j in _pairs(table, a, b, looked):
             distance = pairs.distances(i, j, _FAR)
             near = ~np.isinf(distance)
-            found.append((i[near] + table.first[a], j[near] + table.first[b], distance[near]))
-    first, second, distance = (np.concatenate([f[k] for f in found]) if found else np.zeros(0) for k in range(3))
+            near_pairs.append((i[near] + table.first[a], j[near] + table.first[b], distance[near]))
+    first, second, distance = (
+        np.concatenate([f[k] for f in near_pairs]) if near_pairs else np.zeros(0) for k in range(3)
+    )
     first, second = first.astype(np.int64), second.astype(np.int64)
     return Evidence(first, second, distance, looked, _scale(table, first, second, distance))
 

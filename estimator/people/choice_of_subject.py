@@ -22,8 +22,8 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
     cameras see anybody together.
 
     The person of the seed; without a seed the one with the largest sum of size x confidence in the frames where two
-    cameras or more see it. With it goes whoever can be the same person at another time: never seen beside it, of its
-    size, and near enough to be reached.
+    cameras or more see it. With it go all tracks that can be the same person at another time: never seen beside
+    it, of its size, and near enough to be reached.
     """
     pieces = grouped(affinity)
     first, _ = _largest(table, pieces[table.piece])

@@ -1,4 +1,4 @@
-"""What a user should hear of a person chosen in several cameras."""
+"""What a user should know about a person chosen in several cameras."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ def misfits(names: Sequence[str], table: Table, evidence: Evidence, *, several: 
     """Cameras whose person, chosen without the others, fits few of theirs. several: whether there was a choice."""
     limit = _DOUBTFUL if several else FIT
     apart = np.array([[median_distance(table, evidence, a, b) for b in range(len(names))] for a in range(len(names))])
-    found: dict[str, str] = {}
+    by_camera: dict[str, str] = {}
     for c, name in enumerate(names):
         known = np.isfinite(apart[c])
         if known.any() and np.mean(apart[c, known] > limit) > 0.5:
             far = np.flatnonzero(known & (apart[c] > limit)).tolist()
             share, others = min(apart[c, far]), ", ".join(names[k] for k in far)
-            found[name] = (
+            by_camera[name] = (
                 f"not where {others} sees one (rays pass each other by {share:.0%} of the body's size or more):"
                 " somebody else, another time, or a wrong calibration?"
             )
-    some = dict(list(found.items())[: 1 if len(names) == 2 else None])  # of two, each is as far from the other
+    some = dict(list(by_camera.items())[: 1 if len(names) == 2 else None])  # of two, each is as far from the other
     return tuple(f"{name}: its person is {what}" for name, what in some.items())

@@ -64,33 +64,33 @@ class Diagnosis:
     @property
     def sentences(self) -> tuple[str, ...]:
         """One for each kind of trouble: what it is, and what to do."""
-        found = []
+        told = []
         if self.resting:
             joints = [
                 f"{r.joint} ({r.side} limit {r.limit:.3g}" + (")" if self.frame is not None else f", {r.share:.0%})")
                 for r in self.resting
             ]
-            found.append(
+            told.append(
                 f"joints that rest on a limit {self._when}: {_few(joints)}. Limits may contradict the person: check the"
                 " joints' axes and limits in the URDF"
             )
         if self.cameras:
             cameras = [f"{name} ({deviations:.1f} standard deviations)" for name, deviations in self.cameras]
-            found.append(
+            told.append(
                 f"most landmarks lie far from their keypoints {self._when} in {_few(cameras)}: check the camera's"
                 " calibration, the time its keypoints begin, and whom they show"
             )
         if self.far:
-            found.append(
+            told.append(
                 f"landmarks that lie far from their keypoints {self._when}: {_few(_by_landmark(self.far))}. Check their"
                 " links and places in the subject, the names of left and right, and the limits of the joints there"
             )
         if self.exchanged:
-            found.append(
+            told.append(
                 f"left and right of the keypoints are exchanged in {self.exchanged:.0%} of the frames: check which side"
                 " is which in the subject's landmarks and in the keypoints"
             )
-        return tuple(found)
+        return tuple(told)
 
     @property
     def _when(self) -> str:
@@ -122,7 +122,7 @@ def _resting(run: Run, rows: np.ndarray) -> tuple[Resting, ...]:
     """Joints that move a landmark and rest on a limit in most of the rows."""
     body = run.body
     moved = np.linalg.norm(body.landmark_jacobians(body.at(run.q[rows[len(rows) // 2]])), axis=1).max(axis=0) > _STILL
-    found = []
+    resting = []
     for v, i in zip(body.bounded_v, body.bounded_q, strict=True):
         lower, upper = float(body.lower[i]), float(body.upper[i])
         if upper - lower < _NARROW or not moved[v]:
@@ -130,8 +130,8 @@ def _resting(run: Run, rows: np.ndarray) -> tuple[Resting, ...]:
         q = run.q[rows, i]
         for side, limit, on in (("lower", lower, q <= lower + _ON), ("upper", upper, q >= upper - _ON)):
             if on.mean() > MOST:
-                found.append(Resting(body.q_names[i], side, limit, float(on.mean())))
-    return tuple(sorted(found, key=lambda r: -r.share))
+                resting.append(Resting(body.q_names[i], side, limit, float(on.mean())))
+    return tuple(sorted(resting, key=lambda r: -r.share))
 
 
 def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...], tuple[tuple[str, float], ...]]:
@@ -142,7 +142,7 @@ def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(_SAMPLE, len(rows))).round().astype(int))]
     pixels, deviations = _distances(run, cost, rows)
     seen = np.isfinite(pixels).sum(axis=0)
-    found: list[Far] = []
+    far_landmarks: list[Far] = []
     cameras = []
     for c, camera in enumerate(run.header.cameras):
         enough = np.flatnonzero(seen[c] >= fewest)
@@ -151,8 +151,8 @@ def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...
         if len(far) > MOST * len(enough):
             cameras.append((camera.name, float(np.median([sd for _, sd in medians.values()]))))
         else:
-            found += [Far(run.body.landmark_names[k], camera.name, *map(float, medians[k])) for k in far]
-    return tuple(sorted(found, key=lambda f: -f.deviations)), tuple(cameras)
+            far_landmarks += [Far(run.body.landmark_names[k], camera.name, *map(float, medians[k])) for k in far]
+    return tuple(sorted(far_landmarks, key=lambda f: -f.deviations)), tuple(cameras)
 
 
 def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,12 +175,12 @@ def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarr
 
 def _by_landmark(far: Sequence[Far]) -> list[str]:
     """One text a landmark: its largest distance, and the cameras it is far in."""
-    found = []
+    listed = []
     for name in dict.fromkeys(f.landmark for f in far):
         own = [f for f in far if f.landmark == name]
         cameras = ", ".join(f.camera for f in own[:_NAMED]) + (" and others" if len(own) > _NAMED else "")
-        found.append(f"{name} ({own[0].deviations:.1f} standard deviations, {own[0].pixels:.0f} px, in {cameras})")
-    return found
+        listed.append(f"{name} ({own[0].deviations:.1f} standard deviations, {own[0].pixels:.0f} px, in {cameras})")
+    return listed
 
 
 def _few(texts: Sequence[str]) -> str:

@@ -51,8 +51,8 @@ class Reference:
     @staticmethod
     def load(path: str | Path) -> Reference:
         """The reference in a file; see `estimator.formats.reference.load_reference` for kinds and errors."""
-        found = load_reference(path)
-        return Reference(found.names, found.points, found.time, found.coordinates)
+        stored = load_reference(path)
+        return Reference(stored.names, stored.points, stored.time, stored.coordinates)
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def largest_penetration(body: Body, q: np.ndarray) -> float:
     """Deepest overlap of two body parts [m] over the configurations q (T, nq); NaN configurations are skipped."""
     clearance = Clearance(body)
     known = q[np.isfinite(q).all(axis=1)]
-    return max((clearance.penetration(body.at(one)) for one in known), default=0.0)
+    return max((clearance.penetration(body.at(pose)) for pose in known), default=0.0)
 
 
 def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = None) -> Evaluation:

@@ -41,7 +41,7 @@ class Marginals:
         """The value (n,) below which lies the probability p, 0 to 1; linear between the points of a fine grid."""
         edges = self._grid()
         below = self.cdf(edges)
-        return np.array([np.interp(p, one, edge) for one, edge in zip(below, edges, strict=True)])
+        return np.array([np.interp(p, shares, edge) for shares, edge in zip(below, edges, strict=True)])
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,), of the distribution within the limits."""
@@ -66,7 +66,7 @@ class Marginals:
 
     def regions(self, level: float) -> list[list[tuple[float, float]]]:
         """The smallest region that has the probability `level`, for every coordinate: its intervals, rising."""
-        found = []
+        intervals = []
         for edges, mass in zip(*self._cells(), strict=True):
             density = mass / np.maximum(np.diff(edges), 1e-300)
             order = np.argsort(-density, kind="stable")
@@ -75,8 +75,8 @@ class Marginals:
             chosen[1:-1][order[:count]] = 1
             change = np.diff(chosen)
             starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-            found.append([(float(edges[a]), float(edges[b])) for a, b in zip(starts, ends, strict=True)])
-        return found
+            intervals.append([(float(edges[a]), float(edges[b])) for a, b in zip(starts, ends, strict=True)])
+        return intervals
 
     def _below(self, x: np.ndarray) -> np.ndarray:
         """Probability of each component below x (n, ...), not cut off: (n, ..., K)."""
@@ -107,5 +107,5 @@ class Marginals:
 
 def _cells_of(edges: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Index (n,) of the cell of edges (n, G) that each x (n,) is in; never one without width at the ends."""
-    found = [np.searchsorted(e, v, side="left" if v >= e[-1] else "right") - 1 for e, v in zip(edges, x, strict=True)]
-    return np.clip(np.array(found), 0, edges.shape[1] - 2)
+    cells = [np.searchsorted(e, v, side="left" if v >= e[-1] else "right") - 1 for e, v in zip(edges, x, strict=True)]
+    return np.clip(np.array(cells), 0, edges.shape[1] - 2)

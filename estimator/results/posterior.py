@@ -61,11 +61,11 @@ class Posterior:
         weight = np.exp(tempered - logsumexp(tempered))
         some = weight > _FAINT
         q = result.q[some]
-        told = [_with_prior(body, *one, c.prior_weight) for one in zip(q, result.covariance[some], strict=True)]
+        told = [_with_prior(body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)]
         covariance = c.covariance_scale * np.array(told)
-        lean = np.array([_leaning(body, one, cov, c.limit_lean) for one, cov in zip(q, covariance, strict=True)])
+        lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         if seen_from is not None and body.has_free_root:
-            covariance = covariance + np.array([_distance_covariance(body, one, seen_from, c.size_std) for one in q])
+            covariance = covariance + np.array([_distance_covariance(body, mode, seen_from, c.size_std) for mode in q])
         return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
 
     def _spread(self, spread: float) -> Posterior:
@@ -93,10 +93,10 @@ class Posterior:
         means for the others is not followed up.
         """
         body, at = self.body, self.best if reference is None else reference
-        mean = np.array([body.difference(at, one) for one in self.q])
+        mean = np.array([body.difference(at, mode) for mode in self.q])
         std = []
-        for one, covariance in zip(self.q, self.covariance, strict=True):
-            carry = pin.dDifference(body.model, at, one, pin.ARG1)
+        for mode, covariance in zip(self.q, self.covariance, strict=True):
+            carry = pin.dDifference(body.model, at, mode, pin.ARG1)
             std.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", carry, covariance, carry), 0.0)))
         low, high = body.tangent_bounds(at)
         return Marginals(self.weight, mean.T, np.array(std).T, self.lean.T, low, high)
@@ -105,8 +105,8 @@ class Posterior:
         """Weights (K,), means (K, L, 3) [m] and covariances (K, L, 3, 3) of every landmark in the world: a mixture of
         Gaussians, first order in the landmarks' Jacobians."""
         means, covariances = [], []
-        for one, covariance, lean in zip(self.q, self.covariance, self.lean, strict=True):
-            posed = self.body.at(one)
+        for mode, covariance, lean in zip(self.q, self.covariance, self.lean, strict=True):
+            posed = self.body.at(mode)
             J = self.body.landmark_jacobians(posed)
             full = covariance + np.diag(np.square(lean))
             means.append(self.body.landmarks(posed) + J @ lean)
@@ -132,7 +132,7 @@ class Posterior:
         drawn = means[modes] + (factors[modes] @ normal[..., None])[..., 0]
         densities = points_density(np.concatenate([points, drawn]), weight, means, factors)
         own, others = densities[: len(points)], densities[len(points) :]
-        return np.array([np.mean(others > one, axis=0) for one in own])
+        return np.array([np.mean(others > density, axis=0) for density in own])
 
     def log_density(self, q: np.ndarray) -> np.ndarray:
         """Log density (N,) at configurations q (N, nq) within the limits, up to what the limits cut off."""
@@ -141,7 +141,7 @@ class Posterior:
         for w, mode, covariance, lean in zip(self.weight, self.q, self.covariance, self.lean, strict=True):
             key = mode.tobytes()
             if key not in gaps:
-                gaps[key] = np.array([self.body.difference(mode, one) for one in q])
+                gaps[key] = np.array([self.body.difference(mode, pose) for pose in q])
             logs.append(np.log(w) + log_around_mode(gaps[key], covariance, lean))
         return np.asarray(logsumexp(np.array(logs), axis=0))
 

@@ -58,7 +58,7 @@ def open_writing(path: Path) -> sqlite3.Connection:
 
 def close_writing(connection: sqlite3.Connection) -> None:
     """Close so that one file is left, unless a reader still has it open."""
-    with suppress(sqlite3.OperationalError):  # a reader is at work: whoever closes last folds the log in
+    with suppress(sqlite3.OperationalError):  # a reader is at work: the last one to close folds the log in
         connection.execute("PRAGMA busy_timeout = 200")
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         connection.execute("PRAGMA journal_mode = DELETE")

@@ -77,8 +77,8 @@ def pairs_of(cameras: Sequence[Camera]) -> list[Pair]:
 
 def _overall(pairs: Sequence[Pair], seen: Sequence[np.ndarray]) -> float:
     """Mean over the pairs that have enough points; NaN where none has."""
-    found = np.array([pair.distance(seen[pair.a], seen[pair.b]) for pair in pairs])
-    return float(found[np.isfinite(found)].mean()) if np.isfinite(found).any() else float("nan")
+    distances = np.array([pair.distance(seen[pair.a], seen[pair.b]) for pair in pairs])
+    return float(distances[np.isfinite(distances)].mean()) if np.isfinite(distances).any() else float("nan")
 
 
 def _factor(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bool], distance: float) -> float | None:
@@ -93,9 +93,9 @@ def _factor(cameras: Sequence[Camera], pixels: np.ndarray, doubtful: Sequence[bo
         return _overall(pairs, seen) / factor
 
     factors = np.unique(np.concatenate([np.geomspace(0.2, 5.0, 81), SIMPLE_FACTORS]))
-    found = np.array([scaled(factor) for factor in factors])
-    best = int(np.nanargmin(found))
-    if abs(np.log(factors[best])) < 0.1 or found[best] > _BETTER * distance:
+    distances = np.array([scaled(factor) for factor in factors])
+    best = int(np.nanargmin(distances))
+    if abs(np.log(factors[best])) < 0.1 or distances[best] > _BETTER * distance:
         return None
     simple = min(SIMPLE_FACTORS, key=lambda f: abs(np.log(f / factors[best])))
     return simple if abs(np.log(simple / factors[best])) < 0.05 else float(factors[best])

@@ -35,19 +35,19 @@ def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndar
     distances = _distances(pairs_of(cameras), seen, most)
     if distances is None:
         return ()
-    found = distances.best(len(cameras))
-    found -= max(found.tolist(), key=found.tolist().count)  # of several that are as many, the first camera's
-    small = np.abs(found).max() < max(_FEWEST_LAGS, _SHORTEST / step)
-    left = distances.of(found)
+    lags = distances.best(len(cameras))
+    lags -= max(lags.tolist(), key=lags.tolist().count)  # of several that are as many, the first camera's
+    small = np.abs(lags).max() < max(_FEWEST_LAGS, _SHORTEST / step)
+    left = distances.of(lags)
     fitting = left <= SUSPICIOUS * max(max(camera.image_size) for camera in cameras)  # not so with somebody else
-    if small or not fitting or left > _BETTER * distances.of(np.zeros_like(found)):
+    if small or not fitting or left > _BETTER * distances.of(np.zeros_like(lags)):
         return ()
-    return tuple(-step * lag if lag else 0.0 for lag in found.tolist())
+    return tuple(-step * lag if lag else 0.0 for lag in lags.tolist())
 
 
 def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> _Lags | None:
     """Of the pairs that see enough in common at every lag; None without any."""
-    moving = [_moving(one) for one in seen]
+    moving = [_moving(pixels) for pixels in seen]
     tables = [(pair, _lagged(pair, moving[pair.a], seen[pair.b], most)) for pair in pairs]
     usable = [(pair.a, pair.b, table) for pair, table in tables if np.isfinite(table).all()]
     if not usable:

@@ -94,20 +94,20 @@ def clip_clock(
 
 
 def length_notes(tracks: Mapping[str, KeypointTrack], frame_count: int, remedy: str = "") -> tuple[str, ...]:
-    """What a user should hear of tracks that are matched frame by frame and differ from the clip's length."""
+    """What a user should know about tracks that are matched frame by frame and differ from the clip's length."""
     notes = []
     for name, track in tracks.items():
-        found, ratio = "", _ratio(track.frame_count, frame_count)
+        note, ratio = "", _ratio(track.frame_count, frame_count)
         if track.frame_count < frame_count:
-            found = f"{name}: keypoints end after {track.frame_count} of {frame_count} frames"
+            note = f"{name}: keypoints end after {track.frame_count} of {frame_count} frames"
             doubt = "if they are of every {} frame, they are matched wrongly"
         elif track.frame_count > frame_count:
-            found = f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used"
+            note = f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used"
             doubt = "if the clip has every {} of these frames, they are matched wrongly"
-        if found and ratio is not None:
-            told = f"{found}; {doubt.format(_ORDINALS[ratio])}"
-            found = f"{told} ({remedy})" if remedy else told
-        notes += [found] if found else []
+        if note and ratio is not None:
+            told = f"{note}; {doubt.format(_ORDINALS[ratio])}"
+            note = f"{told} ({remedy})" if remedy else told
+        notes += [note] if note else []
     return tuple(notes)
 
 

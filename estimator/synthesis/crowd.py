@@ -19,9 +19,9 @@ def placed(q: np.ndarray, place: np.ndarray, turn: float) -> np.ndarray:
     moved = q.copy()
     path = np.broadcast_to(place, (len(q), 2))
     R = pin.rpy.rpyToMatrix(0.0, 0.0, turn)
-    for t, one in enumerate(q):
+    for t, pose in enumerate(q):
         T_world_motion = pin.SE3(R, np.append(path[t], 0.0))
-        moved[t, ROOT_Q] = pin.SE3ToXYZQUAT(T_world_motion * pin.XYZQUATToSE3(one[ROOT_Q]))
+        moved[t, ROOT_Q] = pin.SE3ToXYZQUAT(T_world_motion * pin.XYZQUATToSE3(pose[ROOT_Q]))
     return moved
 
 
@@ -37,17 +37,18 @@ def crowd(
     """Who is detected in each frame of each camera, in random order: by camera name T lists of (number, detection).
 
     people (N): configurations (T, nq) of each. hidden: numbers of the people whom a camera does not see at all. Noise,
-    outliers and missing points are those of `detector.keypoints`; whoever has no point in the image is not detected.
+    outliers and missing points are those of `detector.keypoints`; a person of whom no point is in the image is not
+    detected.
     """
-    found: dict[str, list[list[tuple[int, Person]]]] = {c.name: [[] for _ in people[0]] for c in cameras}
+    detections: dict[str, list[list[tuple[int, Person]]]] = {c.name: [[] for _ in people[0]] for c in cameras}
     for number, q in enumerate(people):
         for track in keypoints(body, q, cameras, rng, noise_px=noise_px):
             if number in (hidden or {}).get(track.source, ()):
                 continue
             points = np.concatenate([track.pixels, track.confidence[..., None]], axis=-1)
             for t in np.flatnonzero((track.confidence > 0.0).sum(axis=1) > 1).tolist():
-                found[track.source][t].append((number, Person(points[t])))
-    for frames in found.values():
+                detections[track.source][t].append((number, Person(points[t])))
+    for frames in detections.values():
         for t, frame in enumerate(frames):
             frames[t] = [frame[k] for k in rng.permutation(len(frame))]
-    return found
+    return detections

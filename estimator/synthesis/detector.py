@@ -63,7 +63,7 @@ def first_frame(body: Body, q: np.ndarray, cameras: Sequence[Camera], fps: float
 def _landmarks(body: Body, q: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """World places (T, J, 3) [m] of some landmarks."""
     order = [body.landmark_names.index(name) for name in names]
-    return np.array([body.landmarks(body.at(one))[order] for one in q])
+    return np.array([body.landmarks(body.at(pose))[order] for pose in q])
 
 
 def _inside(pixels: np.ndarray, camera: Camera) -> np.ndarray:

@@ -104,14 +104,14 @@ def _landmarks(motion: BvhMotion) -> tuple[tuple[str, ...], list[int]]:
     wanted = {f"{side.lower()}_{name}": [side + s for s in options] for name, options in _SIDED.items()
               for side in ("Left", "Right")}  # fmt: skip
     wanted.update(head_base=list(_NECK), head_top=list(_HEAD_TOP))
-    found = {}
+    joints = {}
     for name, options in wanted.items():
         joint = next((o for o in options if o in motion.names), None)
         if joint is None:
             remedy = f"the joints are {', '.join(motion.names[:8])}, ..."
             raise InputError(motion.source, f"has no joint {' or '.join(options)}", remedy=remedy)
-        found[name] = motion.names.index(joint)
-    return tuple(found), list(found.values())
+        joints[name] = motion.names.index(joint)
+    return tuple(joints), list(joints.values())
 
 
 def _with_lost_bones(motion: BvhMotion) -> BvhMotion:

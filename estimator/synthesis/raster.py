@@ -13,7 +13,7 @@ _NEAREST = 0.05  # [m] triangles with a corner nearer to the camera are left out
 
 @jit
 def _box(pixels, face, height, width):  # type: ignore[no-untyped-def]
-    """First and last column and row of the pixels that a triangle can cover."""
+    """First and last column and row of the pixels that a triangle can cover; pixels (V, 2), face (3,) int."""
     a, b, c = pixels[face[0]], pixels[face[1]], pixels[face[2]]
     left, right = max(0, math.ceil(min(a[0], b[0], c[0]))), min(width - 1, math.floor(max(a[0], b[0], c[0])))
     top, bottom = max(0, math.ceil(min(a[1], b[1], c[1]))), min(height - 1, math.floor(max(a[1], b[1], c[1])))
@@ -23,7 +23,8 @@ def _box(pixels, face, height, width):  # type: ignore[no-untyped-def]
 @jit
 def _twice_area(pixels, depth, face):  # type: ignore[no-untyped-def]
     """Twice the signed area [px^2], negative where the corners run counter-clockwise as seen (y points down); 0 where
-    the triangle cannot be drawn: a corner is not in front of the camera, or it has no extent."""
+    the triangle cannot be drawn: a corner is not in front of the camera, or it has no extent. pixels (V, 2), depth (V,)
+    [m], face (3,) int."""
     if not (depth[face[0]] > _NEAREST and depth[face[1]] > _NEAREST and depth[face[2]] > _NEAREST):
         return 0.0
     a, b, c = pixels[face[0]], pixels[face[1]], pixels[face[2]]
@@ -33,7 +34,7 @@ def _twice_area(pixels, depth, face):  # type: ignore[no-untyped-def]
 
 @jit
 def _weights(pixels, face, area, x, y):  # type: ignore[no-untyped-def]
-    """Barycentric coordinates of a pixel in the picture; one is negative outside."""
+    """Barycentric coordinates of a pixel in the picture; one is negative outside. pixels (V, 2), face (3,) int."""
     a, b, c = pixels[face[0]], pixels[face[1]], pixels[face[2]]
     v = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
     w = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
@@ -86,7 +87,8 @@ def paint_index(
 ) -> None:
     """Like `paint`, with number (F,) of the nearest face written into index (H, W) int instead of colours.
 
-    closed: the faces bound solids, counter-clockwise from outside, so that their back sides need no painting.
+    nearness (H, W), pixels (V, 2), depth (V,) [m], faces (F, 3) int: see `paint`. closed: the faces bound solids,
+    counter-clockwise from outside, so that their back sides need no painting.
     """
     height, width = nearness.shape
     for f in range(faces.shape[0]):
@@ -123,7 +125,8 @@ def paint_cloth(
 ) -> None:
     """Paint closed solids whose cloth has a pattern in the space of each part, so that it moves with the body.
 
-    pixels (V, 2), depth (V,) [m], local (V, 3) [m] in the part's own frame, colour (V, 3), light (V,): of the corners.
+    image (H, W, 3), nearness (H, W): see `paint`. pixels (V, 2), depth (V,) [m], local (V, 3) [m] in the part's own
+    frame, colour (V, 3), light (V,): of the corners.
     faces (F, 3) int, counter-clockwise from outside; part (F,) int. pattern (B, 7), by part: strength and size [m] of
     the coarse and of the fine mottling, strength and period [m] of stripes along the third axis, and an offset [m]
     that gives each part its own piece of cloth. grain (N, N, N): periodic noise of unit variance, N a power of two.
@@ -162,7 +165,7 @@ def paint_cloth(
 
 @jit
 def _cloth(x, y, z, cloth, grain):  # type: ignore[no-untyped-def]
-    """Brightness of the cloth at a place of its part [m], 1 on average."""
+    """Brightness of the cloth (7,) at a place of its part [m], 1 on average; grain (N, N, N): see `paint_cloth`."""
     shift = cloth[6]
     value = 1.0 + cloth[0] * _noise(x / cloth[1] + shift, y / cloth[1] + shift, z / cloth[1], grain)
     value += cloth[2] * _noise(x / cloth[3], y / cloth[3] + shift, z / cloth[3] + shift, grain)
@@ -173,7 +176,7 @@ def _cloth(x, y, z, cloth, grain):  # type: ignore[no-untyped-def]
 
 @jit
 def _noise(x, y, z, grain):  # type: ignore[no-untyped-def]
-    """Trilinear value of the periodic grid."""
+    """Trilinear value of the periodic grid grain (N, N, N)."""
     last = grain.shape[0] - 1
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
     a, b, c = x - i, y - j, z - k

@@ -104,8 +104,8 @@ class Renderer:
         moving = self.settings.background == "moving"
         rows, columns = _window(placed, plate.nearness.shape, whole=moving)
         total = np.zeros_like(plate.image[rows, columns])
-        for one in placed:
-            total += self._painted(one, plate, rows, columns)
+        for person in placed:
+            total += self._painted(person, plate, rows, columns)
         total *= np.float32(1.0 / len(placed))
         picture = self._reduced[camera].copy()
         half = (total.shape[1] // FINE, total.shape[0] // FINE)
@@ -200,7 +200,7 @@ def _window(placed: Sequence[_Placed], shape: tuple[int, ...], *, whole: bool) -
     height, width = shape
     if whole:
         return slice(0, height), slice(0, width)
-    points = np.concatenate([p for one in placed for p in (one.pixels, one.shadow) if p is not None])
+    points = np.concatenate([p for person in placed for p in (person.pixels, person.shadow) if p is not None])
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         return slice(0, FINE), slice(0, FINE)

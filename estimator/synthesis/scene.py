@@ -140,7 +140,7 @@ def write_truth(path: str | Path, body: Body, q: np.ndarray, time: np.ndarray) -
 
     landmarks (T, L, 3) [m], landmark_names (L), time (T,), q (T, nq), q_names (nq).
     """
-    landmarks = np.array([body.landmarks(body.at(one)) for one in q])
+    landmarks = np.array([body.landmarks(body.at(pose)) for pose in q])
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,

@@ -45,9 +45,9 @@ def candidates(
     radii: np.ndarray,
     pairs: np.ndarray,
     limit: float,
-    found: np.ndarray,
+    index: np.ndarray,
 ) -> int:
-    """Pairs whose distance may be below `limit` [m]; returns how many, their indices in found (P,).
+    """Pairs whose distance may be below `limit` [m]; returns how many, their indices in index (P,).
 
     world (S, 12), segment (S, 6): from `place`. radius (S,): of the capsules. radii (S, 3): of the ellipsoids, zero for
     other shapes. pairs (P, 2): solids of each pair.
@@ -74,7 +74,7 @@ def candidates(
             and _gap(world, segment, radius, radii, a, b, direction, limit) > limit + _SLACK
         ):
             continue
-        found[count] = k
+        index[count] = k
         count += 1
     return count
 
@@ -114,7 +114,8 @@ def candidates_of_poses(
 
 @jit
 def _core_distance(segment: np.ndarray, a: int, b: int, uu: float, vv: float, direction: np.ndarray) -> float:
-    """Distance of two segments centre -+ half-axis; direction (3,): from the closest point of a to that of b."""
+    """Distance [m] of two segments centre -+ half-axis, of segment (S, 6); direction (3,): from the closest point of a
+    to that of b. uu, vv: squared lengths of the half-axes."""
     cu = cv = uv = 0.0
     for i in range(3):
         c, u, v = segment[b, i] - segment[a, i], segment[a, 3 + i], segment[b, 3 + i]
@@ -150,7 +151,8 @@ def _gap(
     """Largest gap of two solids along a few directions, n.x over b at its least - over a at its most: a lower bound.
 
     The best direction is that from a's nearest point to b's; each direction tried is halfway between the last one and
-    the line joining the two points that the last one found.
+    the line joining the two points that the last one gave. direction (3,), overwritten; world (S, 12), segment (S, 6),
+    radius (S,), radii (S, 3): see `candidates`.
     """
     best = -np.inf
     p, q = np.empty(3), np.empty(3)
@@ -185,7 +187,8 @@ def extreme_point(
     sign: float,
     point: np.ndarray,
 ) -> None:
-    """Point (3,) of solid k furthest along sign * n; of its capsule if it is no ellipsoid."""
+    """Fill point (3,) with that of solid k furthest along sign * n, n (3,) a unit vector; of its capsule if it is no
+    ellipsoid. world (S, 12), segment (S, 6), radius (S,), radii (S, 3): see `candidates`."""
     if radii[k, 0] == 0.0:
         along = n[0] * segment[k, 3] + n[1] * segment[k, 4] + n[2] * segment[k, 5]
         end = sign if along >= 0.0 else -sign
@@ -222,7 +225,8 @@ def guess_contact(
 
     They are the query's own normal n, the line of centres, the common perpendicular of the two cores (right where they
     cross) and the axes of both solids (right where one lies in the other).
-    Writes witness points p, q and normal n (3,); returns the gap [m].
+    Writes witness points p, q and normal n (3,); returns the gap [m]. world (S, 12), segment (S, 6), radius (S,),
+    radii (S, 3): see `candidates`.
     """
     lines = np.empty((9, 3))
     lines[8] = n

@@ -156,10 +156,10 @@ class Clearance:
     def _measure(self, posed: PosedBody, margin: float) -> int:
         """Write the pairs below the margin into the buffers; returns how many."""
         broad_phase.place(posed.placements, self._joint, self._local, self._core, self._world, self._segment)
-        found = broad_phase.candidates(
-            self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._found
+        candidates = broad_phase.candidates(
+            self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._candidates
         )
-        count = self._ask(self._found[:found].tolist(), margin, self._contacts, 0, every_point=True)
+        count = self._ask(self._candidates[:candidates].tolist(), margin, self._contacts, 0, every_point=True)
         if count:
             solids = (self._world, self._segment, self._radius, self._radii)
             _sharpen(solids, self._solid_pairs, self._contacts, count)
@@ -207,7 +207,7 @@ class Clearance:
         self._pair_dof = last_dof[self._solid_pairs]
         self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
         self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
-        self._found, self._contacts = np.zeros(count, dtype=np.int64), _Buffers.of(count)
+        self._candidates, self._contacts = np.zeros(count, dtype=np.int64), _Buffers.of(count)
         empty = np.zeros((0, 3))
         self._nothing = Contacts(
             np.zeros(0, dtype=np.int64), np.zeros(0), empty, empty, empty, np.zeros((0, self._body.nv))

@@ -198,8 +198,8 @@ def _write(
     n: np.ndarray,
 ) -> float:
     """Write the contact of the direction x (3,), return its distance [m]; NaN, and nothing written, if the points are
-    not on the piece assumed. pa, pb (3,): the points touched, from the
-    centres; u (3,): half of the capsule's core [m]."""
+    not on the piece assumed. p, q, n (3,): filled; other arrays as in `sharpen`. pa, pb (3,): the points touched, from
+    the centres; u (3,): half of the capsule's core [m]."""
     a, b, capsule, end = touch.a, touch.b, touch.capsule, touch.end
     t = end
     if capsule >= 0:
@@ -236,8 +236,8 @@ def _normalise(x: np.ndarray) -> bool:
 
 @jit
 def _tangents(x: np.ndarray, u: np.ndarray, across: bool, first: np.ndarray, second: np.ndarray) -> None:
-    """Fill two unit vectors (3,) at right angles to x (3,) and to each other; `across`: the first one at right angles
-    to u (3,) as well."""
+    """Fill unit vectors first, second (3,) at right angles to x (3,) and to each other; `across`: the first at right
+    angles to u (3,) as well."""
     if across:
         for i in range(3):
             second[i] = u[i]

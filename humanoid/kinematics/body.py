@@ -255,7 +255,10 @@ def _place_points(placements, joints, local, points):  # type: ignore[no-untyped
 
 @jit
 def _clamp(q, bounded_q, lower, upper):  # type: ignore[no-untyped-def]
-    """Clamp in place. A step to a limit may miss it by an ulp, and would then not count as on it."""
+    """Clamp q (nq,) in place, entries bounded_q (B,) to lower, upper (nq,).
+
+    A step to a limit may miss it by an ulp, and would then not count as on it.
+    """
     for i in bounded_q:
         if q[i] < lower[i] + ON_LIMIT:
             q[i] = lower[i]

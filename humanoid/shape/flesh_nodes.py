@@ -127,9 +127,9 @@ def _spread(direction: np.ndarray, exponent: float) -> np.ndarray:
     cos, sin = np.cos(direction), np.sin(direction)
     cos[np.abs(cos) < 1e-15] = 0.0
     sin[np.abs(sin) < 1e-15] = 0.0
-    found = np.arctan2(np.sign(sin) * np.abs(sin) ** (1.0 / exponent), np.sign(cos) * np.abs(cos) ** (1.0 / exponent))
-    found[0], found[-1] = direction[0], direction[-1]  # -pi, which arctan2 gives as pi
-    return found
+    angles = np.arctan2(np.sign(sin) * np.abs(sin) ** (1.0 / exponent), np.sign(cos) * np.abs(cos) ** (1.0 / exponent))
+    angles[0], angles[-1] = direction[0], direction[-1]  # -pi, which arctan2 gives as pi
+    return angles
 
 
 def _stitched(rings: list[np.ndarray]) -> Nodes:

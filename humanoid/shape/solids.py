@@ -92,12 +92,12 @@ def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
         check_collada(mesh)
     try:
         with quiet():  # Eigen complains of vertices that are not finite, which are refused below
-            found = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
+            geometries = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
     except ValueError as error:
         raise _unreadable(subject.source, str(error)) from error
     return tuple(
         _solid(model.frames[o.parentFrame].name, o.parentJoint, _convex(o, subject.source), o.placement)
-        for o in found.geometryObjects
+        for o in geometries.geometryObjects
     )
 
 
@@ -138,8 +138,8 @@ def _check_vertices(mesh: Any, fault: Callable[[str, str], InputError]) -> None:
     points = mesh.vertices()
     size = float(np.abs(points).max(initial=0.0))
     if not size <= MOST_METRES:
-        found = "a vertex is not finite" if not np.isfinite(size) else f"a vertex lies {size:.1e} m out"
-        raise fault(found, "repair it, and check its unit: metres times the URDF's scale")
+        problem = "a vertex is not finite" if not np.isfinite(size) else f"a vertex lies {size:.1e} m out"
+        raise fault(problem, "repair it, and check its unit: metres times the URDF's scale")
     centred = points - points.mean(axis=0)
     thickness = np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0)
     if len(thickness) < 3 or thickness.min() < max(LEAST_METRES, _FLAT * thickness.max()):
@@ -184,8 +184,8 @@ def _capsule_around_points(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     """The smallest of three capsules, one along each principal axis of the points' spread."""
     mean = points.mean(axis=0)
     axes = np.linalg.svd(points - mean, full_matrices=False)[2]
-    found = [_capsule_along(points, mean, axis) for axis in axes]
-    return min(found, key=lambda c: c[2] ** 2 * (2.0 * np.linalg.norm(c[1]) + 4.0 / 3.0 * c[2]))
+    capsules = [_capsule_along(points, mean, axis) for axis in axes]
+    return min(capsules, key=lambda c: c[2] ** 2 * (2.0 * np.linalg.norm(c[1]) + 4.0 / 3.0 * c[2]))
 
 
 def _capsule_along(points: np.ndarray, mean: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

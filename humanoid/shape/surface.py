@@ -61,9 +61,9 @@ def spread_nodes(flesh: Sequence[Flesh], nodes: int) -> list[Nodes]:
     """Nodes of every part, about `nodes` of them together, at one spacing."""
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * sum(surface_area(f) for f in flesh) / nodes)  # of equilateral triangles
     for _ in range(_ROUNDS):
-        found = [even_nodes(f, spacing) for f in flesh]
-        spacing *= np.sqrt(sum(len(n.u) for n in found) / nodes)
-    return found
+        parts = [even_nodes(f, spacing) for f in flesh]
+        spacing *= np.sqrt(sum(len(n.u) for n in parts) / nodes)
+    return parts
 
 
 def flesh_surface(body: Body, nodes: Sequence[Nodes], flesh: Sequence[Flesh] | None = None) -> Surface:
@@ -85,9 +85,9 @@ def flesh_surface(body: Body, nodes: Sequence[Nodes], flesh: Sequence[Flesh] | N
 def _hull_surface(parts: Sequence[HullPart], nodes: int) -> Surface:
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * sum(p.area for p in parts) / nodes)
     for _ in range(_ROUNDS):
-        found = [hull_nodes(p, spacing) for p in parts]
-        spacing *= np.sqrt(sum(len(local) for local, _, _ in found) / nodes)
-    local, normal, faces = ([f[k] for f in found] for k in range(3))
+        spread = [hull_nodes(p, spacing) for p in parts]
+        spacing *= np.sqrt(sum(len(local) for local, _, _ in spread) / nodes)
+    local, normal, faces = ([f[k] for f in spread] for k in range(3))
     return _joined([p.link for p in parts], [p.joint for p in parts], [True] * len(parts), local, normal, faces)
 
 

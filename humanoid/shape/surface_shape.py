@@ -58,22 +58,22 @@ class SurfaceShape:
             for k, A in self._stretches(flesh):
                 state = state + (scales[k] - 1.0) * (A @ state)
             grown.append(flesh.with_state(state))
-        found = flesh_surface(self._body.base, self._nodes, grown)
+        surface = flesh_surface(self._body.base, self._nodes, grown)
         moved = np.einsum("p,pbk->bk", scales - 1.0, self._body.part_slope)
-        return replace(found, local=found.local + moved[found.part])
+        return replace(surface, local=surface.local + moved[surface.part])
 
     def shape_derivatives(self, parameters: np.ndarray | None = None, scales: np.ndarray | None = None) -> np.ndarray:
         """Derivatives of `Surface.local` by the nine parameters of each node's own part, (N, 3, 9)."""
         scales = self._scales(scales)
-        found = []
+        by_part = []
         for flesh, nodes, R_joint_link in zip(self._flesh(parameters), self._nodes, self._R_joint_link, strict=True):
             state, by_own = flesh.state, np.eye(12)
             for k, A in self._stretches(flesh):
                 step = np.eye(12) + (scales[k] - 1.0) * A
                 state, by_own = step @ state, step @ by_own
             D = flesh_derivatives(flesh.with_parameters(state[3:]), nodes.u)
-            found.append(np.einsum("ij,njk,kl->nil", R_joint_link, D, by_own[3:, 3:]))
-        return np.concatenate(found)
+            by_part.append(np.einsum("ij,njk,kl->nil", R_joint_link, D, by_own[3:, 3:]))
+        return np.concatenate(by_part)
 
     def proportion_derivatives(
         self, posed: PosedBody, parameters: np.ndarray | None = None, scales: np.ndarray | None = None

@@ -135,20 +135,20 @@ def _base_of(document: Document, base: Base) -> Literal["free", "fixed"]:
 
 
 def _subject(document: Document, text: str, source: str, base: Base, notes: tuple[str, ...]) -> Subject:
-    found = urdf_elements.read_elements(document)
+    read = urdf_elements.read_elements(document)
     floating = _base_of(document, base)
-    model = _build_model(found.plain_urdf, source, free=floating == "free")
+    model = _build_model(read.plain_urdf, source, free=floating == "free")
     return Subject(
         name=model.name,
         source=source,
         urdf=text,
         base=floating,
         model=model,
-        landmarks=found.landmarks,
-        flesh=found.flesh,
-        stabilisers=found.stabilisers,
-        proportions=found.proportions,
-        upright=found.upright,
+        landmarks=read.landmarks,
+        flesh=read.flesh,
+        stabilisers=read.stabilisers,
+        proportions=read.proportions,
+        upright=read.upright,
         notes=notes,
     )
 
@@ -212,9 +212,9 @@ def load_subject(
         packages.append(share)
     document = read_document(read_bytes(path, remedy=_known_names(name)), name)
     check_urdf(document)
-    found = urdf_elements.read_elements(document)  # faults are told with the file's lines, before it is changed
+    read = urdf_elements.read_elements(document)  # faults are told with the file's lines, before it is changed
     if name not in BUILT_IN:
-        check_with_yourdfpy(found.plain_urdf, name)
+        check_with_yourdfpy(read.plain_urdf, name)
     if landmarks is not None:
         landmark_file = Path(landmarks)
     elif landmark_file is None:

@@ -100,9 +100,9 @@ def derivatives(parameters: np.ndarray, u: np.ndarray) -> np.ndarray:
     tapered[:, 0, 4], tapered[:, 1, 4] = x * _log(cos_lon) * thick_x, y * _log(sin_lon) * thick_y
     tapered[:, 0, 5], tapered[:, 1, 6] = x * s, y * s
     q = np.stack([x * thick_x, y * thick_y, z], axis=-1)
-    found = _bend_jacobian(parameters, q) @ tapered
-    found[:, :, 7:] += _bend_by_curvature(parameters, q)
-    return found
+    D = _bend_jacobian(parameters, q) @ tapered
+    D[:, :, 7:] += _bend_by_curvature(parameters, q)
+    return D
 
 
 def deformation_jacobian(parameters: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -124,9 +124,9 @@ def _ellipsoid(parameters: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def _tapered(parameters: np.ndarray, x: np.ndarray) -> np.ndarray:
-    found = x.copy()
-    found[:, :2] *= 1.0 + x[:, 2:] / parameters[2] * parameters[5:7]
-    return found
+    tapered = x.copy()
+    tapered[:, :2] *= 1.0 + x[:, 2:] / parameters[2] * parameters[5:7]
+    return tapered
 
 
 def _bent(parameters: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -141,12 +141,12 @@ def _bend_jacobian(parameters: np.ndarray, x: np.ndarray) -> np.ndarray:
     w = k @ k * z**2
     C, S, _, _ = _arc(w)
     m = 1.0 - x[:, :2] @ k
-    found = np.empty((len(x), 3, 3))
-    found[:, :2, :2] = np.eye(2) - np.outer(k, k) * (z**2 * C)[:, None, None]
-    found[:, :2, 2] = k * (m * z * S)[:, None]
-    found[:, 2, :2] = -k * (z * S)[:, None]
-    found[:, 2, 2] = m * np.cos(np.sqrt(w))
-    return found
+    J = np.empty((len(x), 3, 3))
+    J[:, :2, :2] = np.eye(2) - np.outer(k, k) * (z**2 * C)[:, None, None]
+    J[:, :2, 2] = k * (m * z * S)[:, None]
+    J[:, 2, :2] = -k * (z * S)[:, None]
+    J[:, 2, 2] = m * np.cos(np.sqrt(w))
+    return J
 
 
 def _bend_by_curvature(parameters: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -154,11 +154,11 @@ def _bend_by_curvature(parameters: np.ndarray, x: np.ndarray) -> np.ndarray:
     k, xy, z = parameters[7:9], x[:, :2], x[:, 2]
     C, S, dC, dS = _arc(k @ k * z**2)
     m = 1.0 - xy @ k
-    found = np.empty((len(x), 3, 2))
+    J = np.empty((len(x), 3, 2))
     across = (2.0 * z**4 * dC * m)[:, None] * k - (z**2 * C)[:, None] * xy
-    found[:, :2] = np.eye(2) * (z**2 * C * m)[:, None, None] + k[:, None] * across[:, None, :]
-    found[:, 2] = (2.0 * z**3 * dS * m)[:, None] * k - (z * S)[:, None] * xy
-    return found
+    J[:, :2] = np.eye(2) * (z**2 * C * m)[:, None, None] + k[:, None] * across[:, None, :]
+    J[:, 2] = (2.0 * z**3 * dS * m)[:, None] * k - (z * S)[:, None] * xy
+    return J
 
 
 def _arc(w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -46,24 +46,24 @@ def check_urdf(document: Document) -> None:
 
 
 def _named(document: Document, tag: str) -> dict[str, ET.Element]:
-    found: dict[str, ET.Element] = {}
+    by_name: dict[str, ET.Element] = {}
     for element in elements(document.root, tag):
         name = element.get("name", "")
         if not name.strip():
             raise document.fault(element, f"a <{tag}> has no name", 'add name="..."')
-        if name in found:
+        if name in by_name:
             raise document.fault(element, f"there are two <{tag}> named {name!r}", "rename one")
         if name in RESERVED and (tag == "joint" or name == "universe"):
             raise document.fault(element, f"the name {name!r} is reserved by Pinocchio", "rename it")
-        found[name] = element
-    return found
+        by_name[name] = element
+    return by_name
 
 
 def _only(document: Document, parent: ET.Element, tag: str) -> ET.Element | None:
-    found = list(elements(parent, tag))
-    if len(found) > 1:
-        raise document.fault(found[1], f"a second <{tag}>", "keep one")
-    return found[0] if found else None
+    same = list(elements(parent, tag))
+    if len(same) > 1:
+        raise document.fault(same[1], f"a second <{tag}>", "keep one")
+    return same[0] if same else None
 
 
 def _check_origin(document: Document, parent: ET.Element) -> None:

@@ -36,9 +36,9 @@ def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], m
             if mesh is None:
                 continue
             name = mesh.get("filename", "")
-            found = _find(name, folder, packages)
-            if found is not None:
-                mesh.set("filename", str(found))
+            file = _find(name, folder, packages)
+            if file is not None:
+                mesh.set("filename", str(file))
             elif meshes == "ignore":
                 missing.append(name)
                 link.remove(shape)

@@ -134,16 +134,16 @@ def read_elements(document: Document) -> Elements:
 
 
 def _upright(document: Document, roots: set[str]) -> Upright | None:
-    found = _each(document, "upright", "link", lambda e: e)
-    if not found:
+    given = _each(document, "upright", "link", lambda e: e)
+    if not given:
         return None
-    e = found[-1]
+    e = given[-1]
     link, axis, std = (
         document.attribute(e, "link"),
         np.array(document.triple(e, "xyz", None)),
         document.plausible(e, "std"),
     )
-    if len(found) > 1:
+    if len(given) > 1:
         raise document.fault(e, "a second <upright>", "keep one")
     if link not in roots:
         raise document.fault(e, f"{link!r} is not the root link", nearest(link, roots, "root link"))
@@ -156,25 +156,25 @@ def _upright(document: Document, roots: set[str]) -> Upright | None:
 def _each(document: Document, tag: str, key: str, read: Callable[[ET.Element], T]) -> tuple[T, ...]:
     """All elements of a kind, each name once."""
     seen: set[str] = set()
-    found = []
+    results = []
     for element in elements(document.root, tag):
         name = document.attribute(element, key)
         if name in seen:
             raise document.fault(element, f"a second <{tag}> of {name!r}", "keep one")
         seen.add(name)
-        found.append(read(element))
-    return tuple(found)
+        results.append(read(element))
+    return tuple(results)
 
 
 def _base(document: Document) -> str | None:
-    found = list(elements(document.root, "subject"))
-    if not found:
+    given = list(elements(document.root, "subject"))
+    if not given:
         return None
-    base = found[-1].get("base")
-    if len(found) > 1:
-        raise document.fault(found[-1], "a second <subject>", "keep one")
+    base = given[-1].get("base")
+    if len(given) > 1:
+        raise document.fault(given[-1], "a second <subject>", "keep one")
     if base not in ("free", "fixed"):
-        raise document.fault(found[0], f"base={base!r} is unknown", 'write base="free" or base="fixed"')
+        raise document.fault(given[0], f"base={base!r} is unknown", 'write base="free" or base="fixed"')
     return base
 
 
@@ -206,8 +206,8 @@ def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
 def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Proportion:
     name = document.attribute(e, "joint")
     low, high, mean, std = (document.plausible(e, key) for key in ("scale_min", "scale_max", "mean", "std"))
-    found = Proportion(name, low, high, mean, std, tuple(e.get("symmetric_with", "").split()))
-    for joint in found.joints:
+    proportion = Proportion(name, low, high, mean, std, tuple(e.get("symmetric_with", "").split()))
+    for joint in proportion.joints:
         origin = _joint_named(document, e, joint, joints).find("origin")
         if origin is None or not any(document.triple(origin, "xyz")):
             raise document.fault(e, f"joint {joint!r} has no offset to scale", "name a joint whose origin is not zero")
@@ -215,7 +215,7 @@ def _proportion(document: Document, e: ET.Element, joints: Mapping[str, ET.Eleme
         raise document.fault(e, f"scale_min={low:g}, scale_max={high:g} is no range", "0 < scale_min <= scale_max")
     if std < LEAST_STD or mean <= 0.0:
         raise document.fault(e, f"mean={mean:g}, std={std:g}: not positive", "mean near 1, std near 0.05")
-    return found
+    return proportion
 
 
 def _check_shared(document: Document, proportions: Sequence[Proportion]) -> None:
@@ -280,12 +280,12 @@ def segments(document: Document, proportion: Proportion) -> dict[str, np.ndarray
     Neck and clavicles share the trunk, which is stretched once.
     """
     joints = {j.attrib["name"]: j for j in elements(document.root, "joint")}
-    found: dict[str, np.ndarray] = {}
+    offsets: dict[str, np.ndarray] = {}
     for name in proportion.joints:
         origin = joints[name].find("origin")
         assert origin is not None
-        found.setdefault(ends_of(joints[name])[0], np.array(document.triple(origin, "xyz")))
-    return found
+        offsets.setdefault(ends_of(joints[name])[0], np.array(document.triple(origin, "xyz")))
+    return offsets
 
 
 def _checked_scale(source: str, proportions: Mapping[str, Proportion], name: str, value: float) -> float:

@@ -109,9 +109,9 @@ def read_flesh(document: Document, link: str, e: ET.Element) -> Flesh:
         pairs = [document.numbers(e, k, 2, d) for k, d in (("exponents", "1 1"), ("taper", "0 0"), ("bend", "0 0"))]
         given = np.concatenate([flesh.size, *pairs])
         flesh = replace(flesh.with_parameters(given), shape="superquadric")
-    found = superquadric.fault(flesh.parameters)
-    if found is not None:
-        raise document.fault(e, *found)
+    fault = superquadric.fault(flesh.parameters)
+    if fault is not None:
+        raise document.fault(e, *fault)
     return replace(flesh, solid=solid)
 
 

@@ -30,9 +30,9 @@ def reshape(document: Document, shapes: Mapping[int | str, Sequence[float]]) -> 
     for key, values in shapes.items():
         k = _part_index(document.source, names, key)
         parameters = np.asarray(values, dtype=float)
-        found = superquadric.fault(parameters)
-        if found is not None:
-            raise InputError(document.source, found[0], place=f"shape of {key!r}", remedy=found[1])
+        fault = superquadric.fault(parameters)
+        if fault is not None:
+            raise InputError(document.source, fault[0], place=f"shape of {key!r}", remedy=fault[1])
         flesh = read_flesh(document, names[k], parts[k]).with_parameters(parameters)
         write_flesh(parts[k], replace(flesh, shape="superquadric"))
 

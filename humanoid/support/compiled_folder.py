@@ -113,8 +113,8 @@ def _temporary_folder() -> Path | None:
     folder = Path(tempfile.gettempdir()) / f"kinemode-compiled-{user}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        about = folder.lstat()
     except OSError:
         return None
-    private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o022
-    return folder if private and found.st_uid in (user, 0) else None
+    private = stat.S_ISDIR(about.st_mode) and not about.st_mode & 0o022
+    return folder if private and about.st_uid in (user, 0) else None

@@ -34,14 +34,14 @@ def imported_files(file: Path, module: str) -> set[Path]:
     roots = dict.fromkeys(PACKAGES, Path(__file__).parent.parent.parent)
     top, *inner = module.split(".")
     roots.setdefault(top, file.parents[len(inner) + (file.name == "__init__.py")])
-    found, waiting = set(), [file]
+    seen, waiting = set(), [file]
     while waiting:
         path = waiting.pop()
-        if path not in found:
-            found.add(path)
+        if path not in seen:
+            seen.add(path)
             for name in _read(path, path.stat().st_mtime_ns)[1]:
                 waiting += _files(*_placed(name, path, roots))
-    return found
+    return seen
 
 
 @functools.lru_cache(maxsize=1024)

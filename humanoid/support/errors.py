@@ -59,8 +59,8 @@ def misplaced(name: str, value: Any, taken: str) -> InputError:
     kind = type(value)
     label = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
     quoted = f" ({shown(value, 40)})" if isinstance(value, (str, int, float)) else ""
-    found = "None" if value is None else f"of type {label}{quoted}"
-    return InputError(name, f"cannot be {found}", remedy=f"give {taken}")
+    received = "None" if value is None else f"of type {label}{quoted}"
+    return InputError(name, f"cannot be {received}", remedy=f"give {taken}")
 
 
 def _message(source: str, place: str, problem: str, remedy: str) -> str:

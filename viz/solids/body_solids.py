@@ -86,9 +86,9 @@ def drawing_notes(body: Body) -> tuple[str, ...]:
 def _stand_ins(body: Body, link: str) -> tuple[Solid, ...]:
     """Capsules from a link's joint to the next ones, or a small ball at the end of the tree."""
     frame = body.model.frames[body.model.getFrameId(link, pin.FrameType.BODY)]
-    found = tuple(solid for solid in _tree_solids(body) if solid.joint == frame.parentJoint)
-    if found:
-        return found
+    solids = tuple(solid for solid in _tree_solids(body) if solid.joint == frame.parentJoint)
+    if solids:
+        return solids
     vertices, faces = solid_mesh(Flesh(link, "capsule", (_BALL, 1e-3, 0.0), (0, 0, 0), (0, 0, 0)))
     placed = vertices @ frame.placement.rotation.T + frame.placement.translation
     return (Solid(link, int(frame.parentJoint), side_of(link), placed, faces),)

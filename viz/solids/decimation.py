@@ -68,7 +68,10 @@ def _rims(mesh: Triangles) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @jit
 def _add_planes(quadrics, corner, normal, point, weight):  # type: ignore[no-untyped-def]
-    """Add the quadrics of planes to those of vertices, in place."""
+    """Add the quadrics of planes to those of vertices, quadrics (V, 10), in place.
+
+    Of plane n: corner (N,) int the vertex, normal (N, 3), point (N, 3) on it, weight (N,).
+    """
     for n in range(len(corner)):
         x, y, z = normal[n]
         d = -(x * point[n, 0] + y * point[n, 1] + z * point[n, 2])
@@ -82,6 +85,7 @@ def _add_planes(quadrics, corner, normal, point, weight):  # type: ignore[no-unt
 
 @jit
 def _error(q, x, y, z):  # type: ignore[no-untyped-def]
+    """Weighted squared distance of a place from the planes of quadric q (10,), the upper triangle of a 4 x 4 matrix."""
     return (
         x * (q[0] * x + 2.0 * (q[1] * y + q[2] * z + q[3]))
         + y * (q[4] * y + 2.0 * (q[5] * z + q[6]))
@@ -92,7 +96,7 @@ def _error(q, x, y, z):  # type: ignore[no-untyped-def]
 
 @jit
 def _place(q, a, b):  # type: ignore[no-untyped-def]
-    """Where an edge from a to b is shortened to, and what that costs: (cost, x, y, z)."""
+    """Where an edge from a to b (3,) of quadric q (10,) is shortened to, and what that costs: cost, x, y, z."""
     length = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
     extra = _SHORT * length * length
     c00, c01, c02 = q[4] * q[7] - q[5] * q[5], q[2] * q[5] - q[1] * q[7], q[1] * q[5] - q[2] * q[4]
@@ -118,19 +122,26 @@ def _place(q, a, b):  # type: ignore[no-untyped-def]
 
 @jit
 def _cheapest(vertices, quadrics, faces, cost, side):  # type: ignore[no-untyped-def]
-    """Of every face the edge that is shortened at the least cost, into side (F,), and that cost (F,)."""
+    """Of every face the edge that is shortened at the least cost, into side (F,), and that cost (F,).
+
+    vertices (V, 3), quadrics (V, 10), faces (F, 3) int.
+    """
     for f in range(len(faces)):
         cost[f] = np.inf
         for k in range(3):
             a, b = faces[f, k], faces[f, (k + 1) % 3]
-            found = _place(quadrics[a] + quadrics[b], vertices[a], vertices[b])[0]
-            if found < cost[f]:
-                cost[f], side[f] = found, k
+            least = _place(quadrics[a] + quadrics[b], vertices[a], vertices[b])[0]
+            if least < cost[f]:
+                cost[f], side[f] = least, k
 
 
 @jit
 def _folds(vertices, faces, around, low, high, moved, other, place):  # type: ignore[no-untyped-def]
-    """Whether a face around `moved` that stays turns over when that vertex goes to `place`."""
+    """Whether a face around `moved` that stays turns over when that vertex goes to `place` (3,).
+
+    vertices (V, 3), faces (F, 3) int; around (A,) int, from low to high: the faces around it. other: the vertex that
+    becomes one with it.
+    """
     for at in range(low, high):
         face = faces[around[at]]
         if face[0] == other or face[1] == other or face[2] == other:
@@ -146,7 +157,7 @@ def _folds(vertices, faces, around, low, high, moved, other, place):  # type: ig
 
 @jit
 def _normal(p, u, v):  # type: ignore[no-untyped-def]
-    """(u - p) x (v - p)."""
+    """(u - p) x (v - p) of points p, u, v (3,)."""
     a, b, c = u[0] - p[0], u[1] - p[1], u[2] - p[2]
     x, y, z = v[0] - p[0], v[1] - p[1], v[2] - p[2]
     return b * z - c * y, c * x - a * z, a * y - b * x
@@ -156,8 +167,8 @@ def _normal(p, u, v):  # type: ignore[no-untyped-def]
 def _pass(vertices, quadrics, faces, start, around, cost, side, limit, most):  # type: ignore[no-untyped-def]
     """Shorten edges whose cost is at most `limit` until `most` faces have vanished; all in place.
 
-    start (V + 1,), around: the faces around every vertex, one after the other. A face that vanishes has two corners in
-    one.
+    vertices (V, 3), quadrics (V, 10), faces (F, 3) int. start (V + 1,), around (A,): the faces around every vertex, one
+    after the other. cost (F,), side (F,): see `_cheapest`. A face that vanishes has two corners in one.
     """
     touched = np.zeros(len(vertices), dtype=np.bool_)
     gone = 0

@@ -44,10 +44,10 @@ class MeshFile(NamedTuple):
 def mesh_file(path: str) -> MeshFile | None:
     """The file as it is now; None where there is none."""
     try:
-        found = Path(path).stat()
+        about = Path(path).stat()
     except (OSError, ValueError):
         return None
-    return MeshFile(path, found.st_mtime_ns, found.st_size) if Path(path).is_file() else None
+    return MeshFile(path, about.st_mtime_ns, about.st_size) if Path(path).is_file() else None
 
 
 @lru_cache(maxsize=256)
@@ -104,21 +104,21 @@ def _pieces(loaded: Any) -> list[tuple[np.ndarray, np.ndarray, tuple[Rgb | None,
 def _colours(piece: trimesh.Trimesh) -> tuple[np.ndarray, tuple[Rgb | None, ...]]:
     """Label (F,) and colours of one piece."""
     visual: Any = piece.visual
-    one = np.zeros(len(piece.faces), dtype=np.int64)
+    single = np.zeros(len(piece.faces), dtype=np.int64)
     if not visual.defined:
-        return one, (None,)
+        return single, (None,)
     if visual.kind in ("face", "vertex"):
         shades, label = np.unique(np.asarray(visual.face_colors)[:, :3], axis=0, return_inverse=True)
         if len(shades) <= _SHADES:
             return label.reshape(-1), tuple(_rgb(shade) for shade in shades)
-        return one, (_rgb(np.asarray(visual.face_colors)[:, :3].mean(axis=0)),)
+        return single, (_rgb(np.asarray(visual.face_colors)[:, :3].mean(axis=0)),)
     material = visual.material
     colour = getattr(material, "main_color", None)
     colour = np.full(3, 255.0) if colour is None else np.asarray(colour, dtype=np.float64)[:3]
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is not None:
         colour = np.asarray(image.convert("RGB"), dtype=np.float64).mean(axis=(0, 1))
-    return one, (_rgb(colour),)
+    return single, (_rgb(colour),)
 
 
 def _rgb(colour: np.ndarray) -> Rgb:

@@ -56,8 +56,8 @@ def side_of(name: str) -> Side:
 
 def sides_among(names: Iterable[str]) -> tuple[Side, ...]:
     """The sides that names speak of, left and right before trunk; none where all is trunk: then there is no side."""
-    found = {side_of(name) for name in names}
-    return tuple(side for side in SIDES if side in found) if found - {"trunk"} else ()
+    sides = {side_of(name) for name in names}
+    return tuple(side for side in SIDES if side in sides) if sides - {"trunk"} else ()
 
 
 def merged(solids: Iterable[Solid]) -> tuple[Solid, ...]:

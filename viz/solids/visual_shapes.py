@@ -52,13 +52,13 @@ def _shape(
     document: Document, link: ET.Element, element: ET.Element, materials: dict[str, tuple[Rgb, float]]
 ) -> Shape | None:
     geometry = element.find("geometry")
-    found = next(elements(geometry), None) if geometry is not None else None
-    if found is None:
+    shape = next(elements(geometry), None) if geometry is not None else None
+    if shape is None:
         return None
-    if found.tag == "mesh":
-        size: tuple[float, ...] = document.triple(found, "scale", "1 1 1")
+    if shape.tag == "mesh":
+        size: tuple[float, ...] = document.triple(shape, "scale", "1 1 1")
     else:
-        size = tuple(v for key in _SIZES[found.tag] for v in document.numbers(found, key, 3 if key == "size" else 1))
+        size = tuple(v for key in _SIZES[shape.tag] for v in document.numbers(shape, key, 3 if key == "size" else 1))
     material = element.find("material")
     look = None if material is None else _look(material) or materials.get(material.get("name", ""))
     if look is not None and look[1] == 0.0:  # wholly transparent
@@ -68,18 +68,18 @@ def _shape(
     if place is not None:
         rpy, xyz = document.triple(place, "rpy"), document.triple(place, "xyz")
         T_link_shape = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
-    name, file = link.get("name", ""), found.get("filename", "")
-    return Shape(name, found.tag, size, file, T_link_shape, None if look is None else look[0])
+    name, file = link.get("name", ""), shape.get("filename", "")
+    return Shape(name, shape.tag, size, file, T_link_shape, None if look is None else look[0])
 
 
 def _materials(document: Document) -> dict[str, tuple[Rgb, float]]:
     """Colour and opacity by name; a material may be defined anywhere and used anywhere."""
-    found: dict[str, tuple[Rgb, float]] = {}
+    looks: dict[str, tuple[Rgb, float]] = {}
     for material in document.root.iter("material"):
         look, name = _look(material), material.get("name", "")
         if look is not None and name:
-            found.setdefault(name, look)
-    return found
+            looks.setdefault(name, look)
+    return looks
 
 
 def _look(material: ET.Element) -> tuple[Rgb, float] | None:

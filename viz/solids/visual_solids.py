@@ -70,8 +70,10 @@ def visual_solids(body: Body, *, coarse: bool = False) -> VisualSolids:
     for shape, source in zip(shapes, sources, strict=True):
         _check(shape, source)
     pieces = _lightened(tuple(sources), COARSE if coarse else FINE)
-    own = any(shape.colour or piece.colour for shape, found in zip(shapes, pieces, strict=True) for piece in found)
-    placed = [_placed(body, s, p, own) for s, found in zip(shapes, pieces, strict=True) for p in found]
+    own = any(
+        shape.colour or piece.colour for shape, of_shape in zip(shapes, pieces, strict=True) for piece in of_shape
+    )
+    placed = [_placed(body, s, p, own) for s, of_shape in zip(shapes, pieces, strict=True) for p in of_shape]
     return VisualSolids(tuple(placed), bare)
 
 
@@ -179,12 +181,12 @@ def _together(meshes: Sequence[Triangles]) -> Triangles:
 
 def _apart(mesh: Triangles, before: Sequence[Triangles]) -> list[Triangles]:
     """The opposite of `_together`; a mesh of which nothing is left stays as it was."""
-    labels = np.cumsum([0, *(int(one.label.max()) + 1 for one in before)])
-    found = []
-    for one, low, high in zip(before, labels, labels[1:], strict=False):
+    labels = np.cumsum([0, *(int(part.label.max()) + 1 for part in before)])
+    parts = []
+    for part, low, high in zip(before, labels, labels[1:], strict=False):
         own = (mesh.label >= low) & (mesh.label < high)
-        found.append(compact(mesh.vertices, mesh.faces[own], mesh.label[own] - low) if own.any() else one)
-    return found
+        parts.append(compact(mesh.vertices, mesh.faces[own], mesh.label[own] - low) if own.any() else part)
+    return parts
 
 
 def _pieces(mesh: Triangles, colours: Sequence[Rgb | None], closed: bool) -> tuple[_Piece, ...]:

@@ -122,7 +122,7 @@ def placed(axes, through, points, counts, turns, w, s, p):  # type: ignore[no-un
 
 @jit
 def _step(A, g, order, damping, lower, upper, turns):  # type: ignore[no-untyped-def]
-    """Solve (A + damping) x = g in the turns (m,) that are free to move and add x, kept within the bounds (m,).
+    """Solve (A + damping) x = g in the turns (m,) that are free to move and add x, kept within lower, upper (m,).
 
     A (m, m), of which the lower triangle counts, and g (m,) are overwritten. order (m,): 0, 1, ..., m - 1.
     """

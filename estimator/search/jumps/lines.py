@@ -25,7 +25,8 @@ def axes_of(spatial_jacobian, dofs):  # type: ignore[no-untyped-def]
 
 @jit
 def meeting_point(axes, through):  # type: ignore[no-untyped-def]
-    """The point (3,) [m] nearest to all of some lines, not all parallel: unit vectors and points of them (n, 3)."""
+    """The point (3,) [m] nearest to all of some lines, not all parallel: unit vectors axes (n, 3) and points
+    of them, through (n, 3)."""
     A, b = np.zeros((3, 3)), np.zeros(3)
     for k in range(axes.shape[0]):
         along = dot(axes[k], through[k])
@@ -43,7 +44,7 @@ def meeting_point(axes, through):  # type: ignore[no-untyped-def]
 
 @jit
 def depths(eye, ray, centre, radius, out):  # type: ignore[no-untyped-def]
-    """Fill out (2, 3) with where a ray (unit vector (3,) from `eye` (3,)) meets a sphere, nearer and
+    """Fill out (2, 3) with where a ray (3,), a unit vector from `eye` (3,), meets a sphere, nearer and
     farther, and return 2; where it misses, out[0] is its nearest point, and 1 is returned."""
     offset = plus(centre, -1.0, eye)
     along = dot(ray, offset)

@@ -100,6 +100,6 @@ def ball_turns(axes, upper, end, upper_target, end_target, side, out):  # type: 
 
 @jit
 def _carried(before, after, v):  # type: ignore[no-untyped-def]
-    """v (3,) turned as unit vectors in the rows of `before` (3, 3) turn into those of `after`."""
+    """v (3,) turned as unit vectors in the rows of `before` (3, 3) turn into those of `after` (3, 3)."""
     turned = times(dot(before[0], v), after[0])
     return plus(plus(turned, dot(before[1], v), after[1]), dot(before[2], v), after[2])

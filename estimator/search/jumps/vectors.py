@@ -11,13 +11,13 @@ from humanoid.support.compiled import jit
 
 @jit
 def dot(a, b):  # type: ignore[no-untyped-def]
-    """Scalar product of vectors (3,)."""
+    """Scalar product of vectors a, b (3,)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit
 def cross(a, b):  # type: ignore[no-untyped-def]
-    """Vector product (3,) of vectors (3,)."""
+    """Vector product (3,) of vectors a, b (3,)."""
     out = np.empty(3)
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
@@ -27,7 +27,7 @@ def cross(a, b):  # type: ignore[no-untyped-def]
 
 @jit
 def plus(a, factor, b):  # type: ignore[no-untyped-def]
-    """a + factor b (3,), of vectors (3,) and a number."""
+    """a + factor b (3,), of vectors a, b (3,) and a number."""
     out = np.empty(3)
     for c in range(3):
         out[c] = a[c] + factor * b[c]

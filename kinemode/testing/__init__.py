@@ -1,0 +1,11 @@
+"""Checks of what a new term, cue or tracker promises, for its tests, as scikit-learn has them for estimators.
+
+Each raises `ContractError`, an AssertionError, at the first promise that is broken, and says which one, with numbers.
+"""
+
+from kinemode.testing.differences import slope
+from kinemode.testing.laws import ContractError
+from kinemode.testing.terms import check_term
+from kinemode.testing.trackers import check_tracker
+
+__all__ = ["ContractError", "check_term", "check_tracker", "slope"]

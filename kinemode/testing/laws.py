@@ -1,0 +1,40 @@
+"""How a broken promise is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+
+class ContractError(AssertionError):
+    """A promise of a contract is not kept. law: which one, in a few words."""
+
+    def __init__(self, who: str, law: str, said: str) -> None:
+        super().__init__(f"{who}: {law}: {said}")
+        self.law = law
+
+
+def require(kept: bool, who: str, law: str, said: str) -> None:
+    """Raise ContractError unless the law is kept; `said` tells what was seen instead."""
+    if not kept:
+        raise ContractError(who, law, said)
+
+
+def differing(ours: Mapping[str, np.ndarray], theirs: Mapping[str, np.ndarray]) -> str:
+    """How two mappings of arrays differ, in value to the last bit, in shape or in type; empty if they do not."""
+    if set(ours) != set(theirs):
+        return f"the names are {', '.join(sorted(ours)) or 'none'} and {', '.join(sorted(theirs)) or 'none'}"
+    for name in ours:
+        a, b = np.asarray(ours[name]), np.asarray(theirs[name])
+        if a.shape != b.shape or a.dtype != b.dtype:
+            return f"{name} is {a.shape} {a.dtype} and {b.shape} {b.dtype}"
+        if a.tobytes() != b.tobytes() and not np.array_equal(a, b, equal_nan=a.dtype.kind in "fc"):
+            return f"{name} differs{_by_how_much(a, b)}"
+    return ""
+
+
+def _by_how_much(a: np.ndarray, b: np.ndarray) -> str:
+    if a.dtype.kind not in "fc":
+        return f" in {np.count_nonzero(a != b)} of {a.size} entries"
+    return f" by up to {np.nanmax(np.abs(a - b)):.3g}"

@@ -1,0 +1,229 @@
+"""What every tracker promises (see `estimator.trackers.base.Tracker`)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.imaging.observation import Observation
+from estimator.trackers.frame_result import FrameResult
+from kinemode.testing.laws import differing, require
+from kinemode.testing.results import check_result
+
+
+class Told(NamedTuple):
+    """What a tracker said of a frame and what it carried on, None before the first pose."""
+
+    result: FrameResult | None
+    state: Any
+
+
+def check_tracker(
+    make: Callable[[], Any],
+    observations: Sequence[Observation],
+    *,
+    seed: int = 0,
+    keeps_limits: bool = True,
+    continues: Sequence[int] | None = None,
+) -> None:
+    """Check the promises of a tracker on a short clip.
+
+    Equal seeds give equal tracks; a frame leaves states and observations of before as they were; a state's arrays,
+    stored and read again, are the same to the last bit, and a track that goes on from them is the uninterrupted one;
+    results are well formed and finite (`kinemode.testing.results.check_result`); a frame in which nothing is seen is
+    "unobserved", and one of nonsense is flagged: neither raises; nothing is enough to begin with nothing.
+
+    Parameters
+    ----------
+    make: a new tracker, each time it is called.
+    observations: at least three frames in order, from the first of which the tracker can start, with what it looks at:
+        keypoints, cues of the pictures, or both.
+    seed: of the generators, one a frame.
+    keeps_limits: whether all poses keep to the joint limits; else the first frame's do.
+    continues: indices into observations after which a track is stored and taken up again; by default after the first,
+        in the middle, and before the last.
+
+    Raises
+    ------
+    ContractError: the first promise that is not kept.
+    ValueError: the observations are too few, or none to start from.
+    """
+    check = _TrackerCheck(make, list(observations), seed, keeps_limits)
+    check.begins()
+    whole = check.track(check.frames)
+    check.results_are_well_formed(whole)
+    check.states_are_plain_arrays(whole)
+    check.steps_leave_the_past_alone(whole)
+    check.equal_seeds_give_equal_tracks(whole)
+    check.states_survive_as_arrays(whole)
+    last = len(check.frames) - 1
+    check.resumed_is_uninterrupted(whole, sorted({0, last // 2, last - 1}) if continues is None else continues)
+    check.nothing_seen_is_unobserved(whole)
+    check.nonsense_is_flagged(whole)
+
+
+class _TrackerCheck:
+    def __init__(self, make: Callable[[], Any], observations: list[Observation], seed: int, keeps_limits: bool) -> None:
+        self.make, self.frames, self.seed, self.keeps_limits = make, observations, seed, keeps_limits
+        self.who = type(make()).__name__
+        if len(observations) < 3:
+            raise ValueError(f"{len(observations)} frames are too few: three or more are needed")
+
+    def require(self, kept: bool, law: str, said: str) -> None:
+        require(kept, self.who, law, said)
+
+    def track(self, frames: Sequence[Observation], state: Any = None, first: int = 0, of: Any = None) -> list[Told]:
+        """Every frame from `first` on, with a generator of its own as in `estimator.tracking.runner.run`."""
+        tracker = self.make() if of is None else of
+        ahead = getattr(tracker, "frames_ahead", 0)
+        told = []
+        for k in range(first, len(frames)):
+            seen, result = frames[k], None
+            rng = np.random.default_rng((self.seed, seen.index))
+            if state is not None:
+                following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead else ()
+                state, result = tracker.step(rng, state, seen, *following)
+            elif tracker.can_start(seen):
+                state, result = tracker.init(rng, seen)
+            told.append(Told(result, state))
+        return told
+
+    def begins(self) -> None:
+        """By its own word, which does not change; and never from nothing."""
+        tracker, first = self.make(), self.frames[0]
+        answers = [tracker.can_start(first) for _ in range(2)]
+        if not answers[0]:
+            raise ValueError("the tracker cannot start from the first frame: give one from which it can")
+        self.require(answers == [True, True], "can_start is true or false", f"it says {answers[0]!r}, {answers[1]!r}")
+        blank = tracker.can_start(_nothing_seen(first))
+        self.require(not blank, "nothing is not enough to begin", f"of a frame without anything it says {blank!r}")
+        needs = getattr(tracker, "needs_keypoints", None)
+        self.require(isinstance(needs, bool), "says whether it needs keypoints", f"needs_keypoints is {needs!r}")
+        without = tracker.can_start(_no_keypoints(first))
+        said = f"needs_keypoints, but can_start says {without!r} of a frame without"
+        self.require(not (needs and without), "does not begin without the keypoints it needs", said)
+
+    def results_are_well_formed(self, whole: Sequence[Told]) -> None:
+        body, before = self.make().body, None
+        for seen, told in zip(self.frames, whole, strict=True):
+            limits = self.keeps_limits or before is None
+            check_result(self.who, body, seen, told.result, before, keeps_limits=limits)
+            said = f"after the frame of {seen.time} s the state is of {told.state.time} s"
+            self.require(told.state.time == seen.time, "a state knows its time", said)
+            before = told.result
+
+    def equal_seeds_give_equal_tracks(self, whole: Sequence[Told]) -> None:
+        again = self.track(self.frames)
+        self.same(whole, again, self.frames, "equal seeds give equal tracks")
+        tracker = self.make()
+        once, twice = (self.track(self.frames[:2], of=tracker) for _ in range(2))
+        self.same(once, twice, self.frames, "a tracker that has tracked tracks the same again")
+
+    def states_are_plain_arrays(self, whole: Sequence[Told]) -> None:
+        for seen, told in zip(self.frames, whole, strict=True):
+            arrays = told.state.arrays()
+            odd = [f"{n} is a {type(a).__name__}" for n, a in arrays.items() if not isinstance(a, np.ndarray)]
+            odd += [f"{n} holds objects" for n, a in arrays.items() if np.asarray(a).dtype.hasobject]
+            self.require(not odd, "a state's arrays are plain", f"frame {seen.index}: {', '.join(odd)}")
+
+    def states_survive_as_arrays(self, whole: Sequence[Told]) -> None:
+        law = "a state is its arrays, to the last bit"
+        for seen, told in zip(self.frames, whole, strict=True):
+            arrays = told.state.arrays()
+            apart = differing(arrays, self.make().state_from(_stored(arrays)).arrays())
+            self.require(not apart, law, f"frame {seen.index}, stored and read again: {apart}")
+
+    def resumed_is_uninterrupted(self, whole: Sequence[Told], continues: Sequence[int]) -> None:
+        for k in continues:
+            tracker = self.make()
+            state = tracker.state_from(_stored(whole[k].state.arrays()))
+            rest = self.track(self.frames, state, k + 1, tracker)
+            law = "a resumed track is the uninterrupted one"
+            self.same(whole[k + 1 :], rest, self.frames[k + 1 :], law, f" after frame {self.frames[k].index}")
+
+    def steps_leave_the_past_alone(self, whole: Sequence[Told]) -> None:
+        """Neither the state that a step is given nor what was observed changes."""
+        seen, state = self.frames[1], whole[0].state
+        before, shown = _copied(state.arrays()), _copied(_arrays_of(seen))
+        self.track(self.frames[:2], state, 1)
+        apart = differing(before, state.arrays())
+        self.require(not apart, "a step leaves the state before as it was", apart)
+        apart = differing(shown, _arrays_of(seen))
+        self.require(not apart, "a step leaves the observation as it was", apart)
+
+    def nothing_seen_is_unobserved(self, whole: Sequence[Told]) -> None:
+        law = "a frame in which nothing is seen is flagged, not raised"
+        frames = [self.frames[0], _nothing_seen(self.frames[1]), self.frames[2]]
+        told = self.tried(frames, whole, law)
+        result = told[1].result
+        status = None if result is None else result.status
+        self.require(status == "unobserved", law, f"its status is {status!r}")
+        check_result(self.who, self.make().body, frames[1], result, told[0].result, keeps_limits=False)
+
+    def nonsense_is_flagged(self, whole: Sequence[Told]) -> None:
+        """Keypoints all over the picture; of a clip without any there is nothing to scatter."""
+        seen = self.frames[1]
+        if not seen.count:
+            return
+        width, height = seen.cameras[0].image_size
+        scattered = np.random.default_rng(0).uniform(0.0, (width, height), size=seen.pixels.shape)
+        frames = [self.frames[0], replace(seen, pixels=scattered), self.frames[2]]
+        told = self.tried(frames, whole, "a frame of nonsense is flagged, not raised")
+        for here, before, frame in zip(told[1:], told, frames[1:], strict=False):
+            limits = self.keeps_limits
+            check_result(self.who, self.make().body, frame, here.result, before.result, keeps_limits=limits)
+
+    def tried(self, frames: Sequence[Observation], whole: Sequence[Told], law: str) -> list[Told]:
+        try:
+            return [whole[0], *self.track(frames, whole[0].state, 1)]
+        except Exception as error:
+            self.require(False, law, f"{type(error).__name__}: {error}")
+            raise
+
+    def same(
+        self, ours: Sequence[Told], theirs: Sequence[Told], frames: Sequence[Observation], law: str, where: str = ""
+    ) -> None:
+        for a, b, seen in zip(ours, theirs, frames, strict=False):
+            apart = differing(_told(a), _told(b))
+            self.require(not apart, law, f"frame {seen.index}{where}: {apart}")
+
+
+def _told(told: Told) -> dict[str, np.ndarray]:
+    """All of a frame as arrays."""
+    result = told.result
+    if result is None:
+        return {}
+    named = {name: value for name, value in vars(result).items() if name not in ("origins", "extra")}
+    named |= getattr(result, "extra", {})
+    named |= {} if result.origins is None else result.origins.arrays()
+    named |= {f"state {name}": value for name, value in told.state.arrays().items()}
+    return {name: np.asarray(value) for name, value in named.items() if value is not None}
+
+
+def _nothing_seen(seen: Observation) -> Observation:
+    return replace(_no_keypoints(seen), cues=())
+
+
+def _no_keypoints(seen: Observation) -> Observation:
+    return replace(seen, pixels=np.full_like(seen.pixels, np.nan), confidence=np.zeros_like(seen.confidence))
+
+
+def _arrays_of(seen: Observation) -> dict[str, np.ndarray]:
+    return {"pixels": seen.pixels, "confidence": seen.confidence}
+
+
+def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: np.array(array) for name, array in arrays.items()}
+
+
+def _stored(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """As they come back from a file that holds no objects."""
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as stored:
+        return dict(stored)

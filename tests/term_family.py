@@ -1,0 +1,167 @@
+"""A maker of every term of the energy: body, term, and a configuration at which it says something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from builders import BROWN, body_of, camera_at, observe, random_pose
+
+from estimator.cues.assigned import AssignedPoints, Assignments
+from estimator.imaging.observation import Observation
+from estimator.numerics.robust import POTENTIALS
+from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.point_targets import PointTargets
+from estimator.terms.pose_mixture import load_mixture
+from estimator.terms.pose_prior import PosePrior
+from estimator.terms.priors import Stabilisers, Transition
+from estimator.terms.reprojection import Reprojection
+from estimator.terms.term import Term
+from estimator.terms.upright import Upright, world_up
+from humanoid.collision.clearance import Clearance
+from humanoid.kinematics.body import Body
+
+CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
+Made = tuple[Body, Term, np.ndarray]
+
+
+def evaluated(term: Term, body: Body, q: np.ndarray, exact: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
+    gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
+    return term.accumulate(body.at(q), gradient, hessian, exact), gradient, hessian
+
+
+def observed(body: Body, rng: np.random.Generator, noise: float = 8.0) -> Observation:
+    """Noisy keypoints of a random pose, some of them missing."""
+    seen = observe(body, random_pose(body, rng, share=0.6, turn=0.4), CAMERAS, noise=noise, rng=rng)
+    seen.pixels[0, 3] = np.nan
+    seen.confidence[0, 3] = 0.0
+    seen.confidence[1] = rng.uniform(0.2, 1.0, size=len(body.landmark_names))
+    return seen
+
+
+def reprojection(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        seen = observed(body, rng)
+        sigma = rng.uniform(5.0, 15.0, size=seen.confidence.shape)
+        return body, Reprojection(body, seen, sigma, potential, 6.0), random_pose(body, rng, share=0.6, turn=0.4)
+
+    return make
+
+
+def stabilisers(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        return body, Stabilisers(body, 1.7, potential), random_pose(body, rng)
+
+    return make
+
+
+def transition(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        std = rng.uniform(0.1, 1.0, size=body.nv)
+        return (
+            body,
+            Transition(body, random_pose(body, rng, turn=1.0), std, potential),
+            random_pose(body, rng, turn=1.0),
+        )
+
+    return make
+
+
+def interpenetration(rng: np.random.Generator) -> Made:
+    body = body_of("human34")
+    term = Interpenetration(Clearance(body), scale=0.01)
+    while True:
+        q = random_pose(body, rng)
+        if evaluated(term, body, q)[0] > 0.5:
+            return body, term, q
+
+
+def upright(potential: str) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of("human34")
+        return body, Upright(body, world_up(CAMERAS), 1.3, potential), random_pose(body, rng)
+
+    return make
+
+
+def pose_prior(weight: float) -> Callable[[np.random.Generator], Made]:
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of("human34")
+        mixture = load_mixture()
+        q = body.neutral.copy()  # between captured poses, where several components pull
+        q[7:] = rng.dirichlet(np.ones(2 * len(mixture.weight))) @ mixture.both_sides()[1]
+        return body, PosePrior(body, mixture, weight), body.clamp(q)
+
+    return make
+
+
+def assigned(potential: str) -> Callable[[np.random.Generator], Made]:
+    """Several features a point, points out of order, some without any, in a camera with distortion."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body, camera, count = body_of("human34"), CAMERAS[0], 60
+        joint, local = rng.integers(1, body.njoints, 20), rng.normal(0.0, 0.1, (20, 3))
+        q = random_pose(body, rng, share=0.6, turn=0.4)
+        posed = body.at(q)
+        world = np.einsum("nij,nj->ni", posed.rotations[joint], local) + posed.translations[joint]
+        point, root = rng.integers(1, 20, count), rng.normal(size=(count, 2, 2))
+        W = root @ root.transpose(0, 2, 1) / 400.0
+        features = Assignments(
+            point, camera.project(world[point]) + rng.normal(0.0, 10.0, (count, 2)),
+            np.stack([W[:, 0, 0], W[:, 0, 1], W[:, 1, 1]], axis=1), rng.uniform(0.5, 1.5, count),
+            np.full(count, POTENTIALS[potential]), np.full(count, 3.0),
+        )  # fmt: skip
+        halves = [Assignments(*(a[s] for a in features)) for s in (slice(0, 25), slice(25, None))]
+        return body, AssignedPoints(body, camera, joint, local, halves, constant=2.5), q
+
+    return make
+
+
+def point_targets(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+    """Three landmarks, one of which is known in two directions only and another counts half."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        chosen = [0, 2, len(body.landmark_names) - 1]
+        factors = rng.normal(size=(3, 3, 3)) * 5.0
+        factors[1, :, 2] = 0.0
+        target = body.landmarks(body.at(random_pose(body, rng)))[chosen]
+        term = PointTargets(
+            body, body.landmark_joint[chosen], body.landmark_local[chosen], target,
+            factors @ factors.transpose(0, 2, 1), weight=np.array([1.0, 1.0, 0.5]), potential=potential, nu=3.0,
+        )  # fmt: skip
+        return body, term, random_pose(body, rng)
+
+    return make
+
+
+FAMILY = {
+    **{f"upright-{p}": upright(p) for p in POTENTIALS},
+    **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
+    **{f"reprojection-{n}": reprojection(n, "lorentzian") for n in ("arm8", "upper13")},
+    **{f"stabilisers-{p}": stabilisers("human34", p) for p in POTENTIALS},
+    **{f"transition-{p}": transition("human34", p) for p in POTENTIALS},
+    "transition-arm8": transition("arm8", "leclerc"),
+    "interpenetration": interpenetration,
+    "pose-prior": pose_prior(0.7),
+    **{f"assigned-{p}": assigned(p) for p in ("lorentzian", "leclerc")},
+    **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},
+    "point-targets-arm8": point_targets("arm8", "lorentzian"),
+}
+
+CURVATURE: dict[str, float | None] = {
+    "interpenetration": None,  # the distance of two solids has a curvature of its own, left out
+    # so has the projection: exact where perspective is flat, see test_cost
+    "reprojection-gaussian": 0.06,
+    "reprojection-lorentzian": 0.12,
+    "reprojection-leclerc": 0.25,
+    "reprojection-arm8": 0.6,
+    "reprojection-upper13": 0.6,
+    "assigned-lorentzian": 0.02,
+    "assigned-leclerc": 0.02,
+    **{f"transition-{p}": 0.2 for p in POTENTIALS},  # and the difference of two orientations
+}
+"""How well the exact Hessian is known, where it is not as well as by default; see `kinemode.testing.check_term`."""

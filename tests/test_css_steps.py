@@ -1,0 +1,119 @@
+"""The steps of CSS Figure 6, one by one, in the tracker that follows the figure as printed."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from builders import body_of, camera_at, observe, random_pose
+
+from estimator.imaging.observation import Observation
+from estimator.modes.merge import bhattacharyya
+from estimator.modes.mixture import Mixture, Mode, mixture_of
+from estimator.optimise.covariance import MAX_STD
+from estimator.search.frame_proposals import Proposals
+from estimator.search.frame_search import FrameCase
+from estimator.search.proposals import LimbProposal
+from estimator.trackers.css import PAPER, CovarianceScaledSampling
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import MixtureState
+from estimator.tracking.registry import make_tracker, settings_for
+
+BODY = body_of("arm8")
+CAMERA = camera_at(20.0, distance=4.0)
+
+
+@cache
+def prior() -> Mixture:
+    """Four modes of known weights, far from each other."""
+    rng = np.random.default_rng(3)
+    covariance, zero = np.diag(np.linspace(0.01, 0.04, BODY.nv)), np.zeros(BODY.nv)
+    modes = [Mode(random_pose(BODY, rng, share=0.5), covariance, 0.0, "converged", zero) for _ in range(4)]
+    return mixture_of(tuple(modes), np.log([0.5, 0.3, 0.15, 0.05]))
+
+
+@cache
+def step(modes: int) -> tuple[CovarianceScaledSampling, FrameResult]:
+    """What is kept of the frame that `seen` is of."""
+    tracker = make_tracker("css-paper", BODY, settings_for("css-paper", modes=modes))
+    assert isinstance(tracker, CovarianceScaledSampling)
+    return tracker, tracker.step(np.random.default_rng(2), MixtureState(prior(), 0.0), seen())[1]
+
+
+@cache
+def seen() -> Observation:
+    """A frame of one noisy camera, which leaves several modes."""
+    q = random_pose(BODY, np.random.default_rng(33), share=0.5)
+    return observe(BODY, q, [CAMERA], noise=2.0, rng=np.random.default_rng(8), time=0.04)
+
+
+def test_step_1_the_proposal_is_the_rescaled_covariance() -> None:
+    """s of the figure multiplies the covariance, by 4 to 14; here its root multiplies standard deviations."""
+    assert 4.0 <= PAPER.scale**2 <= 14.0
+    assert PAPER.shape == "covariance"
+    assert PAPER.tail == 0.0  # Gaussian
+
+
+def test_steps_2_1_and_2_2_components_are_drawn_by_their_weights_and_sampled_wide() -> None:
+    tracker, mixture, count = step(4)[0], prior(), 4000
+    search = tracker.search
+    case = FrameCase(search.associations(seen()), 0.04)
+    settings = tracker.settings.proposals
+    proposals = Proposals(search, LimbProposal(BODY), settings, np.random.default_rng(5), mixture, case, seen())
+    samples = proposals.samples(count)
+    shares = np.bincount([h.parent for h in samples], minlength=4) / count
+    np.testing.assert_allclose(shares, mixture.weights, atol=4.0 * np.sqrt(0.25 / count))
+    inner = 0.5 * (BODY.lower + BODY.upper)
+    narrow = mixture_of((Mode(inner, 1e-4 * np.eye(BODY.nv), 0.0, "converged", np.zeros(BODY.nv)),), np.zeros(1))
+    rng = np.random.default_rng(6)
+    drawn = Proposals(search, LimbProposal(BODY), settings, rng, narrow, case, seen()).samples(count)
+    spread = np.std([BODY.difference(inner, h.q) for h in drawn], axis=0)
+    np.testing.assert_allclose(spread, PAPER.scale * 0.01, rtol=0.06)
+
+
+def test_step_2_3_modes_are_minima_of_the_static_energy_and_distinct() -> None:
+    """Over what this frame shows alone: nothing is paid for the change since the frame before (footnote 5)."""
+    tracker, result = step(4)
+    search = tracker.search
+    cost = search.model.cost(search.term(seen(), "as_detected"))
+    for q, energy, covariance in zip(result.q, result.energy, result.covariance, strict=True):
+        at = cost.at(q)
+        assert energy == pytest.approx(at.value, rel=1e-12)
+        free = np.diag(covariance) > 0.0
+        assert free.sum() > 4
+        assert np.abs(at.gradient[free]).max() < 1e-5
+        precision = at.hessian[np.ix_(free, free)] + np.eye(free.sum()) / MAX_STD**2
+        np.testing.assert_allclose(covariance[np.ix_(free, free)] @ precision, np.eye(free.sum()), atol=1e-9)
+    points = [BODY.landmarks(BODY.at(q)) for q in result.q]
+    apart = [np.abs(a - b).max() for i, a in enumerate(points) for b in points[:i]]
+    assert min(apart) > 0.01
+
+
+def test_steps_3_to_6_weights_are_heights_times_those_of_the_closest_prior_modes() -> None:
+    """Each prior mode is used once, in the order of the new modes' heights (5); then all sum to one (6)."""
+    _, result = step(4)
+    mixture = prior()
+    assert len(result.weight) == 4
+    left, weights = [0, 1, 2, 3], np.zeros(len(result.weight))
+    for k in np.argsort(result.energy, kind="stable"):
+        closest = min(
+            left,
+            key=lambda i, k=k: bhattacharyya(  # type: ignore[misc]
+                BODY, mixture.modes[i].q, mixture.modes[i].covariance, result.q[k], result.covariance[k]
+            ),
+        )
+        left.remove(closest)
+        assert result.parent[k] == closest
+        weights[k] = np.exp(result.energy.min() - result.energy[k]) * mixture.weights[closest]  # 3, 5
+    np.testing.assert_allclose(result.weight, weights / weights.sum(), rtol=1e-9)
+    assert not np.allclose(result.weight, np.exp(-result.energy) / np.exp(-result.energy).sum(), rtol=0.01)
+
+
+def test_step_4_the_best_are_kept() -> None:
+    """Of the same samples: those of the least energy, before the prior has its say."""
+    (_, all_of_them), (_, kept) = step(4), step(2)
+    least = np.argsort(all_of_them.energy)[:2]
+    assert sorted(kept.energy) == pytest.approx(sorted(all_of_them.energy[least]))
+    assert len(kept.weight) == 2
+    assert kept.weight.sum() == pytest.approx(1.0)
