@@ -3,9 +3,10 @@
 Each raises `ContractError`, an AssertionError, at the first promise that is broken, and says which one, with numbers.
 """
 
+from kinemode.testing.cues import check_cue
 from kinemode.testing.differences import slope
 from kinemode.testing.laws import ContractError
 from kinemode.testing.terms import check_term
 from kinemode.testing.trackers import check_tracker
 
-__all__ = ["ContractError", "check_term", "check_tracker", "slope"]
+__all__ = ["ContractError", "check_cue", "check_term", "check_tracker", "slope"]
