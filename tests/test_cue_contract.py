@@ -16,7 +16,7 @@ from estimator.cues.cue_picture import CuePicture
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.likelihood.registry import CUES
-from estimator.terms.kernels import LORENTZIAN
+from estimator.numerics.robust import LORENTZIAN
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.testing import ContractError, check_cue

@@ -75,7 +75,7 @@ class _CueCheck:
         name, summary, settings = (getattr(self.cue, n, None) for n in ("name", "summary", "settings"))
         self.require(isinstance(name, str) and name.isidentifier(), "has a plain name", f"its name is {name!r}")
         self.require(isinstance(summary, str) and bool(summary), "says what it is", f"its summary is {summary!r}")
-        frozen = is_dataclass(settings) and type(settings).__dataclass_params__.frozen  # type: ignore[attr-defined]
+        frozen = is_dataclass(settings) and type(settings).__dataclass_params__.frozen  # type: ignore[union-attr]
         self.require(frozen, "its settings are a frozen dataclass", f"they are a {type(settings).__name__}")
         assert is_dataclass(settings)
         odd = [f.name for f in fields(settings) if not isinstance(getattr(settings, f.name), int | float | str)]
