@@ -143,9 +143,9 @@ def image_terms(likelihood: CameraLikelihood, before: PosedBody, posed: PosedBod
     prediction = likelihood.predictor.predict(posed)
     matches = likelihood.contours(prediction)
     made: dict[str, Term] = {m.label: likelihood.on_contours(prediction, [m.features]) for m in matches}
-    made |= {part.label: part.term for part in likelihood.others(posed, prediction)}
+    made |= {term.name: term for term in likelihood.others(posed, prediction)}
     for followed in likelihood.follow([Past(before, posed)]):
-        made |= {part.label: part.term for part in likelihood.since(followed)}
+        made |= {term.name: term for term in likelihood.since(followed)}
     made["all on contours"] = likelihood.assigned(posed)[0]
     return made
 

@@ -85,25 +85,25 @@ def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[Part]:
     for match in likelihood.contours(prediction):
         part = Part(match.label, name, 0.0, 0)
         if len(match.features.point):
-            term = likelihood.on_contours(prediction, [match.features])
-            part = _term_part(match.label, name, term, case.posed)
+            alone = likelihood.on_contours(prediction, [match.features], name=match.label)
+            part = _term_part(name, alone, case.posed)
         if match.unassigned_label:
             yield part
             yield Part(match.unassigned_label, name, match.unassigned)
         else:
             yield replace(part, energy=part.energy + match.unassigned)
-    for labelled in likelihood.others(case.assigned, prediction):
-        yield _term_part(labelled.label, name, labelled.term, case.posed)
+    for term in likelihood.others(case.assigned, prediction):
+        yield _term_part(name, term, case.posed)
     if case.before is not None:
         for followed in likelihood.follow([Past(case.before, case.predicted)]):
-            for labelled in likelihood.since(followed):
-                yield _term_part(labelled.label, name, labelled.term, case.posed)
+            for term in likelihood.since(followed):
+                yield _term_part(name, term, case.posed)
     yield Part("nodes facing away or hidden", name, likelihood.penalty(prediction))
 
 
-def _term_part(label: str, camera: str, term: Term, posed: PosedBody) -> Part:
+def _term_part(camera: str, term: Term, posed: PosedBody) -> Part:
     if not isinstance(term, AssignedPoints):
-        return Part(label, camera, term.value(posed))
+        return Part(term.name, camera, term.value(posed))
     features = term.features(posed)
     mean = float(features.weight @ features.distance / max(features.weight.sum(), 1e-300))
-    return Part(label, camera, term.value(posed), len(features.weight), mean)
+    return Part(term.name, camera, term.value(posed), len(features.weight), mean)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from estimator.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.cues.base import CameraView, ContourMatch, Cue, LabelledTerm, Matcher
+from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher
 from estimator.cues.cue_picture import CuePicture
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.camera_pictures import CameraPictures
@@ -70,14 +70,14 @@ class Bright(Cue):
 class BrightMatcher(Matcher):
     weight, precision = 1.0, 0.01
 
-    def terms(self, posed: Any, prediction: Any) -> list[LabelledTerm]:
+    def terms(self, posed: Any, prediction: Any) -> list[Any]:
         body = self.view.body
         target = self.view.cues[self.view_name][None]
         group = assignments(
             np.zeros(1, int), target, isotropic(np.full(1, self.precision)), np.full(1, self.weight), LORENTZIAN, 4.0
         )
         joint, local = body.landmark_joint[:1], body.landmark_local[:1]
-        return [LabelledTerm("bright", AssignedPoints(body, self.view.camera, joint, local, [group]))]
+        return [AssignedPoints(body, self.view.camera, joint, local, [group], name="bright")]
 
     @property
     def view_name(self) -> str:
@@ -107,12 +107,12 @@ def on_contours(point: int, weight: float, target: float = 5.0, label: str = "br
     return {"contours": contours}
 
 
-def remembering(self: BrightMatcher, posed: Any, prediction: Any) -> list[LabelledTerm]:
+def remembering(self: BrightMatcher, posed: Any, prediction: Any) -> list[Any]:
     self.weight = self.weight + 1e-3
     return BrightMatcher.terms(self, posed, prediction)
 
 
-def writing(self: BrightMatcher, posed: Any, prediction: Any) -> list[LabelledTerm]:
+def writing(self: BrightMatcher, posed: Any, prediction: Any) -> list[Any]:
     said = BrightMatcher.terms(self, posed, prediction)
     self.view.cues[self.view_name][0] = 7.0
     return said
@@ -149,7 +149,7 @@ BROKEN: dict[str, tuple[Cue, str]] = {
     "not a number": (cue(on_contours(-1, 1.0, np.nan)), "features are finite"),
     "unlabelled": (cue(on_contours(-1, 1.0, label="")), "parts of the energy have labels"),
     "wrong slope": (
-        cue({"terms": lambda *_: [LabelledTerm("wrong", WrongSlope())]}), "the gradient is the derivative",
+        cue({"terms": lambda *_: [WrongSlope()]}), "the gradient is the derivative",
     ),
     "too few answers": (cue({"follow": lambda self, pasts: [None]}), "each past is followed"),
     "follows silently": (cue({"follow": lambda self, pasts: [0 for _ in pasts]}), "what follows says so"),

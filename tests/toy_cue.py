@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.cues.base import CameraView, Cue, LabelledTerm, Matcher
+from estimator.cues.base import CameraView, Cue, Matcher
 from estimator.cues.cue_picture import CuePicture, Dots, dimmed, links
 from estimator.likelihood.registry import register
 from estimator.numerics.robust import LORENTZIAN
@@ -40,16 +40,16 @@ class Toy(Cue):
 
 
 class ToyMatcher(Matcher):
-    def terms(self, posed: Any, prediction: Any) -> list[LabelledTerm]:
+    def terms(self, posed: Any, prediction: Any) -> list[AssignedPoints]:
         view, s, body, k = self.view, self.view.settings, self.view.body, [self.view.settings.landmark]
         precision = isotropic(np.full(1, 1.0 / view.sigma(s.noise) ** 2))
         weight = np.full(1, s.evidence * view.cues.picture.mean() / 255.0)
         group = assignments(np.zeros(1, int), view.cues["toy"][None], precision, weight, LORENTZIAN, 4.0)
-        term = AssignedPoints(body, view.camera, body.landmark_joint[k], body.landmark_local[k], [group])
-        return [LabelledTerm("bright middle", term)]
+        joint, local = body.landmark_joint[k], body.landmark_local[k]
+        return [AssignedPoints(body, view.camera, joint, local, [group], name="bright middle")]
 
     def pictures(self, shown: Any) -> list[CuePicture]:
-        lines = links(self.terms(shown.posed, shown.prediction)[0].term, shown.posed, "warn")
+        lines = links(self.terms(shown.posed, shown.prediction)[0], shown.posed, "warn")
         layers = [lines, Dots(lines.end, "good", 4.0)]
         return [CuePicture("toy", "bright middle", dimmed(self.view.cues.picture), layers, [("bright middle", "good")])]
 

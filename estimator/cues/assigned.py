@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cues.assigned_loads import assigned_loads, assigned_values, in_order
+from estimator.cues.assigned_loads import assigned_loads, assigned_values, group_by_point, in_order
 from estimator.numerics.robust import LORENTZIAN
 from estimator.terms.points import LoadedPoints, accumulate_points
 from estimator.terms.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody, points_in_world
-from humanoid.support.compiled import jit
 
 
 class Assignments(NamedTuple):
@@ -42,16 +41,6 @@ def assignments(
 def nothing() -> Assignments:
     """No features."""
     return assignments(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), LORENTZIAN, 1.0)
-
-
-@jit
-def across(normals, precision):  # type: ignore[no-untyped-def]
-    """W (A, 3) that measures along unit normals (A, 2) alone, with precision (A,) [1/px^2]."""
-    W = np.empty((normals.shape[0], 3))
-    for i in range(normals.shape[0]):
-        x, y = normals[i, 0], normals[i, 1]
-        W[i, 0], W[i, 1], W[i, 2] = x * x * precision[i], x * y * precision[i], y * y * precision[i]
-    return W
 
 
 def isotropic(precision: np.ndarray) -> np.ndarray:
@@ -138,26 +127,3 @@ class AssignedPoints(BatchTerm):
             self._first, target, precision, weight, potential, nu, values,
         )  # fmt: skip
         return values + self._constant
-
-
-@jit
-def group_by_point(point, count):  # type: ignore[no-untyped-def]
-    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
-    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
-    at = np.zeros(count + 1, np.int64)
-    for p in point:
-        at[p + 1] += 1
-    used, first, order = np.empty(count, np.int64), np.empty(count + 1, np.int64), np.empty(len(point), np.int64)
-    users, total = 0, 0
-    for p in range(count):
-        many = at[p + 1]
-        if many > 0:
-            used[users], first[users] = p, total
-            users += 1
-        at[p] = total
-        total += many
-    first[users] = total
-    for a in range(len(point)):
-        order[at[point[a]]] = a
-        at[point[a]] += 1
-    return used[:users], first[: users + 1], order

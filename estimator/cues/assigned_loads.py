@@ -84,3 +84,36 @@ def assigned_values(  # type: ignore[no-untyped-def]
 def in_order(order, target, precision, weight, kind, nu):  # type: ignore[no-untyped-def]
     """Assignments (A,) rearranged by order (A,): target (A, 2), precision (A, 3), weight, kind, nu (A,)."""
     return target[order], precision[order], weight[order], kind[order], nu[order]
+
+
+@jit
+def group_by_point(point, count):  # type: ignore[no-untyped-def]
+    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
+    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
+    at = np.zeros(count + 1, np.int64)
+    for p in point:
+        at[p + 1] += 1
+    used, first, order = np.empty(count, np.int64), np.empty(count + 1, np.int64), np.empty(len(point), np.int64)
+    users, total = 0, 0
+    for p in range(count):
+        many = at[p + 1]
+        if many > 0:
+            used[users], first[users] = p, total
+            users += 1
+        at[p] = total
+        total += many
+    first[users] = total
+    for a in range(len(point)):
+        order[at[point[a]]] = a
+        at[point[a]] += 1
+    return used[:users], first[: users + 1], order
+
+
+@jit
+def across(normals, precision):  # type: ignore[no-untyped-def]
+    """W (A, 3) that measures along unit normals (A, 2) alone, with precision (A,) [1/px^2]."""
+    W = np.empty((normals.shape[0], 3))
+    for i in range(normals.shape[0]):
+        x, y = normals[i, 0], normals[i, 1]
+        W[i, 0], W[i, 1], W[i, 2] = x * x * precision[i], x * y * precision[i], y * y * precision[i]
+    return W

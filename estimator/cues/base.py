@@ -48,13 +48,6 @@ class ContourMatch(NamedTuple):
     unassigned_label: str = ""
 
 
-class LabelledTerm(NamedTuple):
-    """A term and its row in the energy's table."""
-
-    label: str
-    term: Term
-
-
 class Shown(NamedTuple):
     """A pose that is to be explained: `posed`, its prediction, the prediction of the pose at which features were
     assigned, and the past that it was followed from, None where there is none or it is not known."""
@@ -111,7 +104,7 @@ class Matcher:
         """Features assigned to the contours of a pose; all cues' together make one term."""
         return []
 
-    def terms(self, posed: PosedBody, prediction: Prediction) -> list[LabelledTerm]:
+    def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
         """Other terms around a pose, of which `prediction` is the view."""
         return []
 
@@ -119,7 +112,7 @@ class Matcher:
         """What the image says of each past, for a cue that `follows`: small, picklable, taken by `since`."""
         return [None for _ in pasts]
 
-    def since(self, followed: Any) -> list[LabelledTerm]:
+    def since(self, followed: Any) -> list[Term]:
         """Terms that tie a pose to a past, from what `follow` has said of it."""
         return []
 

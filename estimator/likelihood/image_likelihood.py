@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from estimator.cues.assigned import AssignedPoints, Assignments, nothing
-from estimator.cues.base import CameraView, ContourMatch, LabelledTerm, Matcher, Past, Shown
+from estimator.cues.base import CameraView, ContourMatch, Matcher, Past, Shown
 from estimator.cues.cue_picture import CuePicture
 from estimator.imaging.image_cues import ImageCues
 from estimator.likelihood.registry import cues_of
@@ -89,7 +89,7 @@ class ImageLikelihood:
     def terms_since(self, followed: Sequence[Followed]) -> list[Term]:
         """The terms of one past, from what the cameras say of it."""
         pairs = zip(self.cameras, followed, strict=True)
-        return [part.term for camera, said in pairs for part in camera.since(said)]
+        return [term for camera, said in pairs for term in camera.since(said)]
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """For every camera and every cue that can tell, the share of the pose that the image agrees with."""
@@ -138,20 +138,22 @@ class CameraLikelihood:
             groups.append(match.features)
             constant += match.unassigned
         on_contours = self.on_contours(prediction, groups or [nothing()], constant)
-        return [on_contours, *(part.term for part in self.others(posed, prediction))]
+        return [on_contours, *(term for term in self.others(posed, prediction))]
 
-    def on_contours(self, prediction: Prediction, groups: Sequence[Assignments], constant: float = 0.0) -> Term:
-        """The term of features assigned to a prediction's contours, with what has none."""
-        contours = prediction.contours
-        return AssignedPoints(self.model.body, self.cues.camera, contours.joint, contours.local, groups, constant)
+    def on_contours(
+        self, prediction: Prediction, groups: Sequence[Assignments], constant: float = 0.0, name: str = "on contours"
+    ) -> Term:
+        """The term of features assigned to a prediction's contours, with the energy of what has none."""
+        c = prediction.contours
+        return AssignedPoints(self.model.body, self.cues.camera, c.joint, c.local, groups, constant, name=name)
 
     def contours(self, prediction: Prediction) -> list[ContourMatch]:
         """The features of all cues that lie on a prediction's contours."""
         return [match for matcher in self.matchers.values() for match in matcher.contours(prediction)]
 
-    def others(self, posed: PosedBody, prediction: Prediction) -> list[LabelledTerm]:
+    def others(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
         """The terms of all cues beside the features on contours."""
-        return [part for matcher in self.matchers.values() for part in matcher.terms(posed, prediction)]
+        return [term for matcher in self.matchers.values() for term in matcher.terms(posed, prediction)]
 
     def penalty(self, prediction: Prediction) -> float:
         """Energy of back-facing and occluded nodes (CSS eq. 7)."""
@@ -164,9 +166,9 @@ class CameraLikelihood:
         said = {name: self.matchers[name].follow(pasts) for name in self._following}
         return [{name: of_cue[k] for name, of_cue in said.items()} for k in range(len(pasts))]
 
-    def since(self, followed: Followed) -> list[LabelledTerm]:
+    def since(self, followed: Followed) -> list[Term]:
         """See `ImageLikelihood.terms_since`."""
-        return [part for name, said in followed.items() for part in self.matchers[name].since(said)]
+        return [term for name, said in followed.items() for term in self.matchers[name].since(said)]
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """See `ImageLikelihood.agreement`."""

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from estimator.cost.model import image_extent
-from estimator.cues.base import CameraView, Cue, LabelledTerm, Matcher, Past, Shown
+from estimator.cues.base import CameraView, Cue, Matcher, Past, Shown
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.image_cues import ImageCues
 from estimator.likelihood.image_likelihood import ImageModel
+from estimator.terms.term import Term
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.testing.laws import differing, require
@@ -171,11 +172,11 @@ class _Matching:
         posed = self.body.at(q)
         prediction = self.view.predictor.predict(posed)
         told = parts([tuple(match) for match in self.matcher.contours(prediction)], "contours")
-        for k, (label, term) in enumerate([*self.matcher.terms(posed, prediction), *self.since([self.past])]):
-            told[f"term {k}, {label}"] = np.array(term.value(posed))
+        for k, term in enumerate([*self.matcher.terms(posed, prediction), *self.since([self.past])]):
+            told[f"term {k}, {term.name}"] = np.array(term.value(posed))
         return told | {"agreement": np.array(self.matcher.agreement(prediction), dtype=float)}
 
-    def since(self, pasts: Sequence[Past]) -> list[LabelledTerm]:
+    def since(self, pasts: Sequence[Past]) -> list[Term]:
         return [term for followed in self.matcher.follow(pasts) for term in self.matcher.since(followed)]
 
     def depends_on_the_pose_alone(self) -> None:
@@ -206,8 +207,8 @@ class _Matching:
 
     def terms_keep_their_contract(self, curvature: float | None) -> int:
         terms = self.matcher.terms(self.posed, self.view.predictor.predict(self.posed))
-        for label, term in terms:
-            self.labelled(label)
+        for term in terms:
+            self.labelled(term.name)
             check_term(term, self.body, self.q, curvature=curvature)
         return len(terms)
 
@@ -224,10 +225,10 @@ class _Matching:
         law = "what is followed can be sent to another process"
         terms = self.matcher.since(followed[0])
         sent = self.matcher.since(self.check.pickled(followed[0], law))
-        values = [[term.value(self.posed) for _, term in some] for some in (terms, sent)]
+        values = [[term.value(self.posed) for term in some] for some in (terms, sent)]
         self.require(values[0] == values[1], law, f"energies {values[0]} become {values[1]}")
-        for label, term in terms:
-            self.labelled(label)
+        for term in terms:
+            self.labelled(term.name)
             check_term(term, self.body, self.q, curvature=curvature)
         return len(terms)
 

@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 
 from estimator.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.cues.base import CameraView, Cue, LabelledTerm, Matcher, Past, Shown
+from estimator.cues.base import CameraView, Cue, Matcher, Past, Shown
 from estimator.cues.cue_picture import CONTOUR_LEGEND, CuePicture, Dots, Lines, contour_dots, dimmed, relative
 from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.cues.flow.point_flow import follow_points
 from estimator.cues.flow.settings import IDLE, FlowLikelihoodSettings
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.numerics.robust import LORENTZIAN
+from estimator.terms.term import Term
 from humanoid.kinematics.body import points_in_world
 
 FLOW_NODES = 200  # more say nothing new
@@ -76,7 +77,7 @@ class FlowMatcher(Matcher):
             first = own.stop
         return followed
 
-    def since(self, followed: Followed) -> list[LabelledTerm]:
+    def since(self, followed: Followed) -> list[Term]:
         """See `Matcher.since`."""
         s, view = self._settings, self.view
         point, before, target, sure = followed
@@ -87,11 +88,7 @@ class FlowMatcher(Matcher):
         weight = view.weight * s.flow_evidence / len(point) * sure
         group = assignments(point, target, isotropic(precision), weight, LORENTZIAN, s.flow_nu)
         surface = view.surface
-        return [
-            LabelledTerm(
-                "flow", AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name="flow")
-            )
-        ]
+        return [AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name=Flow.name)]
 
     def _seen(self, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""
@@ -132,7 +129,7 @@ class FlowMatcher(Matcher):
     def _ways(self, shown: Shown, past: Past) -> list[Lines | Dots]:
         (followed,) = self.follow([past])
         layers: list[Lines | Dots] = []
-        for _, term in self.since(followed):
+        for term in self.since(followed):
             assert isinstance(term, AssignedPoints)
             there = term.features(shown.posed)
             weight = relative(there.weight)

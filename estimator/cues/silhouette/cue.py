@@ -8,7 +8,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from estimator.cues.assigned import Assignments, across, assignments, nothing
+from estimator.cues.assigned import Assignments, assignments, nothing
+from estimator.cues.assigned_loads import across
 from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
 from estimator.cues.cue_picture import Area, CuePicture, Dots, Lines, dimmed, links
 from estimator.cues.silhouette.background import FEWEST_FRAMES
