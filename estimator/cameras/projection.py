@@ -27,7 +27,7 @@ _distorted = jit(distorted)
 
 @jit
 def in_camera(p, R, t):  # type: ignore[no-untyped-def]
-    """World point p (3,) in the camera's frame: x, y, z [m]."""
+    """World point p (3,) in the frame of a camera with rotation R (3, 3) and translation t (3,): x, y, z [m]."""
     x = R[0, 0] * p[0] + R[0, 1] * p[1] + R[0, 2] * p[2] + t[0]
     y = R[1, 0] * p[0] + R[1, 1] * p[1] + R[1, 2] * p[2] + t[1]
     z = R[2, 0] * p[0] + R[2, 1] * p[1] + R[2, 2] * p[2] + t[2]
@@ -36,7 +36,10 @@ def in_camera(p, R, t):  # type: ignore[no-untyped-def]
 
 @jit
 def project_point(p, intrinsics, distortion, R, t):  # type: ignore[no-untyped-def]
-    """World point p (3,) -> u, v [px] and whether it is in front of the camera; zeros where it is not."""
+    """World point p (3,) -> u, v [px] and whether it is in front of the camera; zeros where it is not.
+
+    The camera: intrinsics (5,), distortion (5,), R (3, 3), t (3,).
+    """
     x, y, z = in_camera(p, R, t)
     if z < MIN_DEPTH:
         return 0.0, 0.0, False
@@ -46,7 +49,7 @@ def project_point(p, intrinsics, distortion, R, t):  # type: ignore[no-untyped-d
 
 @jit
 def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # type: ignore[no-untyped-def]
-    """`project_point`; fills d pixel / d p (2, 3) where p is in front of the camera."""
+    """`project_point`; fills image_jacobian (2, 3), d pixel / d p [px/m], where p is in front of the camera."""
     x, y, z = in_camera(p, R, t)
     if z < MIN_DEPTH:
         return 0.0, 0.0, False

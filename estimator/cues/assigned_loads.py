@@ -19,9 +19,9 @@ def assigned_loads(  # type: ignore[no-untyped-def]
     """Value of assigned image points of one camera, 1/2 sum weight rho(e' W e) with e = target - projection.
 
     placements (njoints, 12); joints (N,), local (N, 3): points on joints. The camera: intrinsics, distortion (5,), R
-    (3, 3), t (3,). Point n has the assignments first[n] to first[n + 1] - 1: target (A, 2) [px], precision (A, 3) the
-    entries xx, xy, yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3), and gradient `force`
-    (N, 3) and Hessian `load` (N, 3, 3) of the value with respect to them.
+    (3, 3), t (3,). first (N + 1,): point n has the assignments first[n] to first[n + 1] - 1. target (A, 2) [px],
+    precision (A, 3) the entries xx, xy, yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3),
+    and gradient `force` (N, 3) and Hessian `load` (N, 3, 3) of the value with respect to them.
     """
     value = 0.0
     J = np.zeros((2, 3))
@@ -88,8 +88,8 @@ def in_order(order, target, precision, weight, kind, nu):  # type: ignore[no-unt
 
 @jit
 def group_by_point(point, count):  # type: ignore[no-untyped-def]
-    """Sort assignments by their points, of which there are `count`: the points used (U,), where the assignments of each
-    start (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
+    """Sort assignments to point (A,), of `count` points: the points used (U,), where the assignments of each start
+    (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
     at = np.zeros(count + 1, np.int64)
     for p in point:
         at[p + 1] += 1

@@ -37,8 +37,8 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
 
 @jit
 def _square_distances(square, limit, apart, near):  # type: ignore[no-untyped-def]
-    """Make squared distances of twice the scalar products in apart (N, N), given the squared lengths (N,); fill near
-    (N, N) with ones where they are within the limit, and on the diagonal, else zeros."""
+    """Make squared distances of twice the scalar products in apart (N, N), given the squared lengths, square (N,);
+    fill near (N, N) with ones where they are within the limit, and on the diagonal, else zeros."""
     for i in range(square.shape[0]):
         for j in range(square.shape[0]):
             apart[i, j] = square[i] + square[j] - apart[i, j]

@@ -31,7 +31,8 @@ def rho(kind: int, s: float, nu: float) -> tuple[float, float, float]:
 
 @jit
 def robust_square(e, precision, kind, nu, exact, pull, bend):  # type: ignore[no-untyped-def]
-    """1/2 sum rho(precision e^2), its derivative `pull` and (Gauss-Newton or exact) curvature `bend`, all (nv,)."""
+    """1/2 sum rho(precision e^2) of e, precision (nv,); fills its derivative `pull` (nv,) and its curvature `bend`
+    (nv,), Gauss-Newton's or the exact one."""
     value = 0.0
     for i in range(e.shape[0]):
         cost, slope, curve = rho(kind, e[i] * e[i] * precision[i], nu)

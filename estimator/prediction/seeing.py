@@ -20,8 +20,8 @@ def see_points(  # type: ignore[no-untyped-def]
     placements (njoints, 12); joints (N,), local, normals (N, 3): points, and their outward normals, on joints.
 
     Fills their places in the world (N, 3), pixels (N, 2), depth (N,) [m] (negative where there is no image), `facing`
-    (N,): cosine between the outward normal and the viewing ray, negative on the front, and the unit direction (N, 2) of
-    the normal in the image.
+    (N,): cosine between the outward normal and the viewing ray, negative on the front, and image_normals (N, 2):
+    the unit direction of the normal in the image.
     """
     image_jacobian = np.zeros((2, 3))
     n = np.zeros(3)
@@ -57,7 +57,10 @@ def see_nodes(  # type: ignore[no-untyped-def]
 
 @jit
 def _depth_and_facing(p, n, R, t):  # type: ignore[no-untyped-def]
-    """Depth [m] of a point p (3,) in the world, and the cosine between its normal n (3,) and its viewing ray."""
+    """Depth [m] of a point p (3,) in the world, and the cosine between its normal n (3,) and its viewing ray.
+
+    R (3, 3), t (3,): world to camera.
+    """
     along, square, z = 0.0, 0.0, t[2]
     for k in range(3):
         ray = p[k] + R[0, k] * t[0] + R[1, k] * t[1] + R[2, k] * t[2]

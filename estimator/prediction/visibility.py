@@ -20,8 +20,9 @@ OUTER, INNER, HIDDEN = 0, 1, 2
 
 @jit
 def frame_buffer(pixels, depth, fineness, frame):  # type: ignore[no-untyped-def]
-    """Choose the buffer's rectangle: frame = left, top, cell size [px]; returns its rows and columns.
+    """Choose the buffer's rectangle: fills frame (3,) = left, top, cell size [px]; returns its rows and columns.
 
+    pixels (N, 2) [px], depth (N,) [m], negative where there is no image.
     About `fineness` cells, never finer than a pixel; one cell of margin on every side.
     """
     left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
@@ -39,8 +40,10 @@ def frame_buffer(pixels, depth, fineness, frame):  # type: ignore[no-untyped-def
 
 @jit
 def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ignore[no-untyped-def]
-    """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth, owner its part or -1.
+    """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth, owner (rows, columns) its part
+    or -1.
 
+    pixels (N, 2) [px], depth (N,) [m], part (N,): of the vertices. faces (F, 3). frame (3,): see `frame_buffer`.
     Every part is closed, so its front hides as much as front and back together.
     """
     nearness[:] = 0.0
@@ -84,6 +87,8 @@ def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ig
 def classify_nodes(pixels, depth, facing, part, convex, frame, nearness, owner, width, height, gap, state):  # type: ignore[no-untyped-def]
     """Fill `state` (N,) and return how many nodes are back-facing and how many are occluded.
 
+    pixels (N, 2) [px], depth (N,) [m], facing (N,) and part (N,): of the nodes; see `see_points`. convex (P,): whether
+    a part is. frame, nearness, owner: see `fill_buffer`. width, height: of the image [px].
     A node is occluded where the buffer holds a surface nearer by more than `gap` [m] of another part, or of its own if
     that is not convex.
     """
@@ -111,6 +116,7 @@ def classify_nodes(pixels, depth, facing, part, convex, frame, nearness, owner, 
 def contour_points(edges, local, normal, depth, facing, points, normals, between, share):  # type: ignore[no-untyped-def]
     """Points where mesh edges (E, 2) pass from front to back; returns how many.
 
+    local, normal (N, 3), depth, facing (N,): of the nodes, in their joints' frames, see `see_points`.
     Fills points (M, 3) and normals (M, 3) in their joints' frames, the nodes `between` (M, 2) which they lie and the
     `share` (M,) of the way.
 
@@ -151,6 +157,7 @@ def classify_contours(  # type: ignore[no-untyped-def]
 ):
     """Fill the `state` (M,) of contour points by what the buffer holds just outside and just inside of them.
 
+    pixels, image_normals (M, 2), depth, parts (M,): of the contour points. frame, nearness, owner: see `fill_buffer`.
     gap [m]: what is nearer by more hides the point. joined [m]: a surface behind by less continues this one.
     """
     left, top, cell = frame[0], frame[1], frame[2]

@@ -111,7 +111,8 @@ def _accumulate(
 
 @jit
 def _values(first: np.ndarray, distance: np.ndarray, settings: np.ndarray, values: np.ndarray) -> None:
-    """Fill values (N,) with those of `_accumulate`; contacts first[n] to first[n + 1] - 1 are those of pose n."""
+    """Fill values (N,) with those of `_accumulate`; first (N + 1,): contacts first[n] to first[n + 1] - 1, of distance
+    (C,) [m], are those of pose n."""
     scale, weight, power, value, slope, margin = settings
     for n in range(values.size):
         total = 0.0

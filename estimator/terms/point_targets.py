@@ -119,7 +119,10 @@ def target_values(placements, joints, local, target, precision, weight, kind, nu
 
 @jit
 def _whitened(placement, local, target, precision, point, e, pull):  # type: ignore[no-untyped-def]
-    """e' W e; fills the point in the world (3,), e (3,) and W e (3,)."""
+    """e' W e of e = point - target (3,), W = precision (3, 3); fills point (3,) in the world, e (3,), pull (3,) = W e.
+
+    placement (12,), local (3,): see `to_world`.
+    """
     to_world(placement, local, point)
     for i in range(3):
         e[i] = point[i] - target[i]

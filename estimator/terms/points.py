@@ -67,7 +67,8 @@ def turn(placement, local, direction):  # type: ignore[no-untyped-def]
 def _accumulate(  # type: ignore[no-untyped-def]
     J, joint_parent, dof_joint, dof_parent, joints, points, force, weight, gradient, hessian, exact
 ):
-    """See `accumulate_points`; J (nv, 6), joint_parent (njoints,), dof_joint, dof_parent (nv,) as in `Tree`."""
+    """See `accumulate_points`; J (nv, 6), joint_parent (njoints,), dof_joint, dof_parent (nv,) as in `Tree`; joints
+    (N,), points, force (N, 3), weight (N, 3, 3) as in `LoadedPoints`."""
     njoints = joint_parent.shape[0]
     joint_force = np.zeros((njoints, 6))
     joint_load = np.zeros((njoints, 6, 6))
@@ -84,7 +85,11 @@ def _accumulate(  # type: ignore[no-untyped-def]
 
 @jit
 def load_joints(joints, points, force, weight, joint_force, joint_load):  # type: ignore[no-untyped-def]
-    """Add B'f and B'WB of every point to its joint, B = [I, -[p]x] taking a spatial velocity to the point's."""
+    """Add B'f and B'WB of every point to its joint, B = [I, -[p]x] taking a spatial velocity to the point's.
+
+    joints (N,), points (N, 3) [m], force (N, 3) and weight (N, 3, 3) as in `LoadedPoints`. Adds to joint_force
+    (njoints, 6) and joint_load (njoints, 6, 6).
+    """
     half = np.zeros((3, 6))
     for n in range(joints.shape[0]):
         p, f, W = points[n], force[n], weight[n]
@@ -111,8 +116,9 @@ def load_joints(joints, points, force, weight, joint_force, joint_load):  # type
 def gather(J, joint_parent, dof_joint, dof_parent, force, load, gradient, hessian):  # type: ignore[no-untyped-def]
     """Joint loads to gradient and Hessian: sums go up the tree first, as in the composite rigid body algorithm.
 
-    Adds sum_j J_j' force_j to the gradient and sum_j J_j' load_j J_j to the Hessian in O(nv depth). Overwrites `load`
-    (njoints, 6, 6) and `force` (njoints, 6) with their sums over subtrees.
+    J (nv, 6), joint_parent (njoints,), dof_joint, dof_parent (nv,): see `_accumulate`. Adds sum_j J_j' force_j to
+    gradient (nv,) and sum_j J_j' load_j J_j to hessian (nv, nv) in O(nv depth). Overwrites load (njoints, 6, 6) and
+    force (njoints, 6) with their sums over subtrees.
     """
     for j in range(joint_parent.shape[0] - 1, 0, -1):
         parent = joint_parent[j]
@@ -143,6 +149,9 @@ def gather(J, joint_parent, dof_joint, dof_parent, force, load, gradient, hessia
 @jit
 def bend(J, joint_parent, dof_joint, dof_parent, force, moment, hessian):  # type: ignore[no-untyped-def]
     """Add the curvature of the kinematics: sum over points of f . d2p / dq_i dq_j.
+
+    J (nv, 6), joint_parent (njoints,), dof_joint, dof_parent (nv,): see `_accumulate`. force (njoints, 6), moment
+    (njoints, 3, 3); adds to hessian (nv, nv).
 
     For i at or above j in the tree, d/dq_i carries the whole velocity field of j along: d2p = w_i x (v_j + w_j x p),
     so that the sum over points needs only F = sum f (`force`, already summed over subtrees by `gather`) and

@@ -111,8 +111,9 @@ def mixture_energy(  # type: ignore[no-untyped-def]
     q, q_index, v_index, log_share, mean, whiten, precision, log_background, rest, rest_precision, weight, exact,
     gradient, hessian,
 ):  # fmt: skip
-    """-weight log(sum of the densities); adds its gradient (nv,) and Hessian (nv, nv).
+    """-weight log(sum of the densities); adds its gradient (nv,) and hessian (nv, nv).
 
+    q (nq,). q_index, v_index (D,): places of the D angles in q and in the tangent.
     log_share (K,): log of each Gaussian's height. mean (K, D); whiten (K, D, D): inverse Cholesky factors; precision
     (K, D, D). log_background; rest, rest_precision (D,): of the background.
     """
@@ -153,7 +154,7 @@ def mixture_values(  # type: ignore[no-untyped-def]
 
 @jit
 def _log_densities(q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density):  # type: ignore[no-untyped-def]
-    """Fill log_density (K + 1,) at q (nq,): of the K Gaussians, then of the background."""
+    """Fill log_density (K + 1,) at q (nq,): of the K Gaussians, then of the background; see `mixture_energy`."""
     K, D = mean.shape
     log_density[K] = log_background
     for i in range(D):
@@ -174,7 +175,10 @@ def _log_densities(q, q_index, log_share, mean, whiten, log_background, rest, re
 
 @jit
 def _pull(q, q_index, k, mean, precision, rest, rest_precision, own):  # type: ignore[no-untyped-def]
-    """Gradient (D,) of -log density of component k; the background comes after the Gaussians."""
+    """Fill own (D,), the gradient of -log density of component k; the background comes after the Gaussians.
+
+    The other arrays: see `mixture_energy`.
+    """
     K, D = mean.shape
     for i in range(D):
         own[i] = 0.0
@@ -188,7 +192,10 @@ def _pull(q, q_index, k, mean, precision, rest, rest_precision, own):  # type: i
 
 @jit
 def _bend(q, q_index, v_index, k, precision, rest, rest_precision, weight, exact, own, hessian):  # type: ignore[no-untyped-def]
-    """Adds the curvature of component k; the exact one lacks the product of the mean forces, added once for all."""
+    """Adds the curvature of component k; the exact one lacks the product of the mean forces, added once for all.
+
+    own (D,): see `_pull`. The other arrays: see `mixture_energy`.
+    """
     D = rest.shape[0]
     for i in range(D):
         a = v_index[i]

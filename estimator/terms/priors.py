@@ -102,7 +102,7 @@ class Transition(BatchTerm):
 
 @jit
 def stabilise(q, q_index, v_index, rest, precision, weight, kind, nu, gradient, hessian, exact):  # type: ignore[no-untyped-def]
-    """Value of S stabilisers; adds their gradient (nv,) and diagonal Hessian (nv, nv).
+    """Value of S stabilisers; adds their gradient (nv,) and diagonal hessian (nv, nv).
 
     q (nq,). q_index, v_index (S,): places of their joints in q and in the tangent. rest, precision (S,).
     """

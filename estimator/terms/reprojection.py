@@ -146,7 +146,11 @@ def keypoint_values(  # type: ignore[no-untyped-def]
 
 @jit
 def whitened_distances(points, intrinsics, distortion, R, t, pixels, confidence, precision, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (C, L) with the distances of keypoints from projected points (L, 3) in standard deviations."""
+    """Fill `out` (C, L) with the distances of keypoints from projected points (L, 3) in standard deviations.
+
+    intrinsics, distortion (C, 5), R (C, 3, 3), t (C, 3): of the cameras. pixels (C, L, 2) [px], confidence (C, L),
+    precision (C, L) [1/px^2]: of the keypoints.
+    """
     for c in range(pixels.shape[0]):
         for n in range(pixels.shape[1]):
             if confidence[c, n] > 0.0:

@@ -115,7 +115,8 @@ def tilt_values(placements, axis, up, precision, weight, kind, nu, values):  # t
 
 @jit
 def _lean(placement, axis, up, u, e):  # type: ignore[no-untyped-def]
-    """Squared length of e = u - up with u = R axis; adds to u (3,), fills e (3,)."""
+    """Squared length of e = u - up with u = R axis, R of a placement (12,); axis, up (3,). Adds to u (3,), fills
+    e (3,)."""
     for i in range(3):
         for k in range(3):
             u[i] += placement[3 * k + i] * axis[k]

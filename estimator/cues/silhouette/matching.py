@@ -10,7 +10,10 @@ from humanoid.support.compiled import jit
 
 @jit
 def nearest_outline(pixels, state, nearest, chosen):  # type: ignore[no-untyped-def]
-    """For each OUTER contour point the index of the boundary pixel nearest to it, -1 for others; fills chosen (M,)."""
+    """For each OUTER contour point the index of the boundary pixel nearest to it, -1 for others; fills chosen (M,).
+
+    pixels (M, 2) [px], state (M,). nearest (H, W): for every pixel, the index of the boundary pixel nearest to it.
+    """
     height, width = nearest.shape
     for i in range(pixels.shape[0]):
         chosen[i] = -1
@@ -21,8 +24,9 @@ def nearest_outline(pixels, state, nearest, chosen):  # type: ignore[no-untyped-
 
 @jit
 def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chosen):  # type: ignore[no-untyped-def]
-    """For each boundary sample (S, 2) the index of the OUTER contour point nearest in place and direction: `chosen`.
+    """For each boundary sample the index of the OUTER contour point nearest in place and direction: chosen (S,).
 
+    samples, sample_normals (S, 2); pixels, normals (M, 2) and state (M,): of the contour points [px].
     turn [px]: a normal at a right angle counts like this distance.
     """
     outer = np.flatnonzero(state == OUTER)
