@@ -218,10 +218,10 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
                 )
             writer.put_smoothed(smoothed)
         begun = note_on_beginning(job.tracker, results)
-        found = (*begun, *([leapt] if leapt else []), *findings(Run.open(target.path)))
-        writer.put_notes(found)
+        against = (*begun, *([leapt] if leapt else []), *findings(Run.open(target.path)))
+        writer.put_notes(against)
         writer.finish()
-    return found
+    return against
 
 
 def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:

@@ -70,9 +70,9 @@ def energy_parts(case: Case) -> Iterator[Part]:
 
 
 def _keypoints(case: Case, c: int, name: str) -> Part:
-    one = slice(c, c + 1)
+    camera = slice(c, c + 1)
     seen = case.observation
-    alone = replace(seen, cameras=seen.cameras[one], pixels=seen.pixels[one], confidence=seen.confidence[one])
+    alone = replace(seen, cameras=seen.cameras[camera], pixels=seen.pixels[camera], confidence=seen.confidence[camera])
     term = case.search.term(alone, case.association)
     distance = term.distances(case.posed)
     known = distance[np.isfinite(distance)]

@@ -48,8 +48,8 @@ def chosen_cues(
     InputError: cues without clips, or that the settings switch off; masks or backgrounds without a use for them.
     """
     if choice is None:
-        found = settings if None not in inputs.clips and keypoint_share(inputs) < ENOUGH else None
-        return found if found is not None and names_of(found) else None
+        allowed = settings if None not in inputs.clips and keypoint_share(inputs) < ENOUGH else None
+        return allowed if allowed is not None and names_of(allowed) else None
     extras = [path for path in (*inputs.masks, *inputs.backgrounds) if path is not None]
     takers = [cue.name for cue in CUES.values() if cue.uses_masks]
     if extras and not set(takers) & set(choice):

@@ -66,13 +66,13 @@ class Chosen:
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
         """What has no effect on this input, and former names. cues: those that are looked at, None for none."""
         settings = self.settings if cues is None else replace(self.settings, cues=cues)
-        found = idle_with_input(
+        idle = idle_with_input(
             self.tracker, settings, self.changes, fits=fits, pictures=cues is not None, cameras=cameras
         )
-        why = dict.fromkeys(i.because for i in found)
+        why = dict.fromkeys(i.because for i in idle)
         return [
             *self.former,
-            *(f"settings without effect here: {', '.join(i.name for i in found if i.because == b)} ({b})" for b in why),
+            *(f"settings without effect here: {', '.join(i.name for i in idle if i.because == b)} ({b})" for b in why),
         ]
 
 

@@ -85,9 +85,9 @@ class RayPairs:
         count = self._line[0].shape[1]
         few = np.unique(np.linspace(0, count - 1, _FEW).round().astype(int)) if count > _FEW else slice(None)
         near = ~(self._smaller(i, j, few, 1) > enough)
-        found = np.full(len(i), np.inf)
-        found[near] = self._smaller(i[near], j[near], slice(None), FEWEST_SHARED)
-        return found
+        distance = np.full(len(i), np.inf)
+        distance[near] = self._smaller(i[near], j[near], slice(None), FEWEST_SHARED)
+        return distance
 
     def _smaller(self, i: np.ndarray, j: np.ndarray, columns: np.ndarray | slice, fewest: int) -> np.ndarray:
         x, y, z, slope_b = (values[:, columns][i] for values in self._line)

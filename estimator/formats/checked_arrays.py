@@ -101,5 +101,5 @@ def check_covariances(covariance: np.ndarray) -> None:
 
 def check_configurations(body: Body, q: np.ndarray, name: str) -> None:
     """Configurations (K, nq) of a body: finite, their quaternions of length one; raises DamageError."""
-    if not (np.abs(q) < _LARGEST).all() or not all(pin.isNormalized(body.model, one, _NORM) for one in q):
+    if not (np.abs(q) < _LARGEST).all() or not all(pin.isNormalized(body.model, pose, _NORM) for pose in q):
         raise DamageError(f"{name} is no configuration of the subject")

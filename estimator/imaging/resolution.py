@@ -110,11 +110,11 @@ def doubts(name: str, track: KeypointTrack, picture: Size, *, declared: bool) ->
         return ()
     place = (points + 0.5) / np.array(picture)
     outside = float(np.mean(((place < 0.0) | (place > 1.0)).any(axis=1)))
-    found = f"{outside:.0%} of the keypoints lie outside the picture of {shown(picture)}"
+    problem = f"{outside:.0%} of the keypoints lie outside the picture of {shown(picture)}"
     if outside > _MOST_OUTSIDE and not declared:
-        raise InputError(track.source or name, found, remedy=f"is it of other pictures? {_REMEDY}")
+        raise InputError(track.source or name, problem, remedy=f"is it of other pictures? {_REMEDY}")
     if outside > _MANY_OUTSIDE:
-        return (f"{name}: {found}",)
+        return (f"{name}: {problem}",)
     if not declared and (np.quantile(place, 0.98, axis=0) <= _CORNER).all():
         half = f"{picture[0] // 2}x{picture[1] // 2}"
         where = f"all keypoints lie in the top left quarter of the picture of {shown(picture)}"

@@ -21,8 +21,8 @@ class ReadAhead:
         """See `CueReader.at`; afterwards the next frame's are on their way."""
         waiting = self._next
         expected = waiting is not None and waiting[0] == index
-        found = waiting[1] if waiting is not None and expected else self._thread.submit(self._reader.at, index)
-        cues = found.result()
+        reading = waiting[1] if waiting is not None and expected else self._thread.submit(self._reader.at, index)
+        cues = reading.result()
         self._next = (
             index + 1,
             self._thread.submit(self._reader.at, index + 1),

@@ -171,46 +171,46 @@ class _Entries:
         return sequence(self._get(key, []), self.source, key)
 
     def text(self, key: str, choices: Collection[str] = ()) -> str:
-        found = self._get(key, None)
-        if not isinstance(found, str) or (choices and found not in choices):
+        text = self._get(key, None)
+        if not isinstance(text, str) or (choices and text not in choices):
             remedy = f"one of {', '.join(choices)}" if choices else ""
             raise InputError(self.source, "is damaged: a text is needed", place=key, remedy=remedy)
-        return found
+        return text
 
     def texts(self, key: str) -> tuple[str, ...]:
-        found = self.list(key)
-        if not all(isinstance(text, str) for text in found):
+        texts = self.list(key)
+        if not all(isinstance(text, str) for text in texts):
             raise InputError(self.source, "is damaged: texts are needed", place=key)
-        return tuple(found)
+        return tuple(texts)
 
     def paths(self, key: str, *, missing: bool = False) -> dict[str, Any]:
-        found = self.mapping(key)
-        given = [path for path in found.values() if not (missing and path is None)]
+        paths = self.mapping(key)
+        given = [path for path in paths.values() if not (missing and path is None)]
         if not all(isinstance(path, str) and "\0" not in path for path in given):
             raise InputError(self.source, "is damaged: file names are needed", place=key)
-        return dict(found)
+        return dict(paths)
 
     def frame_numbers(self, key: str) -> dict[str, tuple[int, ...]]:
-        found = {name: numbers(value, self.source, f"{key}, {name}") for name, value in self.mapping(key).items()}
-        for name, frames in found.items():
+        by_camera = {name: numbers(value, self.source, f"{key}, {name}") for name, value in self.mapping(key).items()}
+        for name, frames in by_camera.items():
             if frames.ndim != 1 or not ((frames >= 0) & (frames == np.floor(frames))).all():
                 raise InputError(self.source, "is damaged: frame numbers are needed", place=f"{key}, {name}")
-        return {name: tuple(int(i) for i in frames) for name, frames in found.items()}
+        return {name: tuple(int(i) for i in frames) for name, frames in by_camera.items()}
 
     def times(self, key: str) -> np.ndarray:
-        found = numbers(self._get(key, []), self.source, key)
-        if found.ndim != 1 or not (np.diff(found) > 0.0).all():
+        times = numbers(self._get(key, []), self.source, key)
+        if times.ndim != 1 or not (np.diff(times) > 0.0).all():
             raise InputError(self.source, "is damaged: rising times are needed", place=key)
-        return found
+        return times
 
     def seed(self, key: str) -> int:
-        found = self._get(key, None)
-        if type(found) is not int or found < 0:
+        seed = self._get(key, None)
+        if type(seed) is not int or seed < 0:
             raise InputError(self.source, "is damaged: a whole number from 0 is needed", place=key)
-        return found
+        return seed
 
     def distinct(self, cameras: Iterable[Camera]) -> tuple[Camera, ...]:
-        found = tuple(cameras)
-        if not found or len({camera.name for camera in found}) < len(found):
+        distinct = tuple(cameras)
+        if not distinct or len({camera.name for camera in distinct}) < len(distinct):
             raise InputError(self.source, "is damaged: cameras of different names are needed", place="cameras")
-        return found
+        return distinct

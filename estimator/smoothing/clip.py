@@ -47,8 +47,8 @@ def smooth_track(
     track = _Track(search, observations, results, settings, cues)
     q = np.full((len(results), search.body.nq), np.nan)
     if track.some:
-        cost, found = track.best(progress)
-        q[track.some] = [_parted(search, c, x) for c, x in zip(cost, found, strict=True)]
+        cost, smoothed = track.best(progress)
+        q[track.some] = [_parted(search, c, x) for c, x in zip(cost, smoothed, strict=True)]
     return q
 
 
@@ -80,12 +80,12 @@ class _Track:
             costs.append(of_frame[k])
         q = [self._results[t].q for t in self.some]
         other = best_path(self._search.body, q, energies, self._times, self._motion)
-        found = self._smoothed(costs, self._path, progress)
+        own = self._smoothed(costs, self._path, progress)
         if np.array_equal(other, self._path):
-            return costs, found[0]
+            return costs, own[0]
         changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
         rival = self._smoothed(changed, other, None)
-        return (changed, rival[0]) if rival[1] < found[1] else (costs, found[0])
+        return (changed, rival[0]) if rival[1] < own[1] else (costs, own[0])
 
     def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> tuple[np.ndarray, float]:
         body, settings = self._search.body, self._settings
@@ -112,8 +112,8 @@ def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
     if search.clearance is None or search.clearance.penetration(body.at(q)) <= contact.tolerance:
         return q
     held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
-    found = Solution(held.at(q), STALLED, np.inf, 0)
-    return separate(search.seeker, search.clearance, held, found, contact).q
+    start = Solution(held.at(q), STALLED, np.inf, 0)
+    return separate(search.seeker, search.clearance, held, start, contact).q
 
 
 def smooth(

@@ -76,8 +76,8 @@ class FixedLag:
         costs = [f.costs[f.chosen] for f in frames]
         held = np.arange(len(frames)) < len(self._settled)
         chain = Chain(self._search.body, costs, times, self._motion, self._settings.tolerance)
-        found = chain.descend(np.array([f.q for f in frames]), held, self._settings.lag_iterations)
-        for frame, pose in zip(frames, found, strict=True):
+        poses = chain.descend(np.array([f.q for f in frames]), held, self._settings.lag_iterations)
+        for frame, pose in zip(frames, poses, strict=True):
             frame.q = pose
 
     def _give(self) -> tuple[int, np.ndarray]:

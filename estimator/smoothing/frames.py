@@ -41,5 +41,5 @@ def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -
 
 def only(result: FrameResult, k: int) -> FrameResult:
     """A frame with its mode k alone."""
-    one = slice(k, k + 1)
-    return replace(result, q=result.q[one], weight=result.weight[one], association=result.association[one])
+    alone = slice(k, k + 1)
+    return replace(result, q=result.q[alone], weight=result.weight[alone], association=result.association[alone])

@@ -100,13 +100,13 @@ def _components(content: object, count: int, path: str | Path) -> tuple[np.ndarr
         raise InputError(path, "has no component", place="components")
     below = np.tril_indices(count)
     weights, means, covariances = [], [], []
-    for k, one in enumerate(listed):
+    for k, component in enumerate(listed):
         place = f"components[{k}]"
-        one = mapping(one, path, place)
-        weights.append(float(shaped(member(one, "weight", path, place), (), path, f"{place}.weight")))
-        means.append(shaped(member(one, "mean", path, place), (count,), path, f"{place}.mean"))
+        component = mapping(component, path, place)
+        weights.append(float(shaped(member(component, "weight", path, place), (), path, f"{place}.weight")))
+        means.append(shaped(member(component, "mean", path, place), (count,), path, f"{place}.mean"))
         lower = np.zeros((count, count))
-        triangle = member(one, "covariance", path, place)
+        triangle = member(component, "covariance", path, place)
         lower[below] = shaped(triangle, (len(below[0]),), path, f"{place}.covariance")
         covariances.append(lower + np.tril(lower, -1).T)
         if np.linalg.eigvalsh(covariances[-1])[0] <= 0.0:
@@ -120,7 +120,7 @@ def _laid_out(content: dict[str, object]) -> str:
     for key, value in content.items():
         if key == "components":
             assert isinstance(value, list)
-            value = "[\n" + ",\n".join(f"  {json.dumps(one)}" for one in value) + "\n ]"
+            value = "[\n" + ",\n".join(f"  {json.dumps(component)}" for component in value) + "\n ]"
         else:
             value = json.dumps(value)
         lines.append(f" {json.dumps(key)}: {value}")

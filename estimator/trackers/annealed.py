@@ -84,10 +84,10 @@ class Annealed(BeginsByKeypoints):
             return unseen(self.search, state, observation, disperse(particles.states, 1.0))
         energy = FrameEnergy(self.search, observation, before)
         particles, layers = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)
-        found, owner = summarised(self.search, energy, particles, particles.states, before, dt, self._summary)
+        mixture, owner = summarised(self.search, energy, particles, particles.states, before, dt, self._summary)
         told = {"annealing_power": layers.power, "effective_sample_size": layers.effective_count}
-        _, result = judged(self.search, observation, found, told)
-        return ParticleState(found, observation.time, replace(particles, owner=owner)), result
+        _, result = judged(self.search, observation, mixture, told)
+        return ParticleState(mixture, observation.time, replace(particles, owner=owner)), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
         """See `estimator.trackers.base.Tracker`."""

@@ -79,14 +79,14 @@ class Condensation(BeginsByKeypoints):
             lambda new, old: -energy.values(new[:, :nq], particles.owner[old]) / self.settings.temperature,
         )
         after = Particles(states, weights, particles.owner[ancestor])
-        found, owner = summarised(self.search, energy, after, states[:, :nq], before, dt, self._summary)
+        mixture, owner = summarised(self.search, energy, after, states[:, :nq], before, dt, self._summary)
         told = {
             "effective_sample_size": np.array(effective_count(weights)),
             "log_evidence": np.array(log_evidence),
             "resampled": np.array(True),
         }
-        _, result = judged(self.search, observation, found, told)
-        return ParticleState(found, observation.time, replace(after, owner=owner)), result
+        _, result = judged(self.search, observation, mixture, told)
+        return ParticleState(mixture, observation.time, replace(after, owner=owner)), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
         """See `estimator.trackers.base.Tracker`."""

@@ -121,13 +121,15 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         likelihood = self.search.likelihood(observation, prior.modes[0].q)
         case = FrameCase(self.search.associations(observation), observation.time - state.time, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
-        found = self.search.explored(proposals.kept(), case) if self.settings.keep else []
-        left = self.settings.budget.left(len(found), _rise(found, prior), 1.0 - float(prior.weights[0]))
-        found += self.search.explored(allocated(left, self._sources(proposals, observation, likelihood)), case)  # 1, 2
-        mixture = self.search.best_of(found, case, self.settings.modes, rng)  # 3, 4
+        candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
+        left = self.settings.budget.left(len(candidates), _rise(candidates, prior), 1.0 - float(prior.weights[0]))
+        candidates += self.search.explored(
+            allocated(left, self._sources(proposals, observation, likelihood)), case
+        )  # 1, 2
+        mixture = self.search.best_of(candidates, case, self.settings.modes, rng)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
-        return judged(self.search, observation, mixture, _searches(found))
+        return judged(self.search, observation, mixture, _searches(candidates))
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
         """See `estimator.trackers.capabilities.SharesWork`."""
@@ -148,11 +150,11 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
             Source(s.samples, proposals.samples),
         ]
 
-    def _matched(self, prior: Mixture, found: Mixture) -> Mixture:
+    def _matched(self, prior: Mixture, posterior: Mixture) -> Mixture:
         """Multiply each new mode's weight with that of the closest prior mode, which is then used up (5)."""
         left = list(range(len(prior.modes)))
         modes, scores = [], []
-        for mode, score in zip(found.modes, found.log_scores, strict=True):
+        for mode, score in zip(posterior.modes, posterior.log_scores, strict=True):
             parent = -1
             if left:
                 distances = [
@@ -166,16 +168,16 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         return mixture_of(tuple(modes), np.array(scores))  # 6
 
 
-def _searches(found: Sequence[Candidate]) -> dict[str, np.ndarray]:
-    counted = Counter(c.hypothesis.origin.family for c in found)
+def _searches(candidates: Sequence[Candidate]) -> dict[str, np.ndarray]:
+    counted = Counter(c.hypothesis.origin.family for c in candidates)
     return searches_told({family: counted[family] for family in _FAMILIES})
 
 
-def _rise(found: Sequence[Candidate], prior: Mixture) -> float:
+def _rise(candidates: Sequence[Candidate], prior: Mixture) -> float:
     """How much worse the best continuation explains its frame than its parent did the frame before."""
-    if not found:
+    if not candidates:
         return 0.0
-    best = max(found, key=lambda c: c.score)
+    best = max(candidates, key=lambda c: c.score)
     return best.energy - prior.modes[best.hypothesis.parent].energy
 
 

@@ -73,8 +73,8 @@ class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
             return carried(search, state.mixture, dt, observation)
         likelihood = search.likelihood(observation, state.mixture.modes[0].q)
         case = FrameCase(search.associations(observation), dt, likelihood)
-        found = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
-        return judged(search, observation, found, searches_told({Family.SAMPLE: self.settings.starts}))
+        mixture = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
+        return judged(search, observation, mixture, searches_told({Family.SAMPLE: self.settings.starts}))
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
         """See `estimator.trackers.capabilities.SharesWork`; without joint limits the first frame's work alone is."""

@@ -100,11 +100,11 @@ def first_particle_set(
     The start is every tracker's: the best `modes` modes, found by search. Particles are drawn from these Gaussians.
     """
     state, result = judged(search, observation, start_modes(search, rng, observation, modes))
-    found, body = state.mixture, search.body
-    owner = np.sort(rng.choice(len(found.modes), size=count, p=found.weights))
-    factors = [np.linalg.cholesky(m.covariance + 1e-12 * np.eye(body.nv)) for m in found.modes]
-    q = np.array([body.integrate(found.modes[k].q, factors[k] @ rng.standard_normal(body.nv)) for k in owner])
-    return ParticleState(found, state.time, Particles(q, np.full(count, 1.0 / count), owner)), result
+    mixture, body = state.mixture, search.body
+    owner = np.sort(rng.choice(len(mixture.modes), size=count, p=mixture.weights))
+    factors = [np.linalg.cholesky(m.covariance + 1e-12 * np.eye(body.nv)) for m in mixture.modes]
+    q = np.array([body.integrate(mixture.modes[k].q, factors[k] @ rng.standard_normal(body.nv)) for k in owner])
+    return ParticleState(mixture, state.time, Particles(q, np.full(count, 1.0 / count), owner)), result
 
 
 def diffused(rng: np.random.Generator, body: Body, q: np.ndarray, std: np.ndarray) -> np.ndarray:

@@ -43,12 +43,12 @@ def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], 
 
     settings: with the changes. fits: whether the subject is fitted to the clip, which some act on.
     """
-    found, acting = _idle(tracker, settings), set()
+    reasons, acting = _idle(tracker, settings), set()
     changed = changed_names(tracker, settings)
     if fits and tracker != DEFAULT:
         in_fit = _idle(DEFAULT, fit_settings(tracker, settings, changes)) | {"search.follow": ""}
         acting = {name for name in changed if name.startswith(FIT_GROUPS) and not _covered(name, in_fit)}
-    return [Idle(name, _why(name, found)) for name in changed if name not in acting and _covered(name, found)]
+    return [Idle(name, _why(name, reasons)) for name in changed if name not in acting and _covered(name, reasons)]
 
 
 def idle_with_input(
@@ -56,13 +56,13 @@ def idle_with_input(
 ) -> list[Idle]:
     """Those that have no effect on this input, where no pictures are looked at, or not for this, or several cameras are
     there. settings: with the cues that were chosen; the rest is as in `idle_settings`."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     if cameras > 1:
-        found |= dict.fromkeys(_needing(tracker, ONE_CAMERA), f"it is for one camera, there are {cameras}")
+        reasons |= dict.fromkeys(_needing(tracker, ONE_CAMERA), f"it is for one camera, there are {cameras}")
     if not pictures:
-        found |= dict.fromkeys(_needing(tracker, PICTURES), "no pictures are looked at")
+        reasons |= dict.fromkeys(_needing(tracker, PICTURES), "no pictures are looked at")
     changed = [name for name in changed_names(tracker, settings) if not name.startswith("cues.use_")]
-    idle = [Idle(name, _why(name, found)) for name in changed if _covered(name, found)]
+    idle = [Idle(name, _why(name, reasons)) for name in changed if _covered(name, reasons)]
     known = {i.name for i in idle}
     more = idle_settings(tracker, settings, changes, fits=fits) if pictures else []
     return idle + [i for i in more if i.name not in known and not i.name.startswith("cues.use_")]
@@ -85,11 +85,11 @@ def without(changes: Mapping[str, Any], names: Collection[str]) -> dict[str, Any
 
 def _idle(tracker: str, settings: Settings) -> dict[str, str]:
     """Names of settings and groups without effect, and why."""
-    values, found = _values(settings), dict[str, str]()
+    values, reasons = _values(settings), dict[str, str]()
     for rule in _rules(tracker):
         if not rule.needs and all(values[name] == value for name, value in rule.where):
-            found |= {name: rule.reason for name in rule.names if name not in found}
-    return found
+            reasons |= {name: rule.reason for name in rule.names if name not in reasons}
+    return reasons
 
 
 def _needing(tracker: str, needs: str) -> list[str]:
@@ -105,9 +105,9 @@ def _values(settings: Settings) -> dict[str, Any]:
     return {f"{table}.{name}": value for table, name, value in every_setting(settings)}
 
 
-def _covered(name: str, found: Mapping[str, str]) -> bool:
-    return any(name == n or name.startswith(f"{n}.") for n in found)
+def _covered(name: str, reasons: Mapping[str, str]) -> bool:
+    return any(name == n or name.startswith(f"{n}.") for n in reasons)
 
 
-def _why(name: str, found: Mapping[str, str]) -> str:
-    return next(because for n, because in found.items() if name == n or name.startswith(f"{n}."))
+def _why(name: str, reasons: Mapping[str, str]) -> str:
+    return next(because for n, because in reasons.items() if name == n or name.startswith(f"{n}."))

@@ -106,7 +106,7 @@ def _placed(q: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 def leaps(body: Body, results: Iterable[FrameResult]) -> list[int]:
     """Indices of the frames in which the root leapt; unobserved frames lengthen the time there was."""
-    check, found = LeapCheck(body), []
+    check, leapt = LeapCheck(body), []
     before: FrameResult | None = None
     seen = 0.0
     for result in results:
@@ -114,12 +114,12 @@ def leaps(body: Body, results: Iterable[FrameResult]) -> list[int]:
         if observed and before is not None:
             elapsed = result.time - seen
             if check.leapt(before.q, before.covariance, result.q[0], result.covariance[0], elapsed):
-                found.append(result.index)
+                leapt.append(result.index)
         if len(result.q):
             before = result
         if observed:
             seen = result.time
-    return found
+    return leapt
 
 
 def leap_note(frames: list[int]) -> str:

@@ -41,7 +41,7 @@ def search_edges(  # type: ignore[no-untyped-def]
     """
     height, width = strength.shape
     reach = int(window)
-    found = np.zeros(2 * reach + 3)
+    profile = np.zeros(2 * reach + 3)
     for i in range(pixels.shape[0]):
         share[i] = 0.0
         if state[i] != OUTER and state[i] != INNER:
@@ -49,7 +49,7 @@ def search_edges(  # type: ignore[no-untyped-def]
         for k in range(2 * reach + 3):
             u = pixels[i, 0] + (k - reach - 1) * normals[i, 0]
             v = pixels[i, 1] + (k - reach - 1) * normals[i, 1]
-            found[k] = 0.0
+            profile[k] = 0.0
             if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
                 continue
             x, y = int(u + 0.5), int(v + 0.5)
@@ -61,14 +61,14 @@ def search_edges(  # type: ignore[no-untyped-def]
                 a, b = u - x, v - y
                 upper = (1.0 - a) * strength[y, x] + a * strength[y, x + 1]
                 lower = (1.0 - a) * strength[y + 1, x] + a * strength[y + 1, x + 1]
-                found[k] = ((1.0 - b) * upper + b * lower) * along
+                profile[k] = ((1.0 - b) * upper + b * lower) * along
         total = _UNSURE
         for k in range(1, 2 * reach + 2):
-            s = found[k]
-            if s < _WEAK or s < found[k - 1] or s <= found[k + 1]:
+            s = profile[k]
+            if s < _WEAK or s < profile[k - 1] or s <= profile[k + 1]:
                 continue
-            bend = found[k - 1] - 2.0 * s + found[k + 1]
-            offset = k - reach - 1 + (0.5 * (found[k - 1] - found[k + 1]) / bend if bend < -1e-6 else 0.0)
+            bend = profile[k - 1] - 2.0 * s + profile[k + 1]
+            offset = k - reach - 1 + (0.5 * (profile[k - 1] - profile[k + 1]) / bend if bend < -1e-6 else 0.0)
             u, v = pixels[i, 0] + offset * normals[i, 0], pixels[i, 1] + offset * normals[i, 1]
             x, y = min(max(int(u + 0.5), 0), width - 1), min(max(int(v + 0.5), 0), height - 1)
             if distance.shape[0] > 0:

@@ -45,19 +45,19 @@ def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np
     """How far the pixels (N, 2) move, (N, 2), led by the dense field; how sure that is, (N,); the pixels."""
     x, y = cells.astype(np.int64).T
     led = cells + flow.flow[y, x]
-    found, sure = _refined(flow, cells, led)
+    places, sure = _refined(flow, cells, led)
     lost = sure <= 0.0
-    found[lost], sure[lost] = led[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
-    return found - cells, sure, cells
+    places[lost], sure[lost] = led[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
+    return places - cells, sure, cells
 
 
 def _refined(flow: FlowField, points: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Refined places (N, 2) of points led to `guess`, and how sure each is, (N,), zero where it was lost."""
-    found, there = _tracked(flow.before, flow.now, points, guess)
-    back, again = _tracked(flow.now, flow.before, found, points)
+    places, there = _tracked(flow.before, flow.now, points, guess)
+    back, again = _tracked(flow.now, flow.before, places, points)
     missed = np.square(back - points).sum(axis=1)
-    kept = there & again & (np.square(found - guess).sum(axis=1) < STRAY**2)
-    return found, np.where(kept, 1.0 / (1.0 + missed), 0.0)
+    kept = there & again & (np.square(places - guess).sum(axis=1) < STRAY**2)
+    return places, np.where(kept, 1.0 / (1.0 + missed), 0.0)
 
 
 def _tracked(
@@ -65,7 +65,7 @@ def _tracked(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (N, 2) of points and whether each was found, (N,) bool."""
     with one_thread():
-        found, status, _ = cv2.calcOpticalFlowPyrLK(
+        places, status, _ = cv2.calcOpticalFlowPyrLK(
             before, now, points, guess.copy(), winSize=WINDOW, maxLevel=1, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
         )
-    return np.asarray(found), np.asarray(status)[:, 0] > 0
+    return np.asarray(places), np.asarray(status)[:, 0] > 0

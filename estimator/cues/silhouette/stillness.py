@@ -39,8 +39,8 @@ def camera_moves(pictures: list[np.ndarray]) -> bool:
         return False
     shares = []
     for picture in grey:
-        there, found, _ = cv2.calcOpticalFlowPyrLK(reference, picture, corners, np.zeros_like(corners))
-        stays = (found[:, 0] > 0) & (np.linalg.norm(there - corners, axis=-1)[:, 0] < 0.7)
+        there, status, _ = cv2.calcOpticalFlowPyrLK(reference, picture, corners, np.zeros_like(corners))
+        stays = (status[:, 0] > 0) & (np.linalg.norm(there - corners, axis=-1)[:, 0] < 0.7)
         shares.append(np.mean(np.bincount(cell, stays, _CELLS**2)[occupied] >= 0.5 * count))
     return bool(np.quantile(shares, 0.2) < 0.5)
 
