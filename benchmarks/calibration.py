@@ -13,17 +13,17 @@ from cyclopts import Parameter
 from rich.table import Table
 
 from benchmarks.calibration_clips import CONDITIONS, HELD_OUT, TRAINING, Task, Tracked, motions, tracked
-from benchmarks.calibration_levels import (
+from benchmarks.calibration_plot import write_reliability
+from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell
+from benchmarks.credible_levels import (
     KINDS,
     Levels,
     calibration_error,
     coverage,
+    credible_levels_of,
     fitted_calibration,
-    levels_of,
     together,
 )
-from benchmarks.calibration_plot import write_reliability
-from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell
 from estimator.results.calibration import Calibration
 from kinemode.terminal import report
 
@@ -127,7 +127,7 @@ def _clips(data: Path | None, names: Sequence[str], make: partial[Task], seed: i
 
 def measured(cases: Sequence[Tracked], calibration: Calibration, jobs: int) -> list[Levels]:
     """Levels of every clip under a calibration."""
-    return in_processes(partial(levels_of, calibration=calibration), cases, jobs)
+    return in_processes(partial(credible_levels_of, calibration=calibration), cases, jobs)
 
 
 def of_conditions(levels: Sequence[Levels], cases: Sequence[Tracked]) -> dict[str, Levels]:

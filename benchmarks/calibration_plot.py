@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.calibration_levels import GRID, KINDS, Levels, calibration_error, coverage
+from benchmarks.credible_levels import GRID, KINDS, Levels, calibration_error, coverage
 from humanoid.support.atomic import replacing
 
 TITLES = {"dof": "degrees of freedom", "landmark": "landmark places", "pose": "whole poses"}

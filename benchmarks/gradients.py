@@ -29,7 +29,7 @@ from estimator.terms.term import Cost, Term
 from estimator.terms.upright import Upright, world_up
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import load_subject
@@ -80,7 +80,7 @@ def random_pose(
     return pin.integrate(body.model, q, np.concatenate([rng.normal(0.0, 0.3, 6), np.zeros(body.nv - 6)]))
 
 
-def terms(body: Body, clearance: Clearance, rng: np.random.Generator) -> dict[str, Callable[[], Term]]:
+def terms(body: Body, self_collision: SelfCollision, rng: np.random.Generator) -> dict[str, Callable[[], Term]]:
     """A maker for each term under test, with random data of its own."""
     cameras = scene_cameras()
 
@@ -101,14 +101,14 @@ def terms(body: Body, clearance: Clearance, rng: np.random.Generator) -> dict[st
             body, random_pose(body, rng), rng.uniform(0.05, 0.5, body.nv), k
         )
     for power in (1.0, 2.0):
-        made[f"interpenetration, power {power:g}"] = lambda p=power: Interpenetration(clearance, power=p)  # type: ignore[misc]
+        made[f"interpenetration, power {power:g}"] = lambda p=power: Interpenetration(self_collision, power=p)  # type: ignore[misc]
     return made
 
 
-def term_errors(body: Body, clearance: Clearance, poses: int, rng: np.random.Generator) -> dict[str, Errors]:
+def term_errors(body: Body, self_collision: SelfCollision, poses: int, rng: np.random.Generator) -> dict[str, Errors]:
     """Every term at random poses, in front of its cameras; a term that is flat there is drawn again."""
     found = {}
-    for name, make in terms(body, clearance, rng).items():
+    for name, make in terms(body, self_collision, rng).items():
         errors = found[name] = Errors()
         step = 1e-6 if name.startswith("inter") else 1e-4
         while len(errors.values) < poses:
@@ -150,17 +150,17 @@ def image_terms(likelihood: CameraLikelihood, before: PosedBody, posed: PosedBod
     return made
 
 
-def clearance_errors(body: Body, clearance: Clearance, poses: int, rng: np.random.Generator) -> Errors:
+def self_collision_errors(body: Body, self_collision: SelfCollision, poses: int, rng: np.random.Generator) -> Errors:
     """Distance of every near pair at random poses."""
-    errors, wide = Errors(), 2.0 * clearance.margin
+    errors, wide = Errors(), 2.0 * self_collision.margin
     while len(errors.values) < poses:
         q = random_pose(body, rng)
-        here = clearance.near(body.at(q))
+        here = self_collision.near(body.at(q))
         if not here.pair.size:
             continue
 
         def distances(x: np.ndarray, pairs: np.ndarray = here.pair) -> np.ndarray:
-            near = clearance.near(body.at(x), wide)
+            near = self_collision.near(body.at(x), wide)
             known = dict(zip(near.pair.tolist(), near.distance.tolist(), strict=True))
             return np.array([known.get(p, np.nan) for p in pairs.tolist()])
 
@@ -234,9 +234,9 @@ def projected(body: Body, cost: Cost, q: np.ndarray) -> float:
     return float(np.max(np.abs(np.where(held, 0.0, gradient)), initial=0.0))
 
 
-def descents(body: Body, clearance: Clearance, searches: int, rng: np.random.Generator) -> Descents:
+def descents(body: Body, self_collision: SelfCollision, searches: int, rng: np.random.Generator) -> Descents:
     """Searches on the tracker's energy, transition and interpenetration included, from starts near and far."""
-    model, seeker, total = CostModel(body, CostSettings(), clearance), Seeker(body), Descents()
+    model, seeker, total = CostModel(body, CostSettings(), self_collision), Seeker(body), Descents()
     seeker.solver = watch = Watch(body)
     motion = authored_motion(body, np.linspace(0.0, 2.9, 60))
     cameras = scene_cameras()
@@ -284,7 +284,7 @@ def main(
     Parameters
     ----------
     poses
-        Random poses of each term, of the image's over both cameras, and pairs of the clearance.
+        Random poses of each term, of the image's over both cameras, and pairs of signed distances.
     searches
         Single searches on the tracker's energy.
     frames
@@ -296,13 +296,13 @@ def main(
     """
     rng = np.random.default_rng(seed)
     body = Body(load_subject("human34"))
-    clearance = Clearance(body)
-    errors = term_errors(body, clearance, poses, rng)
+    self_collision = SelfCollision(body)
+    errors = term_errors(body, self_collision, poses, rng)
     errors |= image_errors(body, rendered_frame(body, rng, cameras=2), max(1, poses // 2), rng)
-    errors["clearance, each pair"] = clearance_errors(body, clearance, 5 * poses, rng)
+    errors["signed distance, each pair"] = self_collision_errors(body, self_collision, 5 * poses, rng)
     errors["landmarks by proportions"] = proportion_errors(max(1, poses // 4), rng)
     rows = {name: e.row() for name, e in errors.items()}
-    down = descents(body, clearance, searches, rng)
+    down = descents(body, self_collision, searches, rng)
     modes = tracked(frames, seed)
     show(rows, down, modes)
     save(json, {"measure": "gradients", "target": TARGET, "gradients": rows, "descents": vars(down), "tracked": modes})

@@ -1,6 +1,6 @@
 """How long chains of many joints take to load, in a process of their own each: the time must grow about linearly.
 
-Loading is `load_subject`, `Body` and, where the links have shapes, `Clearance`.
+Loading is `load_subject`, `Body` and, where the links have shapes, `SelfCollision`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -55,7 +55,7 @@ def load(path: Path) -> Loaded:
     refused = ""
     body = Body(load_subject(path))
     try:
-        Clearance(body)
+        SelfCollision(body)
     except InputError as error:
         refused = error.problem
     middle = perf_counter()

@@ -18,7 +18,7 @@ from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Term
 from estimator.terms.upright import Upright, world_up
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 
 CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
@@ -72,7 +72,7 @@ def transition(name: str, potential: str) -> Callable[[np.random.Generator], Mad
 
 def interpenetration(rng: np.random.Generator) -> Made:
     body = body_of("human34")
-    term = Interpenetration(Clearance(body), scale=0.01)
+    term = Interpenetration(SelfCollision(body), scale=0.01)
     while True:
         q = random_pose(body, rng)
         if evaluated(term, body, q)[0] > 0.5:

@@ -14,7 +14,7 @@ from estimator.results.evaluation import limit_violations
 from estimator.synthesis import authored_motion
 from estimator.synthesis.mocap import CMU_UNIT, Mocap, load_mocap
 from estimator.synthesis.retarget import retarget
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -241,8 +241,8 @@ def test_captured_motions_are_followed(path: Path) -> None:
     found = retarget(body, mocap, times)
     assert limit_violations(body, found.q) == 0
     assert found.residual.mean() < 0.02
-    clearance = Clearance(body)
-    assert max(clearance.penetration(body.at(one)) for one in found.q[::3]) < 0.005
+    self_collision = SelfCollision(body)
+    assert max(self_collision.penetration(body.at(one)) for one in found.q[::3]) < 0.005
     soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
     lowest = np.array([body.landmarks(body.at(one))[soles, 2].min() for one in found.q])
     assert abs(np.median(lowest)) < 0.05  # on the floor most of the time

@@ -17,7 +17,7 @@ from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Term
 from estimator.terms.upright import Upright, world_up
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 
 
@@ -208,21 +208,21 @@ def test_keypoint_noise_grows_with_the_person_in_the_image() -> None:
 def test_the_model_sums_its_terms() -> None:
     body, rng = body_of("human34"), np.random.default_rng(22)
     settings = CostSettings(stabiliser_weight=2.0, interpenetration_weight=0.7)
-    clearance = Clearance(body)
-    model = CostModel(body, settings, clearance)
+    self_collision = SelfCollision(body)
+    model = CostModel(body, settings, self_collision)
     term = model.observation_term(observed(body, rng))
     q, previous = random_pose(body, rng, share=0.6, turn=0.4), random_pose(body, rng, share=0.6, turn=0.4)
     parts: list[Term] = [
         term,
         Stabilisers(body, 2.0),
         Upright(body, world_up(CAMERAS), 2.0 * settings.upright_weight),
-        Interpenetration(clearance, settings.clearance_scale, 0.7),
+        Interpenetration(self_collision, settings.clearance_scale, 0.7),
         Transition(body, previous, model.transition_std(0.04), settings.transition_potential, settings.transition_nu),
     ]
     whole, alone = model.cost(term, previous, 0.04).at(q), [evaluated(part, body, q) for part in parts]
     assert whole.value == pytest.approx(sum(a[0] for a in alone), rel=1e-12)
     assert np.allclose(whole.gradient, sum(a[1] for a in alone), rtol=1e-10, atol=1e-9)
     assert len(model.cost(term).terms) == 4
-    bare = CostModel(body, CostSettings(stabiliser_weight=0.0, interpenetration_weight=0.0), clearance)
+    bare = CostModel(body, CostSettings(stabiliser_weight=0.0, interpenetration_weight=0.0), self_collision)
     assert bare.cost(term).terms == (term,)
     assert np.allclose(model.transition_std(0.2), 2.0 * model.transition_std(0.1))

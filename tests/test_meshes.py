@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import subject_from_text
@@ -53,7 +53,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-@pytest.mark.parametrize("use", [("collision", Clearance), ("visual", surface_of)])
+@pytest.mark.parametrize("use", [("collision", SelfCollision), ("visual", surface_of)])
 def test_a_mesh_that_cannot_be_used_is_refused(case, use, tmp_path, capfd) -> None:  # type: ignore[no-untyped-def]
     name, content, said = BAD[case]
     (tmp_path / name).write_bytes(content)
@@ -68,5 +68,5 @@ def test_a_mesh_that_cannot_be_used_is_refused(case, use, tmp_path, capfd) -> No
 
 def test_a_sound_mesh_is_its_hull(tmp_path: Path) -> None:
     (tmp_path / "m.stl").write_bytes(stl(TRIANGLES))
-    solid = Clearance(body_with(tmp_path / "m.stl", "collision")).solids[0]
+    solid = SelfCollision(body_with(tmp_path / "m.stl", "collision")).solids[0]
     assert 0.099 < solid.core_radius < 0.101

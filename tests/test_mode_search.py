@@ -22,7 +22,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.views import view_sphere
 from estimator.trackers.paths import backtrack
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 
 CAMERA = camera_at(0.0, height=0.2)
@@ -31,7 +31,7 @@ CAMERA = camera_at(0.0, height=0.2)
 @pytest.fixture(scope="module")
 def search() -> ModeSearch:
     body = body_of("human34")
-    return ModeSearch(CostModel(body, CostSettings(), Clearance(body)))
+    return ModeSearch(CostModel(body, CostSettings(), SelfCollision(body)))
 
 
 def walking(body: Body, heading: float) -> np.ndarray:
@@ -141,7 +141,7 @@ def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
     kept = Origin(Family.KEPT, PreviousPose(q_previous))
     hypotheses = [Hypothesis(q_previous, k, kept, 2, -1.5) for k in range(2)]
     mixture = search.best_modes(hypotheses, FrameCase(associations, 0.04), 2)
-    assert search.clearance is not None
+    assert search.self_collision is not None
     free = 0
     for mode, score in zip(mixture.modes, mixture.log_scores - mixture.log_scores[0], strict=True):
         association = next(a for a in associations if a.name == mode.association)
@@ -149,7 +149,7 @@ def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
         assert mode.energy == quadratic.value + association.penalty
         assert mode.origin is kept
         assert score == pytest.approx(mixture.modes[0].energy - mode.energy, abs=1e-9)
-        assert mode.penetration == search.clearance.penetration(body.at(mode.q))
+        assert mode.penetration == search.self_collision.penetration(body.at(mode.q))
         assert mode.parent == 2
         if mode.status == "converged" and mode.penetration == 0.0:
             assert search.seeker.kkt_residual(quadratic) < 1e-6

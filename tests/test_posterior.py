@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from benchmarks import calibration_levels
-from benchmarks.calibration_levels import calibration_error, coverage
+from benchmarks import credible_levels
+from benchmarks.credible_levels import calibration_error, coverage
 from estimator.results.calibration import Calibration
 from estimator.results.marginals import Marginals
 from estimator.results.posterior import Posterior
@@ -60,8 +60,8 @@ def test_a_single_gaussian_has_its_closed_forms() -> None:
     assert np.allclose(found, std, rtol=1e-2)
     assert np.allclose(mean / std, 0.0, atol=1e-6)
     for x in (0.3, -1.0, 2.5):
-        assert np.allclose(marginals.level(x * std), 2.0 * norm.cdf(abs(x)) - 1.0, atol=0.02)
-    for intervals, one in zip(marginals.regions(0.9), std, strict=True):
+        assert np.allclose(marginals.credible_level(x * std), 2.0 * norm.cdf(abs(x)) - 1.0, atol=0.02)
+    for intervals, one in zip(marginals.credible_regions(0.9), std, strict=True):
         assert np.allclose(intervals, [(-1.645 * one, 1.645 * one)], rtol=0.05)
 
 
@@ -72,7 +72,7 @@ def test_the_level_of_a_whole_pose_is_that_of_its_mahalanobis_distance() -> None
     for share in (0.7, 1.0, 1.2):
         step = share * direction
         squared = step @ np.linalg.solve(posterior.covariance[0], step)
-        level = posterior.levels(rng, body.integrate(posterior.best, step)[None], 2000)
+        level = posterior.credible_levels(rng, body.integrate(posterior.best, step)[None], 2000)
         assert level[0] == pytest.approx(chi2.cdf(squared, body.nv), abs=0.04)
 
 
@@ -80,9 +80,9 @@ def test_a_symmetric_mixture_is_symmetric_and_its_region_has_two_parts() -> None
     marginals = one_dimension([-3.0, 3.0], [0.5, 0.5], [0.5, 0.5])
     assert marginals.quantile(0.5)[0] == pytest.approx(0.0, abs=0.1)
     assert marginals.quantile(0.1)[0] == pytest.approx(-marginals.quantile(0.9)[0], rel=1e-3)
-    (left, right), edge = marginals.regions(0.9)[0], 0.5 * norm.ppf(0.95)
+    (left, right), edge = marginals.credible_regions(0.9)[0], 0.5 * norm.ppf(0.95)
     assert np.allclose([left, right], [(-3.0 - edge, -3.0 + edge), (3.0 - edge, 3.0 + edge)], atol=0.05)
-    assert marginals.level(np.zeros(1))[0] > 0.99  # between the modes lies next to nothing
+    assert marginals.credible_level(np.zeros(1))[0] > 0.99  # between the modes lies next to nothing
     assert marginals.cdf(np.array([[-3.0, 0.0, 3.0]]))[0] == pytest.approx([0.25, 0.5, 0.75], abs=1e-6)
 
 
@@ -100,9 +100,9 @@ def levels(truth: Posterior, said: Posterior, count: int) -> tuple[np.ndarray, n
     """Levels by degree of freedom, landmark and pose of configurations drawn from `truth`."""
     rng, body = np.random.default_rng(4), said.body
     marginals, drawn = said.marginals(), truth.sample(rng, count)
-    dof = np.array([marginals.level(body.difference(said.best, q)) for q in drawn])
+    dof = np.array([marginals.credible_level(body.difference(said.best, q)) for q in drawn])
     places = np.array([body.landmarks(body.at(q)) for q in drawn])
-    return dof, said.landmark_levels(rng, places), said.levels(rng, drawn, 1000)
+    return dof, said.landmark_credible_levels(rng, places), said.credible_levels(rng, drawn, 1000)
 
 
 def test_truths_drawn_from_the_posterior_itself_are_covered_as_often_as_it_says() -> None:
@@ -123,7 +123,7 @@ def test_a_spread_of_scales_covers_truths_whose_scale_nobody_knew() -> None:
     truths = [
         body.integrate(narrow.best, np.exp(0.4 * rng.normal()) * factor @ rng.normal(size=body.nv)) for _ in range(300)
     ]
-    found = [p.levels(rng, np.array(truths), 1000) for p in (spread, narrow)]
+    found = [p.credible_levels(rng, np.array(truths), 1000) for p in (spread, narrow)]
     assert calibration_error(found[0]) < 0.06
     assert coverage(found[0], 0.9)[0] > coverage(found[1], 0.9)[0] + 0.05
 
@@ -144,11 +144,11 @@ def test_samples_and_regions_stay_within_the_limits() -> None:
     assert gaps.mean() == pytest.approx(0.1, abs=0.02)  # exponential: mean and standard deviation agree
     assert gaps.std() == pytest.approx(0.1, abs=0.03)
     marginals = posterior.marginals()
-    ((start, end),) = marginals.regions(0.9)[held]
+    ((start, end),) = marginals.credible_regions(0.9)[held]
     assert (start, end) == (pytest.approx(0.0, abs=1e-3), pytest.approx(-0.1 * np.log(0.1), rel=0.05))
     low, high = body.tangent_bounds(q)
     for v in body.bounded_v:
-        assert all(low[v] <= a < b <= high[v] for a, b in marginals.regions(0.99)[v])
+        assert all(low[v] <= a < b <= high[v] for a, b in marginals.credible_regions(0.99)[v])
     mean, std = marginals.moments()
     assert mean[held] == pytest.approx(0.1, rel=0.05)
     assert drawn[:, knee].mean() - q[knee] == pytest.approx(mean[bending], abs=0.04)
@@ -221,7 +221,7 @@ def test_the_fit_of_a_calibration_undoes_a_known_wrong_scale(monkeypatch: pytest
     def loss(c: Calibration, cases: Sequence[object]) -> float:
         return float(np.log(c.covariance_scale / 0.6) ** 2 + np.log(c.weight_temperature / 16.0) ** 2)
 
-    monkeypatch.setattr(calibration_levels, "miscoverage", loss)
-    monkeypatch.setattr(calibration_levels, "_mean_lean", lambda cases: 0.2)
-    found = calibration_levels.fitted_calibration([], 1, lambda line: None)
+    monkeypatch.setattr(credible_levels, "miscoverage", loss)
+    monkeypatch.setattr(credible_levels, "_mean_lean", lambda cases: 0.2)
+    found = credible_levels.fitted_calibration([], 1, lambda line: None)
     assert (found.covariance_scale, found.weight_temperature) == (0.6, 16.0)

@@ -16,7 +16,7 @@ from estimator.optimise.seek import Seeker, SeekSettings, trust_box
 from estimator.optimise.solution import Solution
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from estimator.terms.term import Cost, Term
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
 
 TWO = (camera_at(20.0, distortion=BROWN), camera_at(110.0))
@@ -187,23 +187,23 @@ CROSSED = {  # the left hand inside the trunk
 }
 
 
-def overlapping() -> tuple[Body, Seeker, Clearance, Cost, Solution]:
+def overlapping() -> tuple[Body, Seeker, SelfCollision, Cost, Solution]:
     body = body_of("human34")
-    clearance = Clearance(body)
+    self_collision = SelfCollision(body)
     crossed = bent(body, **CROSSED)
     model = CostModel(body, NO_CONTACT)
     cost = model.cost(model.observation_term(observe(body, crossed, TWO)))
     seeker = Seeker(body)
-    return body, seeker, clearance, cost, seeker.seek(cost, crossed)
+    return body, seeker, self_collision, cost, seeker.seek(cost, crossed)
 
 
 def test_overlapping_limbs_are_separated() -> None:
-    body, seeker, clearance, cost, found = overlapping()
+    body, seeker, self_collision, cost, found = overlapping()
     settings = ContactSettings()
-    before = clearance.penetration(found.quadratic.posed)
+    before = self_collision.penetration(found.quadratic.posed)
     assert before > 4.0 * settings.tolerance  # the pictures do ask for an overlap
-    end = separate(seeker, clearance, cost, found, settings)
-    after = clearance.penetration(body.at(end.q))
+    end = separate(seeker, self_collision, cost, found, settings)
+    after = self_collision.penetration(body.at(end.q))
     assert after <= settings.tolerance
     assert inside(body, end.q)
     assert end.steps.proxqp > found.steps.proxqp  # rows that bite
@@ -213,16 +213,16 @@ def test_overlapping_limbs_are_separated() -> None:
     assert end.quadratic.value == cost.at(end.q).value
     # near a constrained minimum: the contacts and limits balance all but a little of the gradient
     pressed = seeker.kkt_residual(end.quadratic)
-    assert end.kkt_residual == contact_kkt_residual(seeker, clearance, end.quadratic)
+    assert end.kkt_residual == contact_kkt_residual(seeker, self_collision, end.quadratic)
     assert end.kkt_residual < 0.02 * pressed
     assert end.status == ("converged" if end.kkt_residual < seeker.settings.kkt_tolerance else "separated")
 
 
 def test_separate_bodies_are_let_be() -> None:
     body, cost, _ = problem(7)
-    seeker, clearance = Seeker(body), Clearance(body)
+    seeker, self_collision = Seeker(body), SelfCollision(body)
     found = seeker.seek(cost, body.neutral, SeekSettings(decrease_tolerance=np.inf))
-    assert separate(seeker, clearance, cost, found, ContactSettings()) is found
+    assert separate(seeker, self_collision, cost, found, ContactSettings()) is found
 
 
 # ---- covariance and proposals

@@ -28,7 +28,7 @@ from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.shape.surface import surface_of
@@ -177,10 +177,10 @@ def test_the_fit_is_the_subject_that_it_describes() -> None:
 def test_parts_stay_apart() -> None:
     fit = fitted(2)
     assert fit.shape is not None
-    own, body = Clearance(body_of("human34")), Body(fit.subject)
-    clearance = Clearance(body)
-    assert clearance.pairs == own.pairs
-    assert clearance.penetration(body.at(fit.shape.poses[0])) < FleshSettings().overlap
+    own, body = SelfCollision(body_of("human34")), Body(fit.subject)
+    self_collision = SelfCollision(body)
+    assert self_collision.pairs == own.pairs
+    assert self_collision.penetration(body.at(fit.shape.poses[0])) < FleshSettings().overlap
 
 
 def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
@@ -194,7 +194,7 @@ def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
     x = Unknowns(q[None], np.ones(len(first.scales)), thick)
     found = made.apart(x)
     assert np.array_equal(found.shape, 0.75 * thick)
-    before, after = (Clearance(Body(shaped.at(u))).penetration(body.at(q)) for u in (x, found))
+    before, after = (SelfCollision(Body(shaped.at(u))).penetration(body.at(q)) for u in (x, found))
     assert after < FleshSettings().overlap < before
 
 
@@ -274,8 +274,8 @@ def energy_of(count: int) -> tuple[ShapedBody, BodyEnergy, Unknowns]:
         np.repeat(first.poses, count, axis=0), first.scales, 0.5 * rng.uniform(shaped.shape.low, shaped.shape.high)
     )
     prior = Gaussian(shaped.proportions.mean, np.diag(1.0 / shaped.proportions.std**2))
-    clearance = Clearance(Body(shaped.at(x)))
-    return shaped, BodyEnergy(shaped, seen, x, CostSettings(), prior, 0.7, clearance), x
+    self_collision = SelfCollision(Body(shaped.at(x)))
+    return shaped, BodyEnergy(shaped, seen, x, CostSettings(), prior, 0.7, self_collision), x
 
 
 def test_the_energys_gradient_is_that_of_differences() -> None:

@@ -27,7 +27,7 @@ from estimator.synthesis import (
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.raster import paint
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.landmarks import COCO17
@@ -54,8 +54,8 @@ def test_motions_are_possible(motion) -> None:
     times = np.arange(round(30 * motion.seconds)) / 30.0
     q = authored_motion(body, times, motion)
     assert limit_violations(body, q) == 0
-    clearance = Clearance(body)
-    assert max(clearance.penetration(body.at(one)) for one in q) < 0.003
+    self_collision = SelfCollision(body)
+    assert max(self_collision.penetration(body.at(one)) for one in q) < 0.003
     # nothing jumps: no degree of freedom changes its speed faster than a person can
     speed = np.array([body.difference(a, b) for a, b in pairwise(q)]) * 30.0
     assert np.abs(np.diff(speed, axis=0)).max() * 30.0 < 60.0

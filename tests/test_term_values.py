@@ -16,7 +16,7 @@ from estimator.terms.point_targets import PointTargets
 from estimator.terms.term import BatchTerm, Cost
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.tracking.registry import make_tracker, settings_for
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -103,11 +103,11 @@ def test_particles_pay_for_no_derivatives_and_have_the_same_energies(pictures: b
 def test_distances_survive_failed_queries() -> None:
     """Every query fails here, so that the guesses that stand in for them are compared too."""
     body = frame().body
-    clearance = Clearance(body)
-    term = Interpenetration(clearance)
+    self_collision = SelfCollision(body)
+    term = Interpenetration(self_collision)
     many = poses(body, frame().q)
     before = [evaluated(term, body, q)[0] for q in many]
-    clearance._queries = [q and (*q[:2], lambda *_: np.nan, None) for q in clearance._queries]
+    self_collision._queries = [q and (*q[:2], lambda *_: np.nan, None) for q in self_collision._queries]
     whole = [evaluated(term, body, q)[0] for q in many]
     assert not np.array_equal(whole, before)
     assert np.array_equal(term.values(body.placed(many)), whole)

@@ -19,7 +19,7 @@ from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
 from estimator.terms.upright import Upright, world_up
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread
 from humanoid.support.settings import setting
@@ -77,19 +77,19 @@ class CostModel:
         self,
         body: Body,
         settings: CostSettings | None = None,
-        clearance: Clearance | None = None,
+        self_collision: SelfCollision | None = None,
         cues: CueSettings | None = None,
     ) -> None:
         self.body = body
         self.settings = settings or CostSettings()
         self.cues = cues or cue_settings()
-        self.clearance = clearance if clearance is not None and clearance.pairs else None
+        self.self_collision = self_collision if self_collision is not None and self_collision.pairs else None
         spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
         self._spread = np.hypot(spread, self.settings.landmark_mismatch)
         priors = _pose_priors(body, self.settings)
-        if self.clearance is not None and self.settings.interpenetration_weight > 0.0:
+        if self.self_collision is not None and self.settings.interpenetration_weight > 0.0:
             s = self.settings
-            priors.append(Interpenetration(self.clearance, s.clearance_scale, s.interpenetration_weight))
+            priors.append(Interpenetration(self.self_collision, s.clearance_scale, s.interpenetration_weight))
         self._priors = tuple(priors)
         self._has_upright = (
             body.has_free_root

@@ -14,7 +14,7 @@ from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
 from estimator.likelihood.settings import ImageSettings
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
 
 
@@ -45,7 +45,7 @@ class BodyEnergy:
     ----------
     observations (F): with cues. assigned_at: where contours are predicted and features assigned to them.
     on_scales: prior of the proportions' scales. share: what each frame counts.
-    clearance: keeps parts apart, with solids that do not follow the shape; None lets them be.
+    self_collision: keeps parts apart, with solids that do not follow the shape; None lets them be.
     """
 
     def __init__(
@@ -56,10 +56,10 @@ class BodyEnergy:
         cost: CostSettings,
         on_scales: Gaussian,
         share: float = 1.0,
-        clearance: Clearance | None = None,
+        self_collision: SelfCollision | None = None,
     ) -> None:
         self._shaped, self._observations, self._cost = shaped, observations, cost
-        self._on_scales, self._share, self._clearance = on_scales, share, clearance
+        self._on_scales, self._share, self._self_collision = on_scales, share, self_collision
         self._contours = [
             [_assigned(camera, posed) for camera in likelihood.cameras]
             for posed, likelihood in seen_at(shaped, observations, assigned_at, cost.image)
@@ -74,7 +74,7 @@ class BodyEnergy:
         nodes = shaped.surface.at(of_parts, scales).local
         by_shape = shaped.nodes_by_shape(shape, scales)
         body = shaped.proportions.at(scales)
-        model = CostModel(body, self._cost, self._clearance)
+        model = CostModel(body, self._cost, self._self_collision)
         for k, (observation, contours) in enumerate(zip(self._observations, self._contours, strict=True)):
             posed = body.at(x.poses[k])
             of_frame = np.r_[k * nv : (k + 1) * nv, len(x.poses) * nv : len(gradient)]

@@ -17,7 +17,7 @@ from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.imaging.observation import Observation
 from estimator.likelihood.registry import cues_of
 from estimator.sequences.source import Cues
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 
@@ -42,7 +42,7 @@ def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, c
     if stages.energy(start).features == 0:
         return first
     second = stages.run(start, stages.shape, None)
-    third = stages.run(second, stages.everything, stages.clearance(second))
+    third = stages.run(second, stages.everything, stages.self_collision(second))
     return stages.outcome(first, start, stages.apart(third))
 
 
@@ -61,22 +61,24 @@ class _Stages:
         self.shape = shaped.places(len(seen))[1]
         self.everything = slice(0, self.shape.stop)
 
-    def energy(self, assigned_at: Unknowns, clearance: Clearance | None = None) -> BodyEnergy:
+    def energy(self, assigned_at: Unknowns, self_collision: SelfCollision | None = None) -> BodyEnergy:
         """The frames' energy with features as they are assigned at some unknowns."""
-        return BodyEnergy(self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, self._share, clearance)
+        return BodyEnergy(
+            self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, self._share, self_collision
+        )
 
-    def clearance(self, x: Unknowns) -> Clearance | None:
+    def self_collision(self, x: Unknowns) -> SelfCollision | None:
         """Between the parts of some unknowns; None where they need not be kept apart."""
-        return Clearance(Body(self.shaped.at(x))) if self._cost.interpenetration_weight > 0.0 else None
+        return SelfCollision(Body(self.shaped.at(x))) if self._cost.interpenetration_weight > 0.0 else None
 
-    def run(self, x: Unknowns, free: slice, clearance: Clearance | None) -> Unknowns:
+    def run(self, x: Unknowns, free: slice, self_collision: SelfCollision | None) -> Unknowns:
         """One stage: features assigned, the energy brought down, features assigned anew."""
         for _ in range(self._settings.rounds):
-            x, _ = descend(self.shaped, self.energy(x, clearance), x, free, self._settings.descent)
+            x, _ = descend(self.shaped, self.energy(x, self_collision), x, free, self._settings.descent)
         return x
 
     def apart(self, x: Unknowns) -> Unknowns:
-        """Unknowns with the shape drawn back as far as its parts' clearance needs.
+        """Unknowns with the shape drawn back as far as needed for its parts to keep clear of each other.
 
         At rest parts may not come to overlap so that their pair would be left out, nor in the fitted poses by more than
         is let be, or than with the given flesh.
@@ -92,8 +94,8 @@ class _Stages:
     def _overlap(self, x: Unknowns) -> tuple[tuple[tuple[str, str], ...], float]:
         """Pairs that are kept apart, and the deepest overlap in the poses [m]."""
         body = Body(self.shaped.at(x))
-        clearance = Clearance(body)
-        return tuple(clearance.pairs), max(clearance.penetration(body.at(q)) for q in x.poses)
+        self_collision = SelfCollision(body)
+        return tuple(self_collision.pairs), max(self_collision.penetration(body.at(q)) for q in x.poses)
 
     def agreement(self, x: Unknowns) -> float:
         """Share of the body's outline that lies on the silhouettes', mean of cameras and frames; NaN without any."""
@@ -107,7 +109,7 @@ class _Stages:
         if after < max(self._settings.agreement, before - self._settings.worse):
             return first
         shaped, count, nv = self.shaped, len(end.poses), self.shaped.proportions.base.nv
-        covariance = covariance_at(shaped, self.energy(end, self.clearance(end)).at(end), end)
+        covariance = covariance_at(shaped, self.energy(end, self.self_collision(end)).at(end), end)
         of_scales, of_shape = shaped.places(count)
         values, std = np.zeros((2, len(shaped.shape.parts), len(OF_PART)))
         values[shaped.shape.group, shaped.shape.kind] = end.shape

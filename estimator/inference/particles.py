@@ -78,5 +78,5 @@ def bootstrap_step(
     """
     ancestor = systematic(rng, weights, len(weights))
     moved = move(states[ancestor])
-    after, evidence = normalised(log_likelihood(moved, ancestor))
-    return moved, after, ancestor, evidence
+    after, log_evidence = normalised(log_likelihood(moved, ancestor))
+    return moved, after, ancestor, log_evidence

@@ -106,7 +106,7 @@ class _Search(Problem[QuadraticModel]):
         return self._solver.solve(hessian, gradient, damping, self._radius, posed.q, self._active)
 
     def at(self, model: QuadraticModel, step: Step) -> QuadraticModel:
-        """The true curvature is worth its price once little is left to gain."""
+        """The true curvature is worth its cost once little is left to gain."""
         move, promised = step
         assert promised is not None
         trial = self._cost.at(self._integrate(model.posed.q, move), promised < self._settings.exact_below)

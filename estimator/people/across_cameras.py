@@ -15,7 +15,7 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.formats.keypoints import KeypointTrack, PeopleFile
 from estimator.formats.people_choice import AUTO, crowded, ids_of, jump_note, select
-from estimator.people.agreement import affinity_of, evidence_of
+from estimator.people.agreement import pair_affinities, piece_affinities
 from estimator.people.changes import cut_where_people_change
 from estimator.people.choice_of_subject import subject_rows
 from estimator.people.notes import misfits, nobody, summary, told
@@ -53,12 +53,12 @@ def subject_tracks(
         return _each_for_itself(files, cameras, given, instants)
     sightings = [_sighting(file, cameras[name], given[name], instants.get(name)) for name, file in files.items()]
     table = table_of(sightings)
-    evidence = evidence_of(table, [s.camera for s in sightings])
-    table = cut_where_people_change(table, evidence)
-    subject = subject_rows(table, [s.camera for s in sightings], affinity_of(table, evidence))
+    affinities = pair_affinities(table, [s.camera for s in sightings])
+    table = cut_where_people_change(table, affinities)
+    subject = subject_rows(table, [s.camera for s in sightings], piece_affinities(table, affinities))
     if not subject.any():
         raise nobody(list(files))
-    tracks, notes = {}, [summary(table, evidence, subject, list(files))]
+    tracks, notes = {}, [summary(table, affinities, subject, list(files))]
     for c, (name, file) in enumerate(files.items()):
         rows = np.flatnonzero(subject & (table.camera == c))
         chosen = {int(table.frame[row]): table.people[row] for row in rows[np.argsort(table.weight[rows])]}
@@ -96,4 +96,4 @@ def _each_for_itself(
     ]
     table = table_of(sightings)
     several = any(crowded(file.frames) for file in files.values())
-    return tracks, misfits(list(files), table, evidence_of(table, [s.camera for s in sightings]), several=several)
+    return tracks, misfits(list(files), table, pair_affinities(table, [s.camera for s in sightings]), several=several)

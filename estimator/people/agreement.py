@@ -1,4 +1,4 @@
-"""What speaks for and against two pieces of tracks being one person."""
+"""Affinity of two pieces of tracks: what speaks for and against their being one person."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _MOST_COMPARED = 4_000_000  # pairs of detections
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Pairs of detections (R) of two cameras in one frame, those worth a closer look.
+class PairAffinities:
+    """Pairs of detections (R) of two cameras in one frame, those worth a closer look, and their affinities.
 
     first, second (R,): rows of the table. distance (R,): see `RayPairs`. looked (F,): the frames in which all
     detections were compared, so that people who were compared there and are not listed do not fit at all. scale:
@@ -45,7 +45,7 @@ class Evidence:
         return np.where(np.isnan(gain), 0.0, gain)
 
 
-def evidence_of(table: Table, cameras: Sequence[Camera]) -> Evidence:
+def pair_affinities(table: Table, cameras: Sequence[Camera]) -> PairAffinities:
     """Compare every camera's detections with every other's, in evenly spread frames where there are very many."""
     looked = _looked(table, len(cameras))
     mirror = mirror_index(table.landmarks)
@@ -60,7 +60,7 @@ def evidence_of(table: Table, cameras: Sequence[Camera]) -> Evidence:
         np.concatenate([f[k] for f in near_pairs]) if near_pairs else np.zeros(0) for k in range(3)
     )
     first, second = first.astype(np.int64), second.astype(np.int64)
-    return Evidence(first, second, distance, looked, _scale(table, first, second, distance))
+    return PairAffinities(first, second, distance, looked, _scale(table, first, second, distance))
 
 
 def _scale(table: Table, first: np.ndarray, second: np.ndarray, distance: np.ndarray) -> float:
@@ -102,13 +102,13 @@ def _by_frame(frames: np.ndarray, looked: np.ndarray) -> list[np.ndarray]:
     return [order[a:b] for a, b in zip(low.tolist(), high.tolist(), strict=True)]
 
 
-def affinity_of(table: Table, evidence: Evidence) -> np.ndarray:
-    """Symmetric matrix (P, P): what speaks for two pieces being one person, in frames of perfect agreement."""
+def piece_affinities(table: Table, affinities: PairAffinities) -> np.ndarray:
+    """Symmetric matrix (P, P): affinity of two pieces to be one person, in frames of perfect agreement."""
     count = int(table.piece.max(initial=-1)) + 1
     made = np.zeros((count, count))
-    np.add.at(made, (table.piece[evidence.first], table.piece[evidence.second]), evidence.gain - WORST)
+    np.add.at(made, (table.piece[affinities.first], table.piece[affinities.second]), affinities.gain - WORST)
     made += made.T
-    looked = np.isin(table.instant, evidence.looked)
+    looked = np.isin(table.instant, affinities.looked)
     for c in range(len(table.rays)):
         here = table.camera == c
         made -= _BESIDE * _together(table, here, count) + WORST * _together(table, here & looked, count)
@@ -128,13 +128,13 @@ def _together(table: Table, rows: np.ndarray, count: int) -> np.ndarray:
     return np.asarray((seen @ seen.T).toarray())
 
 
-def median_distance(table: Table, evidence: Evidence, a: int, b: int) -> float:
+def median_distance(table: Table, affinities: PairAffinities, a: int, b: int) -> float:
     """Median over the frames that cameras a and b both have of the distance of their detections in body sizes; those
     not worth a closer look count as far. NaN without such frames."""
     a, b = min(a, b), max(a, b)
     ours, theirs = (table.instant[table.camera == c] for c in (a, b))
-    common = np.intersect1d(np.intersect1d(ours, theirs), evidence.looked)
-    pair = (table.camera[evidence.first] == a) & (table.camera[evidence.second] == b)
+    common = np.intersect1d(np.intersect1d(ours, theirs), affinities.looked)
+    pair = (table.camera[affinities.first] == a) & (table.camera[affinities.second] == b)
     distance = np.full(len(common), _FAR)
-    distance[np.searchsorted(common, table.instant[evidence.first[pair]])] = evidence.distance[pair]
+    distance[np.searchsorted(common, table.instant[affinities.first[pair]])] = affinities.distance[pair]
     return float(np.nanmedian(distance)) if a != b and np.isfinite(distance).any() else np.nan

@@ -8,50 +8,50 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.people.agreement import WORST, Evidence
+from estimator.people.agreement import WORST, PairAffinities
 from estimator.people.pieces import SURE, Link, Table
 
 _TURN = 6.0  # frames of perfect agreement won, or lost again, by which a person is known to have changed
 _PARTNER = 0.25  # share of a piece's best partner below which nobody is one
 
 
-def cut_where_people_change(table: Table, evidence: Evidence) -> Table:
+def cut_where_people_change(table: Table, affinities: PairAffinities) -> Table:
     """Cut pieces in two where another camera's piece begins or ends to agree with them: somebody took their place.
 
     Which of the two changed its person cannot be told from them alone, so both are cut; the one that did not is put
     together again by its link.
     """
     cuts: defaultdict[int, set[int]] = defaultdict(set)
-    for p, q, frames, gains in _partners(table, evidence):
+    for p, q, frames, gains in _partners(table, affinities):
         for turn in _turns(np.cumsum(gains).tolist()):
             for piece in {p, q} - {table.seed}:
                 cuts[piece].add(int(frames[turn]))
     return _cut(table, {piece: np.array(sorted(frames)) for piece, frames in cuts.items()})
 
 
-def _partners(table: Table, evidence: Evidence) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
+def _partners(table: Table, affinities: PairAffinities) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
     """Pieces of two cameras that agree for a while, long enough beside the best partner of each: with the frames (F,)
     in which both were looked at, and what each counts (F,)."""
-    if not len(evidence.first):
+    if not len(affinities.first):
         return
     count = len(table.rays)
-    ends = [table.piece[rows] * count + table.camera[rows] for rows in (evidence.first, evidence.second)]
+    ends = [table.piece[rows] * count + table.camera[rows] for rows in (affinities.first, affinities.second)]
     many = int(table.piece.max(initial=0) + 1) * count
     keys, place = np.unique(ends[0] * many + ends[1], return_inverse=True)
     pairs = [(*divmod(key // many, count), *divmod(key % many, count)) for key in keys.tolist()]
-    gain = evidence.gain
+    gain = affinities.gain
     won = np.bincount(place, np.maximum(gain, 0.0), len(pairs)).tolist()
     best: defaultdict[tuple[int, int], float] = defaultdict(float)
     for (p, a, q, b), value in zip(pairs, won, strict=True):
         best[p, b], best[q, a] = max(best[p, b], value), max(best[q, a], value)
     rows_of = np.split(np.argsort(place, kind="stable"), np.cumsum(np.bincount(place, minlength=len(pairs)))[:-1])
-    frames = _frames(table, evidence.looked)
+    frames = _frames(table, affinities.looked)
     for (p, a, q, b), value, rows in zip(pairs, won, rows_of, strict=True):
         if value < max(_TURN, _PARTNER * best[p, b], _PARTNER * best[q, a]):
             continue
         common = np.intersect1d(frames[p, a], frames[q, b])
         course = np.full(len(common), WORST)
-        np.maximum.at(course, np.searchsorted(common, table.instant[evidence.first[rows]]), gain[rows])
+        np.maximum.at(course, np.searchsorted(common, table.instant[affinities.first[rows]]), gain[rows])
         yield p, q, common, course
 
 

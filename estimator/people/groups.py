@@ -1,4 +1,4 @@
-"""Pieces put together to people, by what speaks for and against each pair."""
+"""Pieces clustered into people by the affinities of their pairs."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.formats.people_choice import AUTO
-from estimator.people.agreement import FIT, Evidence, median_distance
+from estimator.people.agreement import FIT, PairAffinities, median_distance
 from estimator.people.pieces import Table
 from humanoid.support.errors import InputError
 
@@ -23,13 +23,13 @@ def nobody(names: Sequence[str]) -> InputError:
     return InputError("keypoints", problem, remedy=remedy)
 
 
-def summary(table: Table, evidence: Evidence, subject: np.ndarray, names: Sequence[str]) -> str:
+def summary(table: Table, affinities: PairAffinities, subject: np.ndarray, names: Sequence[str]) -> str:
     """What the cameras agree on, and how well."""
-    used = subject[evidence.first] & subject[evidence.second]
+    used = subject[affinities.first] & subject[affinities.second]
     seen = [name for c, name in enumerate(names) if subject[table.camera == c].any()]
     if not used.any():
         return f"several people: nobody in the other cameras fits the person given for {', '.join(seen)}"
-    share = float(np.nanmedian(evidence.distance[used]))
+    share = float(np.nanmedian(affinities.distance[used]))
     together = f"several people: {', '.join(seen)} see the same person"
     if share > _DOUBTFUL:
         doubt = "are they the same, and calibration, sizes and clocks right? --person CAMERA=WHO chooses another"
@@ -52,10 +52,10 @@ def told(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> 
     return f"{whom} of {ids_there or total} people, in {frames} frames"
 
 
-def misfits(names: Sequence[str], table: Table, evidence: Evidence, *, several: bool) -> tuple[str, ...]:
+def misfits(names: Sequence[str], table: Table, affinities: PairAffinities, *, several: bool) -> tuple[str, ...]:
     """Cameras whose person, chosen without the others, fits few of theirs. several: whether there was a choice."""
     limit = _DOUBTFUL if several else FIT
-    apart = np.array([[median_distance(table, evidence, a, b) for b in range(len(names))] for a in range(len(names))])
+    apart = np.array([[median_distance(table, affinities, a, b) for b in range(len(names))] for a in range(len(names))])
     by_camera: dict[str, str] = {}
     for c, name in enumerate(names):
         known = np.isfinite(apart[c])

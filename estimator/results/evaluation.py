@@ -20,7 +20,7 @@ from estimator.numerics.alignment import similarity_onto
 from estimator.results.coordinate_errors import coordinate_errors, joint_coordinates
 from estimator.results.pairs import Pairs, match_frames, paired
 from estimator.results.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -154,9 +154,9 @@ def limit_violations(body: Body, q: np.ndarray) -> int:
 
 def largest_penetration(body: Body, q: np.ndarray) -> float:
     """Deepest overlap of two body parts [m] over the configurations q (T, nq); NaN configurations are skipped."""
-    clearance = Clearance(body)
+    self_collision = SelfCollision(body)
     known = q[np.isfinite(q).all(axis=1)]
-    return max((clearance.penetration(body.at(pose)) for pose in known), default=0.0)
+    return max((self_collision.penetration(body.at(pose)) for pose in known), default=0.0)
 
 
 def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = None) -> Evaluation:

@@ -50,8 +50,9 @@ class Marginals:
         mean = np.sum(mass * middle, axis=1)
         return mean, np.sqrt(np.sum(mass * np.square(middle - mean[:, None]), axis=1))
 
-    def level(self, x: np.ndarray) -> np.ndarray:
-        """Probability (n,) of the smallest region that contains x (n,): 0 at the highest density, 1 far out.
+    def credible_level(self, x: np.ndarray) -> np.ndarray:
+        """Credible levels (n,) of x (n,): probability of the smallest region that contains it, 0 at the highest
+        density, 1 far out.
 
         Where the distribution is right, levels are spread evenly over 0 to 1 (Hyndman 1996).
         """
@@ -64,8 +65,8 @@ class Marginals:
         above = np.sum(mass * np.where(same, 0.5, density > here), axis=1)
         return np.where(inside, np.minimum(above, 1.0), 1.0)
 
-    def regions(self, level: float) -> list[list[tuple[float, float]]]:
-        """The smallest region that has the probability `level`, for every coordinate: its intervals, rising."""
+    def credible_regions(self, level: float) -> list[list[tuple[float, float]]]:
+        """The smallest region of credible level `level`, for every coordinate: its intervals, rising."""
         intervals = []
         for edges, mass in zip(*self._cells(), strict=True):
             density = mass / np.maximum(np.diff(edges), 1e-300)

@@ -120,11 +120,9 @@ class Posterior:
         off = means - mean
         return mean, np.einsum("k,klij->lij", weight, covariances + off[..., :, None] * off[..., None, :])
 
-    def landmark_levels(self, rng: np.random.Generator, points: np.ndarray, count: int = 500) -> np.ndarray:
-        """Probability (N, L) of the smallest region of each landmark's places that contains points (N, L, 3) [m].
-
-        From `count` samples.
-        """
+    def landmark_credible_levels(self, rng: np.random.Generator, points: np.ndarray, count: int = 500) -> np.ndarray:
+        """Credible levels (N, L) of points (N, L, 3) [m]: probability of the smallest region of each landmark's places
+        that contains them, from `count` samples."""
         weight, means, covariances = self.landmarks()
         factors = np.linalg.cholesky(covariances + JITTER * np.eye(3))
         modes = rng.choice(len(weight), size=count, p=weight)
@@ -145,8 +143,9 @@ class Posterior:
             logs.append(np.log(w) + log_around_mode(gaps[key], covariance, lean))
         return np.asarray(logsumexp(np.array(logs), axis=0))
 
-    def levels(self, rng: np.random.Generator, q: np.ndarray, count: int = 300) -> np.ndarray:
-        """Probability (N,) of the smallest region of whole poses that contains each q (N, nq), from `count` samples.
+    def credible_levels(self, rng: np.random.Generator, q: np.ndarray, count: int = 300) -> np.ndarray:
+        """Credible levels (N,) of q (N, nq): probability of the smallest region of whole poses that contains each, from
+        `count` samples.
 
         0 at the highest density, 1 far out; where the posterior is right, levels of truths are spread evenly.
         """

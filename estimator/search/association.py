@@ -1,4 +1,4 @@
-"""How a frame's keypoints are assigned to the body's landmarks: detectors take left for right."""
+"""Data association: how a frame's keypoints are assigned to the body's landmarks: detectors take left for right."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
 
 
 class Association(NamedTuple):
-    """One association of a frame's keypoints with landmarks.
+    """One data association of a frame's keypoints with landmarks.
 
     name: `AS_DETECTED`, or `EXCHANGED` (left and right). term: the keypoints' energy under it. penalty: the energy that
     choosing it costs.

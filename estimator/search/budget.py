@@ -1,4 +1,4 @@
-"""Which searches a frame gets: a number of them that bounds its time, shared where they pay."""
+"""Which searches a frame gets: a number of them that bounds its time, shared where they help most."""
 
 from __future__ import annotations
 

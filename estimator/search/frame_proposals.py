@@ -123,7 +123,7 @@ class Proposals:
         """Of hypotheses that moved from a mode q (nq,)."""
         if self._settings.transition:
             return PreviousPose(q, q_predicted)
-        # flow is evidence of its own (CSS section 3.1.2), where there is any
+        # flow is a term of its own in the image likelihood (CSS section 3.1.2), where there is any
         return PreviousPose(q, paid=False) if self._case.likelihood is not None else None
 
     def _origin(self, i: int, family: Family) -> Origin:
@@ -145,8 +145,8 @@ class Proposals:
     def _jumped(
         self, count: int, penalty: float, family: Family, propose: Callable[[np.ndarray], np.ndarray | None]
     ) -> list[Hypothesis]:
-        """Hypotheses whose parents were wrong too: they pay a flat penalty instead of the transition's, where that is
-        paid, and no flow leads to them from where the parent was."""
+        """Hypotheses whose parents were wrong too: they have a flat penalty instead of the transition's, where
+        there is one, and no flow leads to them from where the parent was."""
         paid = penalty if self._settings.transition else 0.0
         hypotheses = []
         for i in self._parents(count):

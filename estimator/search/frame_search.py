@@ -79,9 +79,9 @@ class FrameSearch:
         assigned = self._assigned(q)
         cost = base.plus(assigned)
         solution, penetration = self._seeker.seek(cost, q, settings.refine), 0.0
-        if model.clearance is not None:
-            solution = separate(self._seeker, model.clearance, cost, solution, settings.contact)
-            penetration = model.clearance.penetration(solution.quadratic.posed)
+        if model.self_collision is not None:
+            solution = separate(self._seeker, model.self_collision, cost, solution, settings.contact)
+            penetration = model.self_collision.penetration(solution.quadratic.posed)
         mode = self._mode(c.hypothesis, solution, assigned, penetration, q)
         return Refined(c.hypothesis, mode, self._body.landmarks(solution.quadratic.posed), q)
 

@@ -17,7 +17,7 @@ class Hypothesis(NamedTuple):
 
     q (nq,): configuration. association: index of the frame's association that it is searched under (see `FrameCase`).
     origin: what kind it is: where it comes from, where it has the body in the frame before, from where flow is
-    followed, and what it pays. parent: index of the mode that it comes from, -1 for none. prior_score: log-weight that
+    followed, and its penalty. parent: index of the mode that it comes from, -1 for none. prior_score: log-weight that
     the parent hands on, a flat penalty taken off.
     """
 

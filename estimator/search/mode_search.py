@@ -21,7 +21,7 @@ from estimator.search.jumps import KinematicJumps
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.volumes import importance_log_volumes
 from estimator.terms.reprojection import Reprojection
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.subject.landmarks import mirror_index
 
 Scored = TypeVar("Scored", Candidate, Refined)
@@ -39,7 +39,7 @@ class ModeSearch:
         self.body = model.body
         self.settings = settings or ModeSearchSettings()
         self.seeker = Seeker(self.body, self.settings.refine)
-        self.clearance: Clearance | None = model.clearance
+        self.self_collision: SelfCollision | None = model.self_collision
         self.mirror = mirror_index(self.body.landmark_names)
         self.jumps = KinematicJumps(self.body)
         self.workers: Workers[FrameSearch] = OneProcess()

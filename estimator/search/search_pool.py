@@ -17,7 +17,7 @@ from estimator.search.association import Association
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Base, subject_from_text
 
@@ -46,7 +46,7 @@ class SearchRecipe(NamedTuple):
     urdf: str
     source: str
     base: Base
-    clearance: bool
+    self_collision: bool
     cost: CostSettings
     cues: CueSettings
     settings: ModeSearchSettings
@@ -57,16 +57,16 @@ class SearchRecipe(NamedTuple):
         subject, model = search.body.subject, search.model
         if search.body.model is not subject.model:
             raise ValueError("only a body with its subject's own joint limits can be made again elsewhere")
-        clearance = model.clearance is not None
+        self_collision = model.self_collision is not None
         return SearchRecipe(
-            subject.urdf, subject.source, subject.base, clearance, model.settings, model.cues, search.settings
+            subject.urdf, subject.source, subject.base, self_collision, model.settings, model.cues, search.settings
         )
 
     def search(self) -> ModeSearch:
         """The search."""
         body = Body(subject_from_text(self.urdf, source=self.source, base=self.base))
-        clearance = Clearance(body) if self.clearance else None
-        return ModeSearch(CostModel(body, self.cost, clearance, self.cues), self.settings)
+        self_collision = SelfCollision(body) if self.self_collision else None
+        return ModeSearch(CostModel(body, self.cost, self_collision, self.cues), self.settings)
 
     def message(self, context: FrameSearch) -> CaseMessage:
         """See `Job`."""

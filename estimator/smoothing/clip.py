@@ -109,11 +109,11 @@ def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
     """q (nq,) itself unless parts overlap, else a pose near it where they do not."""
     body = search.body
     contact = search.settings.contact
-    if search.clearance is None or search.clearance.penetration(body.at(q)) <= contact.tolerance:
+    if search.self_collision is None or search.self_collision.penetration(body.at(q)) <= contact.tolerance:
         return q
     held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
     start = Solution(held.at(q), STALLED, np.inf, 0)
-    return separate(search.seeker, search.clearance, held, start, contact).q
+    return separate(search.seeker, search.self_collision, held, start, contact).q
 
 
 def smooth(

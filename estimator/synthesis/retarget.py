@@ -15,7 +15,7 @@ from estimator.terms.interpenetration import Interpenetration
 from estimator.terms.point_targets import PointTargets
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.term import Cost, Term
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.errors import InputError
 
@@ -115,10 +115,10 @@ def _followed(body: Body, index: list[int], names: tuple[str, ...], points: np.n
     joint, local = body.landmark_joint[index], body.landmark_local[index]
     settings = CostSettings()
     std = dt * per_dof(body, settings.turn_speed, settings.root_turn_speed, settings.root_slide_speed)
-    clearance = Clearance(body)
+    self_collision = SelfCollision(body)
     always: list[Term] = [Stabilisers(body, _STABILISERS)]
-    if clearance.pairs:
-        always.append(Interpenetration(clearance, _CLEARANCE_SCALE))
+    if self_collision.pairs:
+        always.append(Interpenetration(self_collision, _CLEARANCE_SCALE))
     seeker = Seeker(body, SeekSettings(decrease_tolerance=1e-4))
     trunk = [names.index(name) for name in _TRUNK]
     q = _aligned(body, [index[i] for i in trunk], points[0, trunk])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.terms.term import BatchTerm
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
@@ -17,15 +17,15 @@ class Interpenetration(BatchTerm):
     """Potential of every near pair: f(d) = exp(-z |z|^(power - 1)) with z = d / scale, d the signed distance.
 
     So it is 1 at contact, falls e-fold per `scale` outside and grows as fast inside (for power 1). Two changes keep it
-    smooth and finite: the tangent at the clearance's margin is taken away, so that value and slope vanish there, where
-    pairs come and go; and beyond an exponent of 3 it continues as the parabola that fits there.
+    smooth and finite: the tangent at the margin is taken away, so that value and slope vanish there, where pairs come
+    and go; and beyond an exponent of 3 it continues as the parabola that fits there.
 
     The Hessian is f''(d) times the outer product of the distance's gradient, where f'' is positive; the curvature of
     the distance itself is left out, so that the result is positive semi-definite.
 
     Parameters
     ----------
-    clearance: chooses the pairs and, by its margin, where the potential begins.
+    self_collision: chooses the pairs and, by its margin, where the potential begins.
     scale: distance [m] of an e-fold change.
     weight: energy of two parts in contact (less the tangent's share, a tenth at a margin of four scales).
     power: CSS's p, at least 1.
@@ -37,26 +37,28 @@ class Interpenetration(BatchTerm):
 
     name = "interpenetration"
 
-    def __init__(self, clearance: Clearance, scale: float = 0.005, weight: float = 1.0, power: float = 1.0) -> None:
+    def __init__(
+        self, self_collision: SelfCollision, scale: float = 0.005, weight: float = 1.0, power: float = 1.0
+    ) -> None:
         given = (("scale", scale, scale > 0.0), ("weight", weight, weight >= 0.0), ("power", power, power >= 1.0))
         for name, number, valid in given:
             if not (valid and np.isfinite(number)):
                 remedy = "scale > 0 [m], weight >= 0, power >= 1"
                 raise InputError("interpenetration", f"{name} is {number}", remedy=remedy)
-        self.clearance = clearance
-        at_margin, slope_there, _ = _potential(clearance.margin, scale, power)
-        self._settings = np.array([scale, weight, power, at_margin, slope_there, clearance.margin])
+        self.self_collision = self_collision
+        at_margin, slope_there, _ = _potential(self_collision.margin, scale, power)
+        self._settings = np.array([scale, weight, power, at_margin, slope_there, self_collision.margin])
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.terms.term.Term`; `exact` keeps f'' where it is negative (power above 1, outside)."""
-        contacts = self.clearance.near(posed)
+        contacts = self.self_collision.near(posed)
         if not contacts.distance.size:
             return 0.0
         return float(_accumulate(contacts.distance, contacts.gradient, self._settings, gradient, hessian, exact))
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
-        first, distance = self.clearance.distances(placed)
+        first, distance = self.self_collision.distances(placed)
         values = np.empty(len(placed.q))
         _values(first, distance, self._settings, values)
         return values

@@ -21,7 +21,7 @@ class PosePrior(BatchTerm):
 
     The background is what the stabilisers say (CSS 3.2.2): exp(-their energy) is a product of Student's t with 3
     degrees of freedom, so it can be normalised and mixed with the Gaussians. A pose far from everything captured
-    therefore pays what the stabilisers ask, plus -log of the background's share; one that was captured pays less and
+    therefore costs what the stabilisers ask, plus -log of the background's share; one that was captured costs less and
     is held by the joints together, as correlations have it. Nothing is forbidden. The constant makes the background
     alone equal to the stabilisers, so it lowers the energy of known poses below zero. Limits are not considered in
     any normalisation.

@@ -57,7 +57,7 @@ class Transition(BatchTerm):
     """Diffusion from a previous configuration, 1/2 sum rho((q (-) q_previous)_i^2 / std_i^2) in its tangent space.
 
     q_previous (nq,): centre. std (nv,): scale of the change [m, rad]. The Gaussian potential is a random walk; a
-    long-tailed one lets a mode jump at a price that grows with the logarithm of the distance, which is what lets a
+    long-tailed one lets a mode jump with a penalty that grows with the logarithm of the distance, which is what lets a
     search recover from a wrong interpretation (CSS section 1.1). One object serves one thread: it reuses buffers.
     """
 

@@ -39,8 +39,8 @@ class CssSettings:
     """The search of each frame.
 
     modes: hypotheses kept (7 for the body, 3 for the arm in CSS section 6). forgetting: power of a parent's weight that
-    is handed on, 1 in Figure 6; less keeps an early mistake from deciding for ever. transition: pay for the change
-    since the parent; off in the paper, whose search is static (footnote 5). keep: search from the parents' own poses
+    is handed on, 1 in Figure 6; less lets an early mistake be forgotten. transition: penalise the change since
+    the parent; off in the paper, whose search is static (footnote 5). keep: search from the parents' own poses
     too, not from samples alone. momentum: share of its velocity that carries a parent to where pictures are looked at
     too (constant velocity beside driftless dynamics).
 
@@ -50,11 +50,11 @@ class CssSettings:
         standard deviations, the square root of the s of Figure 6 (4 to 14 there). tail: degrees of freedom of Student's
         t, 0 for a Gaussian.
     other_readings: parents with left and right of the keypoints exchanged.
-    jumps: a limb or part at another depth along its rays (one camera only); jump_penalty: energy of a jump, paid once
-        instead of the transition's price. Where flow is looked at, only so far as keypoints are too: flow already says
-        where each limb went on from, and a jump to what looks exactly the same would pass for free what it knows.
-    limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, at the price
-        limb_penalty. exchanges: two limbs change places in the image, at the same price. These find limbs that have
+    jumps: kinematic jumps, a limb or part at another depth along its rays (one camera only). jump_penalty: energy of
+        a jump, added once instead of the transition's. Where flow is looked at, only so far as keypoints are too: flow already says
+        where each limb went on from, and a jump to what looks exactly the same would ignore that at no cost.
+    limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, with the
+        penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs that have
         lost their image, so keypoints of the whole person make a quarter of them enough.
     """
 

@@ -81,7 +81,7 @@ class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
         return search_pool(self.search, processes)
 
     def _samples(self, rng: np.random.Generator, prior: Mixture, dt: float) -> list[Hypothesis]:
-        """Starts; each pays for the change since its parent, and flow is that of its parent's surface."""
+        """Starts; each has the penalty of the change since its parent, and flow is that of its parent's surface."""
         drawn = np.sort(rng.choice(len(prior.modes), size=self.settings.starts, p=prior.weights))
         factors = {int(k): self._factor(prior.modes[k], dt) for k in np.unique(drawn)}
         return [self._sample(rng, prior, int(k), factors[int(k)], dt) for k in drawn]

@@ -32,8 +32,8 @@ DYNAMICS_ALONE = (
 
 
 class FrameEnergy:
-    """The energy of one frame, the one that the other trackers descend, without the price of the change: that is what
-    the particles' dynamics are for. Keypoints are read as detected.
+    """The energy of one frame, the one that the other trackers descend, without a penalty of the change: that is
+    what the particles' dynamics are for. Keypoints are read as detected.
 
     With pictures, features are assigned to every pose anew; flow is that of the surface of the hypothesis which a
     particle came from, since looking for it costs more than the rest.
@@ -174,7 +174,7 @@ def _mode(
         status=SAMPLED,
         velocity=velocity,
         kkt_residual=search.seeker.kkt_residual(at),
-        penetration=0.0 if search.clearance is None else search.clearance.penetration(at.posed),
+        penetration=0.0 if search.self_collision is None else search.self_collision.penetration(at.posed),
         parent=parent,
         origin=origin,
     )

@@ -26,7 +26,7 @@ from humanoid.support.idle import idle_where
 
 @dataclass(frozen=True)
 class SingleModeSettings:
-    """transition: pay for the change since the last frame. limits: keep to the joint limits; without, every frame but
+    """transition: penalise the change since the last frame. limits: keep to the joint limits; without, every frame but
     the first, where all trackers start alike, may leave them.
     """
 
@@ -65,7 +65,9 @@ class SingleMode(BeginsByKeypoints, CarriesMixture):
 def without_limits(search: ModeSearch) -> ModeSearch:
     """The same search over a body without joint limits: its modes, and the results made of them, may leave them."""
     model = search.model
-    return ModeSearch(CostModel(unlimited(search.body), model.settings, model.clearance, model.cues), search.settings)
+    return ModeSearch(
+        CostModel(unlimited(search.body), model.settings, model.self_collision, model.cues), search.settings
+    )
 
 
 _IDLE = (

@@ -11,7 +11,7 @@ from estimator.likelihood.settings import CueSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.base import Tracker
-from humanoid.collision.clearance import Clearance
+from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.idle import IdleRule
 
@@ -81,8 +81,8 @@ class Spec:
 
 def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:
     """The search for modes of a body by the settings' energy; parts keep apart where that is part of the energy."""
-    clearance = Clearance(body) if settings.cost.interpenetration_weight > 0.0 else None
-    return ModeSearch(CostModel(body, settings.cost, clearance, settings.cues), settings.search)
+    self_collision = SelfCollision(body) if settings.cost.interpenetration_weight > 0.0 else None
+    return ModeSearch(CostModel(body, settings.cost, self_collision, settings.cues), settings.search)
 
 
 def by_search(recipe: Callable[[ModeSearch, Any], Tracker]) -> Callable[[Body, TrackerSettings], Tracker]:

@@ -1,4 +1,4 @@
-"""Compiled kernels of `humanoid.collision.clearance`: placed solids, and lower bounds of all distances at once."""
+"""Compiled kernels of `humanoid.collision.self_collision`: placed solids, and lower bounds of all distances at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled kernels of `humanoid.collision.clearance`: witness points to the last digits, and the gradients that follow.
+"""Compiled kernels of `humanoid.collision.self_collision`: witness points to the last digits, and their gradients.
 
 The signed distance of two convex solids is the largest gap s(n) = n . (c_b - c_a) - h_a(n) - h_b(-n) over unit vectors
 n (h: support functions about the centres c). GJK and EPA find n for ellipsoids to about the root of their tolerance,
@@ -50,7 +50,7 @@ def sharpen(
     world (S, 12): rotations, column by column, and translations of the solids. segment (S, 6): centre and half of the
     core. radius (S,): about the core. radii (S, 3): of an ellipsoid, zero for others. pairs (P, 2) int: solids.
     near (M,) int: the contacts' pairs. distance (M,), point_a, point_b, normal (M, 3): see
-    `humanoid.collision.clearance.Contacts`. The buffers may have more than `count` rows.
+    `humanoid.collision.self_collision.Contacts`. The buffers may have more than `count` rows.
 
     Capsules and hulls are exact already and left alone. Stops at a contact whose query failed and returns it, else -1:
     coal reports an overlap of 1.8e308 m, NaN or no normal; or, where a core just touches an ellipsoid, a normal from

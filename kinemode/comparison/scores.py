@@ -138,8 +138,8 @@ def _residual(run: Run) -> np.ndarray:
 
 
 def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -> dict[str, np.ndarray]:
-    """Energy (T,) of each run's best hypotheses, frame by frame and without a past: trackers that pay for change are
-    not charged for it."""
+    """Energy (T,) of each run's best hypotheses, frame by frame and without a past: trackers that
+    penalise change have no penalty of it here."""
     run = next(iter(runs.values()))
     search = mode_search(run.body, settings)
     energies = {name: np.full(len(run), np.nan) for name in runs}

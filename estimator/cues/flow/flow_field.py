@@ -101,8 +101,8 @@ def _potential(uncovered: np.ndarray, backward: np.ndarray, settings: FlowSettin
         for order in ((1, 0), (0, 1)):
             slope = cv2.Sobel(component, cv2.CV_32F, *order, scale=0.0625)  # [px / px of the full image]
             jump += slope * slope
-    evidence = np.maximum(uncovered, jump / (jump + np.float32(0.25 * settings.tolerance**2)))
-    smooth = cv2.GaussianBlur(evidence, _window(0.5 * settings.boundary_reach), 0.5 * settings.boundary_reach)
+    edge = np.maximum(uncovered, jump / (jump + np.float32(0.25 * settings.tolerance**2)))
+    smooth = cv2.GaussianBlur(edge, _window(0.5 * settings.boundary_reach), 0.5 * settings.boundary_reach)
     return np.asarray(cv2.exp(np.float32(-_SHARPNESS) * smooth))
 
 

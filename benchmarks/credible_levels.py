@@ -1,4 +1,4 @@
-"""Where the truth lies in the posterior: levels, coverage, expected calibration error."""
+"""Where the truth lies in the posterior: credible levels, coverage, expected calibration error."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Levels:
     pose: np.ndarray
 
 
-def levels_of(case: Tracked, calibration: Calibration, seed: int = 0) -> Levels:
+def credible_levels_of(case: Tracked, calibration: Calibration, seed: int = 0) -> Levels:
     """Levels of the truth in the frames of a clip; seed: of the samples that regions are found with."""
     rng = np.random.default_rng(seed)
     body = case.tracked_body()
@@ -44,9 +44,9 @@ def levels_of(case: Tracked, calibration: Calibration, seed: int = 0) -> Levels:
     for result, truth, places in zip(case.results, case.truth, case.truth_landmarks, strict=True):
         posterior = Posterior.of(body, result, calibration, case.seen_from)
         best = posterior.best
-        dof.append(posterior.marginals(best).level(body.difference(best, truth)))
-        landmark.append(posterior.landmark_levels(rng, places[None])[0])
-        pose.append(posterior.levels(rng, truth[None])[0])
+        dof.append(posterior.marginals(best).credible_level(body.difference(best, truth)))
+        landmark.append(posterior.landmark_credible_levels(rng, places[None])[0])
+        pose.append(posterior.credible_levels(rng, truth[None])[0])
     return Levels(np.array(dof), np.array(landmark), np.array(pose))
 
 
@@ -95,7 +95,7 @@ def _neighbours(calibration: Calibration) -> list[Calibration]:
 
 def miscoverage(calibration: Calibration, cases: Sequence[Tracked]) -> float:
     """Mean square of coverage less level on `GRID`, summed over the kinds of regions."""
-    pooled = together(levels_of(case, calibration) for case in cases)
+    pooled = together(credible_levels_of(case, calibration) for case in cases)
     return sum(float(np.mean(np.square(coverage(getattr(pooled, k), GRID) - GRID))) for k in KINDS)
 
 

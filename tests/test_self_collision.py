@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from estimator.terms.interpenetration import Interpenetration
-from humanoid.collision.clearance import Clearance, Contacts
+from humanoid.collision.self_collision import Contacts, SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
@@ -71,12 +71,12 @@ LYING = '<flesh shape="capsule" radius="0.03" length="0.3" rpy="1.57079632679489
 )
 def test_distances_known_in_closed_form(first: str, second: str, q: tuple[float, ...], expected: float) -> None:
     body = two_solids(first, second)
-    clearance = Clearance(body, margin=1.0, include=[("a", "b")])
-    contacts = clearance.near(body.at(np.array(q)))
+    self_collision = SelfCollision(body, margin=1.0, include=[("a", "b")])
+    contacts = self_collision.near(body.at(np.array(q)))
     assert contacts.distance[0] == pytest.approx(expected, abs=1e-9)
     along = np.einsum("mi,mi->m", contacts.normal, contacts.point_b - contacts.point_a)
     assert along[0] == pytest.approx(expected, abs=1e-9)
-    assert clearance.penetration(body.at(np.array(q))) == pytest.approx(max(0.0, -expected), abs=1e-9)
+    assert self_collision.penetration(body.at(np.array(q))) == pytest.approx(max(0.0, -expected), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -86,15 +86,15 @@ def test_distances_known_in_closed_form(first: str, second: str, q: tuple[float,
 def test_coinciding_solids(first: str, second: str, depth: float) -> None:
     """The normal is then one of many, or a guess, but it is one, and the depth is right."""
     body = two_solids(first, second)
-    contacts = Clearance(body, include=[("a", "b")]).near(body.at(np.zeros(3)))
+    contacts = SelfCollision(body, include=[("a", "b")]).near(body.at(np.zeros(3)))
     assert contacts.distance[0] == pytest.approx(-depth, abs=1e-9)
     assert all(np.isfinite(array).all() for array in contacts)
     assert np.linalg.norm(contacts.normal[0]) == pytest.approx(1.0)
 
 
-def _kind(clearance: Clearance, pair: int, distance: float) -> tuple[str, ...]:
-    i, j = clearance._solid_pairs[pair]
-    names = sorted(type(clearance.solids[s].geometry).__name__ for s in (i, j))
+def _kind(self_collision: SelfCollision, pair: int, distance: float) -> tuple[str, ...]:
+    i, j = self_collision._solid_pairs[pair]
+    names = sorted(type(self_collision.solids[s].geometry).__name__ for s in (i, j))
     return (*names, "overlap" if distance < 0.0 else "apart")
 
 
@@ -105,18 +105,18 @@ def test_gradient_is_the_central_difference(human: Body) -> None:
     where two axes nearly cross: hence a small step, and poses are many rather than a tolerance wide.
     """
     rng, step = np.random.default_rng(3), 1e-6
-    clearance = Clearance(human, include=LOOSE)
+    self_collision = SelfCollision(human, include=LOOSE)
     seen: dict[tuple[str, ...], int] = {}
     for _ in range(120):
         q, v = random_pose(human, rng), rng.normal(size=human.nv)
-        here = clearance.near(human.at(q), 0.02)
-        sides = [clearance.near(human.at(pin.integrate(human.model, q, s * step * v)), 0.03) for s in (1, -1)]
+        here = self_collision.near(human.at(q), 0.02)
+        sides = [self_collision.near(human.at(pin.integrate(human.model, q, s * step * v)), 0.03) for s in (1, -1)]
         ahead, behind = (dict(zip(side.pair, side.distance, strict=True)) for side in sides)
         for pair, distance, gradient in zip(here.pair, here.distance, here.gradient, strict=True):
             difference = (ahead[pair] - behind[pair]) / (2.0 * step)
             scale = max(np.linalg.norm(gradient) * np.linalg.norm(v), 1e-3)
-            assert abs(difference - gradient @ v) < 1e-5 * scale, (clearance.pairs[pair], distance)
-            kind = _kind(clearance, pair, distance)
+            assert abs(difference - gradient @ v) < 1e-5 * scale, (self_collision.pairs[pair], distance)
+            kind = _kind(self_collision, pair, distance)
             seen[kind] = seen.get(kind, 0) + 1
     assert len(seen) == 6, seen
     assert min(seen.values()) >= 3, seen
@@ -124,25 +124,25 @@ def test_gradient_is_the_central_difference(human: Body) -> None:
 
 def test_broad_phase_misses_no_pair(human: Body) -> None:
     rng = np.random.default_rng(5)
-    clearance = Clearance(human, include=LOOSE)
+    self_collision = SelfCollision(human, include=LOOSE)
     request = coal.DistanceRequest()
     found = 0
     for _ in range(60):
         posed = human.at(random_pose(human, rng))
-        near = clearance.near(posed, 0.03)
+        near = self_collision.near(posed, 0.03)
         expected = set()
         placed = []
-        for solid in clearance.solids:
+        for solid in self_collision.solids:
             T_world_joint = pin.SE3(posed.rotations[solid.joint], posed.translations[solid.joint])
             T = T_world_joint * pin.SE3(solid.rotation, solid.translation)
             placed.append(coal.Transform3s(T.rotation, T.translation))
-        for k, (i, j) in enumerate(clearance._solid_pairs):
-            a, b = clearance.solids[i].geometry, clearance.solids[j].geometry
+        for k, (i, j) in enumerate(self_collision._solid_pairs):
+            a, b = self_collision.solids[i].geometry, self_collision.solids[j].geometry
             distance = coal.distance(a, placed[i], b, placed[j], request, coal.DistanceResult())
             if distance < 0.03:
                 expected.add(k)
                 m = np.flatnonzero(near.pair == k)
-                assert m.size == 1, clearance.pairs[k]
+                assert m.size == 1, self_collision.pairs[k]
                 assert near.distance[m[0]] == pytest.approx(distance, abs=3e-6)
         assert set(near.pair.tolist()) == expected
         found += len(expected)
@@ -156,9 +156,9 @@ def _equal(one: Contacts, other: Contacts) -> bool:
 def test_the_same_pose_gives_the_same_bits_whatever_came_before(human: Body) -> None:
     rng = np.random.default_rng(7)
     poses = [human.at(random_pose(human, rng)) for _ in range(40)]
-    clearance = Clearance(human, include=LOOSE)
-    once = [clearance.near(posed) for posed in poses]
-    again = [clearance.near(poses[i]) for i in rng.permutation(len(poses)).repeat(2)]
+    self_collision = SelfCollision(human, include=LOOSE)
+    once = [self_collision.near(posed) for posed in poses]
+    again = [self_collision.near(poses[i]) for i in rng.permutation(len(poses)).repeat(2)]
     order = np.random.default_rng(7)
     _ = [random_pose(human, order) for _ in range(40)]
     for i, contacts in zip(order.permutation(len(poses)).repeat(2), again, strict=True):
@@ -169,17 +169,17 @@ def test_the_same_pose_gives_the_same_bits_whatever_came_before(human: Body) -> 
 def test_a_failed_query_still_gives_an_overlap(human: Body) -> None:
     """EPA may give up: the answer is then the gap along the line of centres, improved; never deeper than no number."""
     rng = np.random.default_rng(11)
-    clearance, failures = Clearance(human), 0
+    self_collision, failures = SelfCollision(human), 0
     for _ in range(30):
         posed = human.at(random_pose(human, rng))
-        right = clearance.near(posed, 0.0)
+        right = self_collision.near(posed, 0.0)
         if not right.pair.size:
             continue
         failures += right.pair.size
-        queries = clearance._queries
-        clearance._queries = [q and (*q[:2], lambda *_: -np.finfo(float).max, None) for q in queries]
-        failed = clearance.near(posed, 0.0)
-        clearance._queries = queries
+        queries = self_collision._queries
+        self_collision._queries = [q and (*q[:2], lambda *_: -np.finfo(float).max, None) for q in queries]
+        failed = self_collision.near(posed, 0.0)
+        self_collision._queries = queries
         kept = dict(zip(failed.pair, failed.distance, strict=True))
         assert all(np.isfinite(array).all() for array in failed)
         # any direction's gap is at most the signed distance
@@ -188,15 +188,15 @@ def test_a_failed_query_still_gives_an_overlap(human: Body) -> None:
 
 
 def test_pairs_follow_the_tree(human: Body) -> None:
-    clearance = Clearance(human)
-    pairs = {frozenset(pair) for pair in clearance.pairs}
+    self_collision = SelfCollision(human)
+    pairs = {frozenset(pair) for pair in self_collision.pairs}
     for adjacent in (("torso", "left_upper_arm"), ("torso", "pelvis"), ("pelvis", "right_thigh"), ("torso", "neck"),
                      ("left_forearm", "left_hand"), ("neck", "head")):  # fmt: skip
         assert frozenset(adjacent) not in pairs
     for apart in (("torso", "head"), ("left_thigh", "right_thigh"), ("left_upper_arm", "left_hand")):
         assert frozenset(apart) in pairs
-    assert clearance.penetration(human.at(human.neutral)) < 0.003
-    changed = Clearance(human, exclude=[("head", "torso")], include=[("torso", "left_upper_arm")])
+    assert self_collision.penetration(human.at(human.neutral)) < 0.003
+    changed = SelfCollision(human, exclude=[("head", "torso")], include=[("torso", "left_upper_arm")])
     assert {frozenset(p) for p in changed.pairs} == pairs - {frozenset(("torso", "head"))} | {
         frozenset(("torso", "left_upper_arm"))
     }
@@ -205,10 +205,10 @@ def test_pairs_follow_the_tree(human: Body) -> None:
 def test_pairs_that_overlap_at_rest_are_left_out_and_named() -> None:
     text = load_subject("human34").urdf.replace('clearance="0.072 0.068 0.24"', 'clearance="0.122 0.118 0.315"')
     body = Body(subject_from_text(text, source="wide.urdf"))
-    clearance = Clearance(body)
-    assert ("left_thigh", "right_thigh") in {tuple(sorted(pair)) for pair in clearance.overlapping_at_rest}
-    assert frozenset(("left_thigh", "right_thigh")) not in {frozenset(p) for p in clearance.pairs}
-    kept = Clearance(body, include=[("left_thigh", "right_thigh")])
+    self_collision = SelfCollision(body)
+    assert ("left_thigh", "right_thigh") in {tuple(sorted(pair)) for pair in self_collision.overlapping_at_rest}
+    assert frozenset(("left_thigh", "right_thigh")) not in {frozenset(p) for p in self_collision.pairs}
+    kept = SelfCollision(body, include=[("left_thigh", "right_thigh")])
     assert frozenset(("left_thigh", "right_thigh")) in {frozenset(p) for p in kept.pairs}
     assert kept.penetration(body.at(body.neutral)) > 0.03
 
@@ -217,7 +217,7 @@ def test_pairs_that_overlap_at_rest_are_left_out_and_named() -> None:
 @pytest.mark.parametrize("pair", [("torso", "tail"), ("torso", "left_clavicle"), ("head", "head"), "head"])
 def test_wrong_pairs_name_the_choices(human: Body, option: str, pair: object) -> None:
     with pytest.raises(InputError) as caught:
-        Clearance(human, **{option: [pair]})
+        SelfCollision(human, **{option: [pair]})
     assert caught.value.place == option
     if pair != "head" and pair[0] != pair[1]:  # type: ignore[index]
         assert "left_upper_arm" in caught.value.remedy
@@ -225,13 +225,13 @@ def test_wrong_pairs_name_the_choices(human: Body, option: str, pair: object) ->
 
 def test_links_fixed_to_each_other_are_refused(human: Body) -> None:
     with pytest.raises(InputError, match="fixed to each other"):
-        Clearance(human, include=[("neck", "head")])
+        SelfCollision(human, include=[("neck", "head")])
 
 
 def test_without_solids_nothing_is_near(human: Body) -> None:
-    clearance = Clearance(Body(dataclasses.replace(human.subject, flesh=())))
-    contacts = clearance.near(human.at(human.neutral))
-    assert clearance.pairs == ()
+    self_collision = SelfCollision(Body(dataclasses.replace(human.subject, flesh=())))
+    contacts = self_collision.near(human.at(human.neutral))
+    assert self_collision.pairs == ()
     assert contacts.gradient.shape == (0, human.nv)
 
 
@@ -241,16 +241,16 @@ def test_third_party_robots(name: str) -> None:
         body = Body(load_subject(f"example-robot-data:{name}"))
     except (InputError, OSError) as error:
         pytest.skip(f"example-robot-data:{name} does not load: {error}")
-    clearance = Clearance(body)
-    assert clearance.pairs
+    self_collision = SelfCollision(body)
+    assert self_collision.pairs
     rng, step = np.random.default_rng(0), 1e-6
     compared = 0
     for _ in range(20):
         q = pin.neutral(body.model)
         q[body.bounded_q] = rng.uniform(body.lower[body.bounded_q], body.upper[body.bounded_q])
         v = rng.normal(size=body.nv)
-        here = clearance.near(body.at(q))
-        sides = [clearance.near(body.at(pin.integrate(body.model, q, s * step * v)), 0.03) for s in (1, -1)]
+        here = self_collision.near(body.at(q))
+        sides = [self_collision.near(body.at(pin.integrate(body.model, q, s * step * v)), 0.03) for s in (1, -1)]
         ahead, behind = (dict(zip(side.pair, side.distance, strict=True)) for side in sides)
         difference = np.array([ahead[k] - behind[k] for k in here.pair]) / (2.0 * step)
         # hulls have flat faces and edges: the odd step crosses from one to the next
@@ -261,7 +261,7 @@ def test_third_party_robots(name: str) -> None:
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.0])
 def test_potential_gradient_and_curvature(human: Body, power: float) -> None:
     rng, step = np.random.default_rng(13), 1e-6
-    term = Interpenetration(Clearance(human), scale=0.008, weight=2.0, power=power)
+    term = Interpenetration(SelfCollision(human), scale=0.008, weight=2.0, power=power)
 
     def energy(q: np.ndarray) -> float:
         return term.accumulate(human.at(q), np.zeros(human.nv), np.zeros((human.nv, human.nv)))
@@ -285,15 +285,15 @@ def test_potential_gradient_and_curvature(human: Body, power: float) -> None:
 def test_potential_along_one_line(power: float) -> None:
     """CSS 3.2.4 near contact; zero with its slope at the margin; falling with the distance, finite at any depth."""
     body = two_solids(BALL, BALL)
-    clearance = Clearance(body, include=[("a", "b")])
-    term = Interpenetration(clearance, scale=0.005, power=power)
+    self_collision = SelfCollision(body, include=[("a", "b")])
+    term = Interpenetration(self_collision, scale=0.005, power=power)
 
     def energy(distance: float) -> tuple[float, float, float]:
         gradient, hessian = np.zeros(3), np.zeros((3, 3))
         value = term.accumulate(body.at(np.array([0.2 + distance, 0.0, 0.0])), gradient, hessian)
         return value, gradient[0], hessian[0, 0]
 
-    margin = clearance.margin
+    margin = self_collision.margin
     assert energy(margin + 1e-9)[:2] == (0.0, 0.0)
     assert energy(margin - 1e-7)[0] == pytest.approx(0.0, abs=1e-8)
     assert abs(energy(margin - 1e-7)[1]) < 1e-3
@@ -312,7 +312,7 @@ def test_potential_along_one_line(power: float) -> None:
 @pytest.mark.parametrize("wrong", [{"scale": 0.0}, {"weight": -1.0}, {"power": 0.5}, {"scale": float("nan")}])
 def test_potential_settings_are_checked(human: Body, wrong: dict[str, float]) -> None:
     with pytest.raises(InputError):
-        Interpenetration(Clearance(human), **wrong)
+        Interpenetration(SelfCollision(human), **wrong)
 
 
 def test_too_many_shapes_are_refused_at_once() -> None:
@@ -327,4 +327,4 @@ def test_too_many_shapes_are_refused_at_once() -> None:
     )
     body = Body(subject_from_text(f'<robot name="chain">{links}{joints}</robot>', source="chain.urdf"))
     with pytest.raises(InputError, match=r"chain.urdf: collision geometry: 500 shapes make 124750 pairs"):
-        Clearance(body)
+        SelfCollision(body)

@@ -31,9 +31,9 @@ _ELLIPSOID_TOLERANCES = 1e-6, 1e-4
 
 
 class Contacts(NamedTuple):
-    """Pairs nearer than a margin, in the order of `Clearance.pairs`.
+    """Pairs nearer than a margin, in the order of `SelfCollision.pairs`.
 
-    pair (M,): index into `Clearance.pairs`.
+    pair (M,): index into `SelfCollision.pairs`.
     distance (M,): signed distance [m], negative in overlap.
     point_a, point_b (M, 3): witness points in the world [m]; in overlap the deepest ones.
     normal (M, 3): unit vector in the world from solid a to b; distance = normal . (point_b - point_a).
@@ -62,7 +62,7 @@ class _Buffers(NamedTuple):
         return _Buffers(np.zeros(count, dtype=np.int64), np.zeros(count), *np.zeros((3, count, 3)))
 
 
-class Clearance:
+class SelfCollision:
     """Signed distances between the parts of a body, by coal, behind a compiled lower bound.
 
     A pair is two solids that a joint parts. Links that are adjacent in the tree, once links without solids are
