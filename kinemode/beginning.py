@@ -39,7 +39,7 @@ def check_beginning(
 
 
 def check_capabilities(tracker: Tracker[Any], chosen: Chosen, workers: int) -> None:
-    """Raise InputError where a tracker is asked for what it cannot do; smoothing that nobody asked for is left out."""
+    """Raise InputError where a tracker is asked for what it cannot do; smoothing that was not asked for is left out."""
     if workers > 1 and not isinstance(tracker, SharesWork):
         raise InputError("workers", f"{chosen.tracker} works in one process", remedy="leave it out")
     asked = chosen.settings.smooth.enabled and "smooth" in chosen.changes

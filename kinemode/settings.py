@@ -121,7 +121,7 @@ def choose_for_all(
     used = {name: modes if name in several else None for name in trackers}
     if modes is not None and not several:
         settings_for(trackers[0], modes=modes)
-    strange = set[str].intersection(*(other_tables(name) for name in trackers))  # refused by whoever is first
+    strange = set[str].intersection(*(other_tables(name) for name in trackers))  # refused by the first of them
     given_to = {
         name: {k: v for k, v in changes.items() if k in strange} | changes_for(name, changes) for name in trackers
     }

@@ -139,7 +139,7 @@ def test_one_camera_is_told_and_the_others_follow(person: int) -> None:
     assert chosen_person(tracks, found) == person
     empty = not (tracks["cam3"].confidence > 0.0).any()
     assert empty == (person == 1)  # nobody rather than somebody else
-    assert ("cam3: nobody in it fits" in notes[-1]) == empty
+    assert ("cam3: no one in it fits" in notes[-1]) == empty
     others = dict.fromkeys(("cam0", "cam2", "cam3"), 0)  # all given: taken as they are, and told where they differ
     _, notes = subject_tracks(made, cameras(), {**others, "cam1": "abc"[person]})
     assert any("its person is not where" in note for note in notes)
@@ -156,7 +156,7 @@ def test_nobody_fits() -> None:
     assert "but their rays miss each other" in notes[0]
     half = [0.5, 0.5, 1.0]  # keypoints of a smaller picture
     halved = {"cam0": found["cam0"], "cam3": [[(n, Person(p.points * half)) for n, p in f] for f in found["cam3"]]}
-    with pytest.raises(InputError, match="nobody is seen by two cameras"):
+    with pytest.raises(InputError, match="none is seen by two cameras"):
         subject_tracks(files(halved), cameras(), {})
     some = {"cam0": [[x for x in f if x[0] == 1] for f in found["cam0"]], "cam3": halved["cam3"]}
     tracks, notes = subject_tracks(files(some), cameras(), {})  # nothing to choose: taken, and told
@@ -214,7 +214,7 @@ def test_a_jump_within_one_file_is_told() -> None:
     for t in range(FRAMES):
         reading.add(t, [Person((a if t < 15 else b)[t], "1"), Person(b[t] + [400.0, 0.0, 0.0], "2")])
     jumped = PeopleFile(reading).one("1")
-    assert [note for note in jumped.notes if "jump to somebody else" in note and "(15)" in note]
+    assert [note for note in jumped.notes if "jump to another person" in note and "(15)" in note]
     assert not any("jump" in note for note in PeopleFile(reading).one("2").notes)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from humanoid.support.errors import InputError
 
 HOST = "127.0.0.1"
-SILENCE = 60.0  # a connection that says nothing for so long is closed, so that it keeps no thread for ever [s]
+SILENCE = 60.0  # a connection that says nothing for so long is closed, so that it keeps no thread busy [s]
 _HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",

@@ -82,7 +82,7 @@ def distorted(a: np.ndarray, b: np.ndarray, distortion: np.ndarray) -> tuple[np.
 
 
 def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:
-    """A camera nobody calibrated: focal length 1.2 times the longer side (a 45 degree lens), level, at the origin.
+    """A camera without a calibration: focal length 1.2 times the longer side (a 45 degree lens), level, at the origin.
 
     The world is then x forward (along the optical axis), y left, z up.
     """

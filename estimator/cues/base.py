@@ -154,7 +154,7 @@ class Cue:
 
     def read(self, pictures: CameraPictures, instant: int, settings: Any, prepared: Any) -> Any:
         """What one camera's picture says at an instant, None for nothing: a picklable thing of arrays, the same
-        whatever was read before. InputError past the clip's end."""
+        regardless of what was read before. InputError past the clip's end."""
         raise NotImplementedError
 
     def match(self, view: CameraView) -> Matcher:

@@ -12,8 +12,8 @@ class SurfaceSettings:
     """How a body's surface is looked at in the pictures.
 
     nodes: surface nodes, about. fineness: cells of the depth buffer.
-    beside_keypoints: factor of the whole image likelihood where keypoints see the whole person too: both come from the same
-        pixels, and what is wrong with the body's shape or the background is wrong for every node at once.
+    beside_keypoints: factor of the image likelihood where keypoints see the whole person too: both come from the
+        same pixels, and what is wrong with the body's shape or the background is wrong for every node at once.
     visibility_evidence: of the visibility penalties (CSS eqs. 5 to 7). back_facing: energy of a back-facing node, nu of
         the equations. occluded: k, how many times that an occluded one costs.
     rounds: how often features are assigned anew during a search.

@@ -27,7 +27,7 @@ class FleshSettings:
     are assigned anew, in either stage. edge_noise, outline_noise: as shares of tracking's noise, most of which stands
     for flesh of another shape; less of the outlines', as silhouettes are a pixel too large or too small on their own.
     agreement: share of the body's outline that has to lie on the silhouettes' in the end; with less, or with `worse`
-    less than before, they are somebody else's, and the first stage stands. overlap [m]: of parts in the fitted poses,
+    less than before, they are another person's, and the first stage stands. overlap [m]: of parts in the fitted poses,
     above which the new flesh is drawn back.
     """
 

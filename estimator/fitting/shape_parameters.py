@@ -1,4 +1,4 @@
-"""The few numbers that make a subject's flesh somebody's: girth, flatness and tapers of every part, sides tied."""
+"""The few numbers that fit a subject's flesh to a person: girth, flatness and tapers of every part, sides tied."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Motion capture in BVH files (Biovision hierarchy): a skeleton of offsets and angles, and where its joints are.
 
-Read strictly, because readers at hand are not: of those on PyPI, bvhio 1.5 never returns from a file that is cut short
+Read strictly, because existing readers are not: of those on PyPI, bvhio 1.5 never returns from a file that is cut short
 and pins a PyGLM without wheels for CPython 3.14, and bvhtoolbox 0.1 takes ragged or missing frames as they are.
 The format: M. Meredith and S. Maddock, Motion Capture File Formats Explained, University of Sheffield CS-01-11, 2001.
 """

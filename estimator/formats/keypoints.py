@@ -48,7 +48,7 @@ class KeypointTrack:
 
 @dataclass(frozen=True)
 class PeopleFile:
-    """Everybody whom a keypoint file knows; `one` and `track_of` are the way to a single person's keypoints."""
+    """All people in a keypoint file; `one` and `track_of` are the way to a single person's keypoints."""
 
     reading: Reading
 
@@ -75,7 +75,7 @@ class PeopleFile:
         return self.track_of(chosen, (note, jump_note(chosen)), first=first)
 
     def track_of(self, chosen: Mapping[int, Person], notes: Sequence[str] = (), *, first: int = 0) -> KeypointTrack:
-        """The keypoints of these detections, one in each frame they are of; with nobody chosen all are missing."""
+        """The keypoints of these detections, one in each frame they are of; with no person chosen all are missing."""
         reading = self.reading
         pixels, confidence = _as_arrays(reading, chosen, first)
         told = tuple(n for n in (*notes, *reading.notes.texts, *_numbering_notes(reading, first)) if n)
@@ -101,7 +101,7 @@ def load_keypoints(
     Parameters
     ----------
     layout: "auto" tells the format from the count of numbers; else a key of `humanoid.subject.landmarks.FORMATS`.
-    person: whom of several people, see `people_choice.select`.
+    person: which of several people, see `people_choice.select`.
     first: number that the clip's first frame has in the file.
 
     Raises
@@ -145,7 +145,7 @@ def _numbering_notes(reading: Reading, first: int) -> tuple[str, ...]:
 
 
 def _refuse_normalised(frames: Mapping[int, Sequence[Person]], path: Path) -> None:
-    """Fractions of the image are no pixels: nobody is as small as that."""
+    """Fractions of the image are no pixels: no person is as small as that."""
     if all(_small(p) for people in frames.values() for p in people if p.size > 0.0):
         remedy = "pixels are needed; OpenPose: leave --keypoint_scale at 0"
         raise InputError(path, "the coordinates are fractions of the image", remedy=remedy)

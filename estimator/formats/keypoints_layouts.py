@@ -63,7 +63,7 @@ class Reading:
         return Person(cleaned(values.reshape(-1, 3), self.notes, source, place), _person_id(id))
 
     def add(self, frame: int, people: Sequence[Person | None]) -> None:
-        """Add people to a frame; the frame counts as read even when nobody is in it."""
+        """Add people to a frame; the frame counts as read even without people."""
         self.frames.setdefault(frame, []).extend(p for p in people if p is not None)
 
 

@@ -29,7 +29,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
             arrays = {name: np.asarray(file[name]) for name in file.files}
     except InputError:
         raise
-    except Exception as error:  # zipfile, zlib and numpy's header parser raise whatever their parsing meets
+    except Exception as error:  # zipfile, zlib and numpy's header parser let errors of any kind through
         what = str(error) or type(error).__name__
         raise InputError(path, f"cannot be read: {what}", remedy="an .npz of plain arrays is needed") from None
     for name, array in arrays.items():

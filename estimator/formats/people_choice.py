@@ -70,7 +70,7 @@ def jump_note(chosen: Mapping[int, Person]) -> str:
         return ""
     listed = ", ".join(map(str, frames_of_jumps[:5])) + (", ..." if len(frames_of_jumps) > 5 else "")
     frames = f"frame{'s' * (len(frames_of_jumps) != 1)}"
-    return f"the keypoints jump to somebody else, or elsewhere, in {len(frames_of_jumps)} {frames} ({listed})"
+    return f"the keypoints jump to another person, or elsewhere, in {len(frames_of_jumps)} {frames} ({listed})"
 
 
 def _rejoined(tracks: Sequence[PersonTrack]) -> dict[int, Person]:

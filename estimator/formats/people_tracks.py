@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.formats.keypoints_people import Person
 
-_PATIENCE = 60  # frames after which somebody who left is somebody new
+_PATIENCE = 60  # frames after which a person who left counts as a new one
 _FAR = 0.6  # two detections further apart than this many body sizes are two people
 _DRIFT = 0.05  # share by which that grows with each frame in which a person was not seen
 _CLOSE = 0.1  # a rival less than this many body sizes farther away might have been meant

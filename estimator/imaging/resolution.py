@@ -68,7 +68,7 @@ def declared_size(track: KeypointTrack, given: Size | None) -> Size | None:
 def fitted_track(
     name: str, track: KeypointTrack, size: Size | None, picture: Size
 ) -> tuple[KeypointTrack, tuple[str, ...]]:
-    """Keypoints of pictures of `size`, None where nobody says, as they are in pictures of size `picture`; and notes.
+    """Keypoints of pictures of `size`, None where it is unknown, as they are in pictures of size `picture`; and notes.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def fitted_camera(camera: Camera, picture: Size, source: str) -> tuple[Camera, t
 def doubts(name: str, track: KeypointTrack, picture: Size, *, declared: bool) -> tuple[str, ...]:
     """Notes where keypoints look like those of pictures of another size.
 
-    declared: whether somebody says that the size is right. Raises InputError where nobody does and most are outside.
+    declared: whether the user says that the size is right. Raises InputError where not, and most are outside.
     """
     points = track.pixels[(track.confidence >= SURE) & np.isfinite(track.pixels).all(axis=-1)]
     if len(points) < _FEWEST:

@@ -26,7 +26,7 @@ class CueReader:
 
     Attributes
     ----------
-    notes: what a user should hear of.
+    notes: for the user.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class CueReader:
         self.notes = tuple(note for view in self._views for note in view.pictures.notes)
 
     def at(self, index: int) -> tuple[ImageCues, ...]:
-        """Cues of every camera at instant `index`, the same whatever was read before; InputError past a clip's end."""
+        """Cues of every camera at instant `index`, regardless of what was read before; InputError past a clip's end."""
         return tuple(view.at(index) for view in self._views)
 
     def close(self) -> None:

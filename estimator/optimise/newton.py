@@ -32,7 +32,7 @@ Model = TypeVar("Model", bound=Valued)
 
 
 Step = tuple[np.ndarray, float | None]
-"""A step, and the decrease of the energy that the undamped model promises of it; None where nobody asked."""
+"""A step, and the decrease of the energy that the undamped model promises of it; None where it is not needed."""
 
 
 class Problem(ABC, Generic[Model]):
@@ -55,7 +55,7 @@ class Problem(ABC, Generic[Model]):
         return False
 
     def taken(self, trial: Model, ratio: float) -> Model:
-        """The model to go on from; ratio: decrease of the energy over the one promised, or 1 where nobody asked."""
+        """The model to go on from; ratio: decrease of the energy over the one promised, or 1 without a promise."""
         return trial
 
 
@@ -90,7 +90,7 @@ class NewtonSettings:
     """Which steps are taken and when the descent ends.
 
     iterations: steps tried. accepted: a step is taken that brings more than this share of the decrease promised (where
-    nobody asked for a promise: that brings any). least_promise: the descent has stalled when less is promised.
+    no promise was asked for: that brings any). least_promise: the descent has stalled when less is promised.
     enough: it is settled after a step that was taken and neither brought nor promised as much. unsolved: what a model
     without a step means: a step refused, another try at once with more damping (not counted), or the end.
     """

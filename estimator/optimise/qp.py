@@ -21,9 +21,9 @@ UNBOUNDED = 1e20  # what ProxQP takes for infinity
 class StepSolver:
     """min 1/2 x'(H + damping diag H)x + g'x  s.t. joint limits, trust box, rows A x >= b  (CSS eq. 13 as a QP).
 
-    One persistent solver object for each number of rows; equal problems have equal solutions, whatever was solved
-    before (`_exact`). places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their
-    lower and upper limits. tally: how many steps were solved by whom, in the order of `StepCounts`.
+    One persistent solver object for each number of rows; equal problems have equal solutions, regardless of what was
+    solved before (`_exact`). places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and
+    their lower and upper limits. tally: how many steps each solver solved, in the order of `StepCounts`.
     """
 
     body: Body

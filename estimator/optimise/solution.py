@@ -17,7 +17,7 @@ SEPARATED, SAMPLED = "separated", "sampled"
 
 
 class StepCounts(NamedTuple):
-    """How many steps of a search were solved by whom.
+    """How many steps of a search each solver solved.
 
     free: no bound was active. active_set: on a guessed set of active bounds. proxqp: by ProxQP. failed: by none, as
     ProxQP's answer was not finite. A model that is not convex has no step and is not counted.
@@ -49,7 +49,7 @@ class Solution(NamedTuple):
     """End of a search.
 
     quadratic: the quadratic model at the last accepted q. status: CONVERGED, STALLED, ITERATIONS or SEPARATED.
-    kkt_residual: recomputed there. iterations: steps tried. steps: by whom they were solved; more than were tried
+    kkt_residual: recomputed there. iterations: steps tried. steps: which solvers solved them; more than were tried
     where one step was solved several times, each with more damping.
     """
 

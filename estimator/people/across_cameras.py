@@ -1,9 +1,9 @@
-"""One person in several cameras: whom they see together, chosen by geometry.
+"""One person in several cameras: the one that they see together, chosen by geometry.
 
 Every camera's detections are linked over time and cut where two people may have changed places. Pieces of two cameras
 are one person's where the rays of the landmarks both saw meet, frame after frame; pieces are put together greedily by
 how much speaks for it, and the largest person that at least two cameras see is the subject. A camera contributes the
-pieces that fit, and nothing where nobody does.
+pieces that fit, and nothing where none does.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from estimator.formats.people_choice import AUTO, crowded, ids_of, jump_note, se
 from estimator.people.agreement import pair_affinities, piece_affinities
 from estimator.people.changes import cut_where_people_change
 from estimator.people.choice_of_subject import subject_rows
-from estimator.people.notes import misfits, nobody, summary, told
+from estimator.people.notes import misfits, no_common_person, summary, told
 from estimator.people.pieces import Sighting, table_of
 
 PersonOf = Mapping[str, str | int]
@@ -35,16 +35,16 @@ def subject_tracks(
     Parameters
     ----------
     files, cameras: by the same names; the cameras are those of pictures of the size that the files were made from.
-    persons: whom the user wants in each camera, "auto" or a person of that file (see `people_choice.select`); a camera
-        that is not named is "auto".
+    persons: who is wanted in each camera, "auto" or a person of that file (see `people_choice.select`); a camera that
+        is not named is "auto".
     times: of each frame of a file [s], on one clock; without them frames of the same number were taken together.
 
-    Where there is somebody to choose between and several cameras, those left to "auto" are chosen to fit each other and
+    Where there are several people and several cameras, those left to "auto" are chosen to fit each other and
     the ones given; otherwise each file chooses for itself, and what does not fit is told.
 
     Raises
     ------
-    InputError: a person that a file has not; nobody in any camera fits anybody in another.
+    InputError: a person that a file has not; no person in any camera fits one in another.
     """
     given = {name: str(persons.get(name, AUTO)) for name in files}
     instants = _instants(times or {})
@@ -57,7 +57,7 @@ def subject_tracks(
     table = cut_where_people_change(table, affinities)
     subject = subject_rows(table, [s.camera for s in sightings], piece_affinities(table, affinities))
     if not subject.any():
-        raise nobody(list(files))
+        raise no_common_person(list(files))
     tracks, notes = {}, [summary(table, affinities, subject, list(files))]
     for c, (name, file) in enumerate(files.items()):
         rows = np.flatnonzero(subject & (table.camera == c))

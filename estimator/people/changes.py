@@ -1,4 +1,4 @@
-"""Where a track goes on with somebody else, as another camera tells."""
+"""Where a track goes on with another person, as another camera tells."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from estimator.people.agreement import WORST, PairAffinities
 from estimator.people.pieces import SURE, Link, Table
 
 _TURN = 6.0  # frames of perfect agreement won, or lost again, by which a person is known to have changed
-_PARTNER = 0.25  # share of a piece's best partner below which nobody is one
+_PARTNER = 0.25  # share of a piece's best partner below which there is none
 
 
 def cut_where_people_change(table: Table, affinities: PairAffinities) -> Table:
-    """Cut pieces in two where another camera's piece begins or ends to agree with them: somebody took their place.
+    """Cut pieces in two where another camera's piece begins or ends to agree with them: someone took their place.
 
     Which of the two changed its person cannot be told from them alone, so both are cut; the one that did not is put
     together again by its link.

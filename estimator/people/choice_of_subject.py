@@ -1,4 +1,4 @@
-"""Which of the people whom several cameras see together is the subject."""
+"""Which of the people that several cameras see together is the subject."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from estimator.people.groups import grouped, settled
 from estimator.people.pieces import Table
 
 _LOOKS = 5  # instants whose size is taken for a person's
-_ALIKE = 1.4  # ratio of two sizes beyond which it is somebody else: arms are raised, people crouch
-_SPEED = 0.25  # body sizes a frame that somebody unseen may have moved: 7 a second, a sprinter's, at 30 frames a second
+_ALIKE = 1.4  # ratio of two sizes beyond which it is another person: arms are raised, people crouch
+_SPEED = (
+    0.25  # body sizes a frame that an unseen person may have moved: 7 a second, a sprinter's, at 30 frames a second
+)
 _NEAR = 0.5  # body sizes two places of one person may differ because limbs moved
 
 

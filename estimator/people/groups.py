@@ -54,7 +54,7 @@ def settled(affinity: np.ndarray, group: np.ndarray, who: int, camera: np.ndarra
     changed = True
     while changed:
         changed = False
-        for other in [*np.setdiff1d(group, [who]).tolist(), int(group.max()) + 1]:  # and with nobody
+        for other in [*np.setdiff1d(group, [who]).tolist(), int(group.max()) + 1]:  # and with none
             for c in (*np.unique(camera[camera >= 0]).tolist(), None):
                 pieces = np.flatnonzero(camera >= 0 if c is None else camera == c)
                 moved = _exchange(affinity, group, (who, other), pieces, begin)

@@ -14,9 +14,9 @@ from humanoid.support.errors import InputError
 _DOUBTFUL = 0.02  # body sizes: two people who stand near each other may fit as well as this
 
 
-def nobody(names: Sequence[str]) -> InputError:
-    """What to say where no two cameras see anybody together."""
-    problem = f"of several people in {', '.join(names)} nobody is seen by two cameras: rays of no two of them meet"
+def no_common_person(names: Sequence[str]) -> InputError:
+    """What to say where no two cameras see a person together."""
+    problem = f"of several people in {', '.join(names)} none is seen by two cameras: rays of no two of them meet"
     remedy = (
         "are calibration, sizes and clocks of the files right? or name the person for each camera: --person CAMERA=WHO"
     )
@@ -28,7 +28,7 @@ def summary(table: Table, affinities: PairAffinities, subject: np.ndarray, names
     used = subject[affinities.first] & subject[affinities.second]
     seen = [name for c, name in enumerate(names) if subject[table.camera == c].any()]
     if not used.any():
-        return f"several people: nobody in the other cameras fits the person given for {', '.join(seen)}"
+        return f"several people: no one in the other cameras fits the person given for {', '.join(seen)}"
     share = float(np.nanmedian(affinities.distance[used]))
     together = f"several people: {', '.join(seen)} see the same person"
     if share > _DOUBTFUL:
@@ -38,18 +38,18 @@ def summary(table: Table, affinities: PairAffinities, subject: np.ndarray, names
 
 
 def told(table: Table, ids_there: int, rows: np.ndarray, c: int, given: str) -> str:
-    """Who was chosen in camera c: some rows of the table. ids_there: how many ids its file has. given: whom the user
-    named, or "auto"."""
+    """Who was chosen in camera c: some rows of the table. ids_there: how many ids its file has. given: the person that
+    the user named, or "auto"."""
     if given != AUTO:
         return f"person {given}, as given"
     if not len(rows):
-        return "nobody in it fits the person of the other cameras: it contributes nothing"
+        return "no one in it fits the person of the other cameras: it contributes nothing"
     ids = sorted({table.people[row].id for row in rows} - {None}, key=str)
     tracks = np.unique(table.track[rows]).tolist()
     total = len(np.unique(table.track[table.camera == c]))
-    whom = f"id {', '.join(map(str, ids))}" if ids else f"track {', '.join(map(str, tracks))}"
+    chosen = f"id {', '.join(map(str, ids))}" if ids else f"track {', '.join(map(str, tracks))}"
     frames = len(np.unique(table.frame[rows]))
-    return f"{whom} of {ids_there or total} people, in {frames} frames"
+    return f"{chosen} of {ids_there or total} people, in {frames} frames"
 
 
 def misfits(names: Sequence[str], table: Table, affinities: PairAffinities, *, several: bool) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def misfits(names: Sequence[str], table: Table, affinities: PairAffinities, *, s
             share, others = min(apart[c, far]), ", ".join(names[k] for k in far)
             by_camera[name] = (
                 f"not where {others} sees one (rays pass each other by {share:.0%} of the body's size or more):"
-                " somebody else, another time, or a wrong calibration?"
+                " another person, another time, or a wrong calibration?"
             )
     some = dict(list(by_camera.items())[: 1 if len(names) == 2 else None])  # of two, each is as far from the other
     return tuple(f"{name}: its person is {what}" for name, what in some.items())

@@ -14,8 +14,8 @@ from estimator.formats.people_choice import largest_first
 from estimator.formats.people_tracks import PersonTrack
 
 SURE, LIKELY, NAMED = 5.0, 1.0, 1.0
-"""How much speaks for two pieces of a track that follow each other, in frames of perfect agreement: where nobody else
-was near, where somebody was, and where the file gives both the same id."""
+"""How much speaks for two pieces of a track that follow each other, in frames of perfect agreement: where no other
+person was near, where one was, and where the file gives both the same id."""
 _MOST_PIECES = 2000  # beyond it tracks stay whole, and beyond it again the lightest are left out
 
 
@@ -35,7 +35,7 @@ class Sighting:
     instants: np.ndarray | None = None
 
     def instant(self, frame: int) -> int:
-        """Number of the instant that a frame shows, -1 where nobody knows."""
+        """Number of the instant that a frame shows, -1 where unknown."""
         if self.instants is None:
             return frame
         return int(self.instants[frame]) if frame < len(self.instants) else -1
@@ -76,7 +76,7 @@ class Table:
 
 
 def table_of(sightings: Sequence[Sighting]) -> Table:
-    """Detections of tracks that are cut wherever two people may have changed places: where somebody else was near,
+    """Detections of tracks that are cut wherever two people may have changed places: where another person was near,
     where the id changes, and where a detection is missing.
 
     In a crowd that leaves too many pieces, tracks stay whole, and the lightest are left out.

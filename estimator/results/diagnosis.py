@@ -78,7 +78,7 @@ class Diagnosis:
             cameras = [f"{name} ({deviations:.1f} standard deviations)" for name, deviations in self.cameras]
             told.append(
                 f"most landmarks lie far from their keypoints {self._when} in {_few(cameras)}: check the camera's"
-                " calibration, the time its keypoints begin, and whom they show"
+                " calibration, the time its keypoints begin, and which person they show"
             )
         if self.far:
             told.append(

@@ -1,4 +1,4 @@
-"""Runs nobody asked to keep: a file among the temporary ones, which goes with the last `Run` that looks at it."""
+"""Runs without an output file: a file among the temporary ones, which goes with the last `Run` that looks at it."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class FrameCase(NamedTuple):
 
 class FrameSearch:
     """One frame's searches: every method that is a piece of work takes one thing and returns one, and gives the same
-    bits whatever was done before."""
+    bits regardless of what was done before."""
 
     def __init__(self, model: CostModel, seeker: Seeker, settings: ModeSearchSettings, case: FrameCase) -> None:
         self.case = case

@@ -26,7 +26,7 @@ _BETTER = 0.4  # what is left of the distance where another size is believed
 class Agreement:
     """How well keypoints of several cameras fit each other.
 
-    distance: median Sampson distance of the pairs of cameras, averaged [px]. far: whether it is too large by far.
+    distance: median Sampson distance of the pairs of cameras, averaged [px]. far: whether it is far too large.
     factor: on the keypoints of doubtful size, with which all would fit much better; None without.
     """
 

@@ -39,7 +39,7 @@ def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndar
     lags -= max(lags.tolist(), key=lags.tolist().count)  # of several that are as many, the first camera's
     small = np.abs(lags).max() < max(_FEWEST_LAGS, _SHORTEST / step)
     left = distances.of(lags)
-    fitting = left <= SUSPICIOUS * max(max(camera.image_size) for camera in cameras)  # not so with somebody else
+    fitting = left <= SUSPICIOUS * max(max(camera.image_size) for camera in cameras)  # not so with another person
     if small or not fitting or left > _BETTER * distances.of(np.zeros_like(lags)):
         return ()
     return tuple(-step * lag if lag else 0.0 for lag in lags.tolist())

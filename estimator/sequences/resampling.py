@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.formats.keypoints import KeypointTrack
 
-LONGEST_BRIDGE = 0.1  # frames further apart are not interpolated: nobody knows what lies between [s]
+LONGEST_BRIDGE = 0.1  # frames further apart are not interpolated: what lies between is unknown [s]
 
 
 def at_places(track: KeypointTrack, places: np.ndarray, times: np.ndarray) -> KeypointTrack:

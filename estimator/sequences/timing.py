@@ -76,7 +76,7 @@ def clip_clock(
 ) -> tuple[CameraClock, tuple[str, ...]]:
     """The clock of a camera with a clip, and notes.
 
-    rate: of the keypoints, None where nobody says. remedy: what to do if they are of some of the frames only.
+    rate: of the keypoints, None where unknown. remedy: what to do if they are of some of the frames only.
 
     A detector reads a clip frame by frame: keypoint i is that of frame i, unless the rates differ. Where they differ
     and there are as many keypoints as frames, one of the rates must be wrong, and keypoint i is that of frame i still.

@@ -36,8 +36,8 @@ def crowd(
 ) -> dict[str, list[list[tuple[int, Person]]]]:
     """Who is detected in each frame of each camera, in random order: by camera name T lists of (number, detection).
 
-    people (N): configurations (T, nq) of each. hidden: numbers of the people whom a camera does not see at all. Noise,
-    outliers and missing points are those of `detector.keypoints`; a person of whom no point is in the image is not
+    people (N): configurations (T, nq) of each. hidden: numbers of the people a camera does not see at all. Noise,
+    outliers and missing points are those of `detector.keypoints`; a person without a point in the image is not
     detected.
     """
     detections: dict[str, list[list[tuple[int, Person]]]] = {c.name: [[] for _ in people[0]] for c in cameras}

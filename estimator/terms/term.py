@@ -38,7 +38,7 @@ class BatchTerm:
     """Base of the terms that look at many poses in one call of compiled code, and without Jacobians."""
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
-        """`Term.value` of N poses, (N,), each to the last bit whatever the others are."""
+        """`Term.value` of N poses, (N,), each to the last bit the same regardless of the others."""
         raise NotImplementedError
 
     def value(self, posed: PosedBody) -> float:

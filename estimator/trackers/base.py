@@ -36,7 +36,7 @@ class Tracker(Protocol[S]):
     """The family of trackers. Equal random generators give equal tracks; a hard frame is flagged, never raised.
 
     body: what is tracked.
-    needs_keypoints: whether `can_start` says no to every frame without keypoints, whatever its pictures show; such a
+    needs_keypoints: whether `can_start` says no to every frame without keypoints, even with pictures; such a
         tracker is not run on clips that have none.
     """
 

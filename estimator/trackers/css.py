@@ -51,11 +51,11 @@ class CssSettings:
         t, 0 for a Gaussian.
     other_readings: parents with left and right of the keypoints exchanged.
     jumps: kinematic jumps, a limb or part at another depth along its rays (one camera only). jump_penalty: energy of
-        a jump, added once instead of the transition's. Where flow is looked at, only so far as keypoints are too: flow already says
-        where each limb went on from, and a jump to what looks exactly the same would ignore that at no cost.
+        a jump, added once instead of the transition's. Where flow is looked at, only so far as keypoints are too: flow
+        already says where each limb went on from, and a jump to what looks the same would ignore that at no cost.
     limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, with the
-        penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs that have
-        lost their image, so keypoints of the whole person make a quarter of them enough.
+        penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs
+        that have lost their image, so keypoints of the whole person make a quarter of them enough.
     """
 
     modes: int = setting(7, at_least=1)

@@ -1,4 +1,4 @@
-"""Settings that were changed and have no effect: a user should hear of them."""
+"""Settings that were changed and have no effect: the user is told of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from humanoid.support.idle import ONE_CAMERA, PICTURES, IdleRule
 from humanoid.support.settings import every_setting
 
 FIT_GROUPS = ("cost", "search", "cues")
-"""The groups that a fit of the subject goes by, whatever the tracker; the fit itself tracks with the default one."""
+"""The groups that a fit of the subject goes by, with any tracker; the fit itself tracks with the default one."""
 
 
 class Idle(NamedTuple):

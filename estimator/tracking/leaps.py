@@ -1,4 +1,4 @@
-"""Roots that move faster than any body: the track went on with somebody else, or with something else.
+"""Roots that move faster than any body: the track went on with another person, or with something else.
 
 The limit is physiology's: the fastest sprinter measured, 1.95 m tall, ran 12.3 m/s (Graubner and Nixdorf, Biomechanical
 analysis of the sprint and hurdles events at the 2009 IAAF World Championships, New Studies in Athletics 26, 2011), 6.3
@@ -129,6 +129,6 @@ def leap_note(frames: list[int]) -> str:
     listed = ", ".join(map(str, frames[:8])) + (", ..." if len(frames) > 8 else "")
     count = f"{len(frames)} frame{'s' * (len(frames) != 1)}"
     return (
-        f"the body leaps faster than any could run in {count} ({listed}; there it is marked hard): is it somebody else"
+        f"the body leaps faster than any could run in {count} ({listed}; there it is marked hard): is it another person"
         " from there on? --person chooses one of several people"
     )

@@ -23,7 +23,7 @@ DEFAULT = "css"
 
 
 def _check(spec: Spec, others: Iterable[Spec]) -> None:
-    """Raise InputError where a tracker's table of settings is none, or somebody else's."""
+    """Raise InputError where a tracker's table of settings is not one, or another tracker's."""
     if bool(spec.group) != (spec.settings is not None):
         raise InputError(f"tracker {spec.name}", "has settings without a group, or a group without settings")
     if spec.group in (*COMMON, *_BESIDE):

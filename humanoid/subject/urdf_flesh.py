@@ -9,8 +9,8 @@ bend 0 0 where they are not given.
 
 clearance says what other parts keep away from: "on", the default, the flesh itself; "off", nothing, for a part that
 only fills a joint; "a b c", a solid with these half-axes [m] on the flesh's axes and centre. Flesh is as wide as a
-person looks; a solid is slimmer, because soft parts give way, and arms rest against the trunk. Whatever changes the
-half-axes of the flesh, a fit or a segment's length, changes those of its solid in proportion.
+person looks; a solid is slimmer, because soft parts give way, and arms rest against the trunk. A change of the
+half-axes of the flesh, by a fit or a segment's length, changes those of its solid in proportion.
 """
 
 from __future__ import annotations
@@ -194,4 +194,4 @@ def stretched(flesh: Flesh, offset: np.ndarray, scale: float) -> Flesh:
     grown = flesh.with_state(flesh.state + (scale - 1.0) * (stretch_matrix(flesh, offset) @ flesh.state))
     if flesh.solid is None:
         return grown
-    return replace(grown, solid=stretched(flesh.core, offset, scale).size)  # the same to the bit whatever the flesh
+    return replace(grown, solid=stretched(flesh.core, offset, scale).size)  # the same bits for any flesh

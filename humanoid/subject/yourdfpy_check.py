@@ -20,7 +20,7 @@ def check_with_yourdfpy(plain_urdf: str, source: str) -> None:
     try:
         robot = yourdfpy.URDF.load(io.BytesIO(plain_urdf.encode("utf-8")), build_scene_graph=False, load_meshes=False)
         sound = robot.validate()
-    except Exception as error:  # it raises whatever its parsing meets
+    except Exception as error:  # its parsing lets errors of any kind through
         problem = f"yourdfpy cannot read it ({type(error).__name__}: {' '.join(str(error).split())})"
         raise InputError(source, problem, remedy=remedy) from error
     if not sound:

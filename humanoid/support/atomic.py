@@ -71,7 +71,7 @@ def _to_disk(path: Path) -> None:
     """Wait until the file's data are on the disk: network disks and quotas may refuse them as late as that."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
-    os.chmod(path, 0o666 & ~_umask())  # mkstemp makes files nobody else may read
+    os.chmod(path, 0o666 & ~_umask())  # mkstemp makes files that no other user may read
 
 
 def _umask() -> int:

@@ -53,7 +53,7 @@ def _cache(function: Callable[..., Any]) -> FunctionCache | None:
         with suppress(OSError, RuntimeError), _settings:  # RuntimeError: "cannot cache function: no locator available"
             folder = source_folder(root, function.__module__, digest)
             before = config.CACHE_DIR
-            config.CACHE_DIR = str(folder)  # read while the cache is made, so nobody else's functions move
+            config.CACHE_DIR = str(folder)  # read while the cache is made, so that no other functions move
             try:
                 cache = _SharedCache(function)
             finally:

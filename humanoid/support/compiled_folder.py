@@ -34,7 +34,7 @@ def cache_roots() -> Iterator[Path]:
 def source_folder(root: Path, module: str, digest: str) -> Path:
     """The folder for what is compiled from one state of a module's sources, marked as in use until this process ends.
 
-    Older ones of the module that nobody uses are removed. Raises OSError where there cannot be such a folder.
+    Older ones of the module not in use are removed. Raises OSError where there cannot be such a folder.
     """
     folder = root.absolute() / f"{module}-{digest}"
     if folder not in _held:
@@ -61,7 +61,7 @@ def _enter(folder: Path) -> int:
     """Make a folder and mark it as in use: a shared lock, which ends with the process however that ends."""
     while True:
         folder.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):  # somebody has just removed it
+        with suppress(FileNotFoundError):  # another process has just removed it
             handle = os.open(_mark(folder), os.O_RDWR | os.O_CREAT, 0o600)
             try:
                 fcntl.flock(handle, fcntl.LOCK_SH)
@@ -108,7 +108,7 @@ def _users_cache() -> Path | None:
 
 
 def _temporary_folder() -> Path | None:
-    """A folder that only this user can write to: the cache is code, so nobody else may plant it."""
+    """A folder that only this user can write to: the cache is code, so no other user may plant it."""
     user = os.getuid()
     folder = Path(tempfile.gettempdir()) / f"kinemode-compiled-{user}"
     try:

@@ -69,7 +69,7 @@ def _first_words(listed: str) -> Sequence[str]:
 
 
 def _placed(name: str, importer: Path, roots: Mapping[str, Path]) -> tuple[Path | None, str]:
-    """The folder that an imported name is relative to, None for somebody else's package, and the name without dots."""
+    """The folder that an imported name is relative to, None for another's package, and the name without dots."""
     plain = name.lstrip(".")
     level = len(name) - len(plain)
     return (importer.parents[level - 1] if level else roots.get(plain.partition(".")[0])), plain

@@ -47,7 +47,7 @@ def _rebuild(source: str, problem: str, place: str, remedy: str) -> InputError:
 
 
 def shown(value: Any, most: int = _LONGEST_QUOTE) -> str:
-    """A value as a message quotes it: its repr, shortened in the middle, whatever is in it."""
+    """A value as a message quotes it: its repr, shortened in the middle, for any value."""
     try:
         return shortened(_one_line(repr(value)), most)
     except (ValueError, RecursionError):  # a whole number of over 4300 digits has no repr

@@ -114,7 +114,7 @@ def is_group(value: Any) -> bool:
 def members(group: Any) -> dict[str, Any]:
     """The settings of a group, and the groups in it, by name.
 
-    They are a dataclass' fields or a mapping's items, or whatever a method `members` of the group says; such a group
+    They are a dataclass' fields or a mapping's items, or what a method `members` of the group returns; such a group
     also has the inverse, `with_members(new)`.
     """
     if hasattr(group, "members"):

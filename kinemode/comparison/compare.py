@@ -56,7 +56,7 @@ def compare_trackers(
     names, out = tracker_names(trackers), Path(cast(PathLike, wanted.out))
     runs_at = {name: out / f"{name}.run" for name in names}
     order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
-    # whatever is wrong with the settings is said before the first is tracked
+    # anything wrong with the settings is said before the first is tracked
     fits = wanted.fit != "off" and api.is_built_in(loaded)
     chosen = choose_for_all(order, wanted.settings, wanted.modes, wanted.workers, fits)
     for sentence in former_names_in(names, wanted.settings):

@@ -14,7 +14,7 @@ COLUMNS = ("frames/s", "hard", "unobserved", "energy", "residual [px]")
 ERRORS = ("MPJPE", "PA-MPJPE", "best of K", "final MPJPE", "lost", "first lost")
 LEGEND = (
     "All but best of K and final MPJPE: the best hypothesis of each frame as it was tracked.\n"
-    "energy: mean of its pose by the cost of css, whatever the tracker's own, without the past. residual: mean distance"
+    "energy: mean of its pose by the cost of css, whichever the tracker, without the past. residual: mean distance"
     " from the keypoints."
 )
 LEGEND_OF_ERRORS = (

@@ -74,7 +74,8 @@ def matched(
 ) -> dict[str, Path]:
     """One file for each name, or for some unless `every` one needs it.
 
-    A single file serves a single name whatever it is called, unless its own name is one the user wrote, in `chosen`.
+    A single file serves a single name even if it is called otherwise, unless its own name is one the user wrote, in
+    `chosen`.
     """
     names = list(names)
     if len(names) == 1 and len(files) == 1 and not chosen & set(files):

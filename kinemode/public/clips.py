@@ -104,7 +104,7 @@ def annotate(
 
     Raises
     ------
-    InputError: whatever is wrong with what was given.
+    InputError: anything that is wrong with the input.
     KeyboardInterrupt: on Ctrl-C, saying what there is by then.
     """
     check_arguments(

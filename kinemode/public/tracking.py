@@ -90,7 +90,7 @@ def track(
 
     Raises
     ------
-    InputError: whatever is wrong with what was given, a changed setting without effect included.
+    InputError: anything that is wrong with the input, a changed setting without effect included.
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,

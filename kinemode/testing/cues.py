@@ -34,9 +34,9 @@ def check_cue(
 ) -> None:
     """Check the promises of a cue on the clip of a body whose poses are known.
 
-    It names and describes itself; its settings are plain and cannot change; what it reads of an instant is the same
-    whatever was read before, can be sent to another process, and stays as it is when it is matched; past the clip's end
-    is an InputError; what its matcher says depends on the pose alone; features lie on points that there are, with
+    It names and describes itself; its settings are plain and cannot change; what it reads of an instant does
+    not depend on what was read before, can be sent to another process, and stays as it is when it is matched; past the
+    clip's end is an InputError; what its matcher says depends on the pose alone; features lie on points that there are, with
     weights that are none below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
     agreement is one; its pictures have the size of the cues.
 
@@ -54,7 +54,7 @@ def check_cue(
     """
     check = _CueCheck(cue, body, pictures, np.asarray(q), settings)
     check.describes_itself()
-    check.reads_the_same_whatever_came_before()
+    check.reads_the_same_in_any_order()
     check.ends_with_the_clip()
     check.matches(curvature)
 
@@ -90,12 +90,12 @@ class _CueCheck:
         finally:
             pictures.close()
 
-    def reads_the_same_whatever_came_before(self) -> None:
+    def reads_the_same_in_any_order(self) -> None:
         count = len(self.q)
         once, back = self.read(range(count)), self.read(range(count - 1, -1, -1))
         for i in range(count):
             apart = differing(parts(once[i]), parts(back[i]))
-            self.require(not apart, "what is read is the same whatever was read before", f"instant {i}: {apart}")
+            self.require(not apart, "what is read does not depend on what was read before", f"instant {i}: {apart}")
             sent = self.pickled(once[i], "what is read can be sent to another process")
             apart = differing(parts(once[i]), parts(sent))
             self.require(not apart, "what is read can be sent to another process", f"instant {i}: {apart}")

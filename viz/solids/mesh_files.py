@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")  # not archives, which trimesh would unpack
 _LARGEST = 200_000_000  # bytes
-_FARTHEST = 1e9  # of coordinates, in whatever unit
+_FARTHEST = 1e9  # of coordinates, in any unit
 _SHADES = 12  # colours of one mesh; where it has more it gets their mean
 _REMEDY = "mend or replace the file, or leave this shape out of the URDF"
 

@@ -22,8 +22,8 @@ def learn_background(frames: Iterable[np.ndarray], settings: SilhouetteSettings)
     """Background from frames (H, W, 3) uint8 in order, spread over the clip; None if the camera moves or they are few.
 
     At first each pixel takes the colour that shows in most frames while the place stands still: a person who stands
-    about still moves a little. Then whoever moves is cut out of every frame by colour and outline, and what is left
-    makes the background. Places that nobody ever leaves stay unknown.
+    about still moves a little. Then people who move are cut out of every frame by colour and outline, and what is left
+    makes the background. Places that are occupied in every frame stay unknown.
     """
     pictures = [smoothed(frame) for frame in frames]
     pictures = [pictures[i] for i in np.unique(np.linspace(0, len(pictures) - 1, settings.frames).astype(int))]
@@ -71,7 +71,7 @@ def _steadiest(pictures: list[np.ndarray], usable: list[np.ndarray], fewest: flo
 def _cutouts(
     pictures: list[np.ndarray], moving: list[np.ndarray], background: Background, settings: SilhouetteSettings
 ) -> list[np.ndarray]:
-    """Whoever moves, for each picture: masks (h, w) uint8 of `small_size`, by GrabCut (Rother et al., 2004)."""
+    """People who move, for each picture: masks (h, w) uint8 of `small_size`, by GrabCut (Rother et al., 2004)."""
     size = small_size(pictures[0].shape)
     wandered = np.mean([m > 0.5 for m in moving], axis=0) > _WANDERED
     masks = []

@@ -44,7 +44,7 @@ class SilhouetteSettings:
 
 @dataclass(frozen=True)
 class Background:
-    """What a fixed camera sees where nobody stands.
+    """What a fixed camera sees without people.
 
     mean, spread (H, W, 3) float32: of the BGR colours over time, grey values.
     known (H, W) bool: False where the scene was hardly ever seen.
