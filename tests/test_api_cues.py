@@ -18,7 +18,7 @@ from estimator.media.clip import Clip
 from estimator.results.run_file import Run
 from estimator.trackers.css import CssSettings
 from humanoid.support.errors import InputError
-from kinemode import api
+from kinemode import jobs
 from kinemode.pictures import cue_choice
 from kinemode.rendering.clip import RenderedClip
 from tests.tiny_clip import QUICK, named, tiny_clip
@@ -49,7 +49,7 @@ def track(clip: RenderedClip, **changes: Any) -> Run:
 
 def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C once so many frames are done."""
-    original = api.run_into
+    original = jobs.run_into
 
     def stopping(*args: Any, **kwargs: Any) -> None:
         def stop(done: int, total: int) -> None:
@@ -58,7 +58,7 @@ def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
         original(*args, **{**kwargs, "progress": stop})
 
-    monkeypatch.setattr(api, "run_into", stopping)
+    monkeypatch.setattr(jobs, "run_into", stopping)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_settings_reach_the_fit_whatever_the_tracker(
         given.append(track_settings)
         return SimpleNamespace(subject=subject)
 
-    monkeypatch.setattr(api.person, "fit_person", fitted)
+    monkeypatch.setattr(jobs.person, "fit_person", fitted)
     settings = {"cost": {"keypoint_noise": 0.05, "transition_nu": 9.0}, "annealed": {"particles": 5, "layers": 2}}
     track(clip, out=tmp_path / "a.run", fit="auto", tracker="annealed", cues="off", settings=settings)
     (found,) = given

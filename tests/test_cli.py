@@ -17,7 +17,7 @@ import kinemode
 from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
-from kinemode import api, cli
+from kinemode import cli, jobs
 from kinemode.inputs.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
@@ -199,7 +199,7 @@ def test_an_interrupted_run_goes_on_to_the_same_result(
     keypoints = ["--keypoints", str(folder / "left.json"), str(folder / "right.json")]
     arguments = ["track", *keypoints, "--cameras", str(folder / "cameras.json"), "--modes", "2", "--fit", "off"]
     arguments += ["--out", str(out)]
-    original = api.run_into
+    original = jobs.run_into
 
     def stopping(*args: object, **kwargs: object) -> None:
         def stop(done: int, total: int) -> None:
@@ -208,7 +208,7 @@ def test_an_interrupted_run_goes_on_to_the_same_result(
 
         original(*args, **{**kwargs, "progress": stop})  # type: ignore[arg-type]
 
-    monkeypatch.setattr(api, "run_into", stopping)
+    monkeypatch.setattr(jobs, "run_into", stopping)
     assert front.main([*arguments, "--overwrite"]) == front.INTERRUPTED
     assert capsys.readouterr().err.rstrip().endswith("--resume")
     assert len(kinemode.open_run(out)) == 3

@@ -20,7 +20,7 @@ from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode import api
+from kinemode import jobs
 from kinemode.comparison.compare import Comparison, tracker_names
 from kinemode.comparison.files import plotted
 from kinemode.comparison.scores import courses
@@ -131,7 +131,7 @@ def test_lost_frames(compared: Comparison) -> None:
 def test_an_interrupted_comparison_goes_on(
     compared: Comparison, clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_into = api.run_into
+    run_into = jobs.run_into
 
     def stopping(*args: Any, **kwargs: Any) -> None:
         def stop(done: int, total: int) -> None:
@@ -141,7 +141,7 @@ def test_an_interrupted_comparison_goes_on(
 
         run_into(*args, **{**kwargs, "progress": stop})
 
-    monkeypatch.setattr(api, "run_into", stopping)
+    monkeypatch.setattr(jobs, "run_into", stopping)
     how: dict[str, Any] = {"trackers": ",".join(NAMES), "out": tmp_path, **detected(clip)}
     with pytest.raises(KeyboardInterrupt):
         kinemode.compare(clip.subject, **how)
@@ -165,7 +165,7 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
         fits.append(subject)
         return SimpleNamespace(subject=subject.scaled({subject.proportions[0].joint: 1.05}))
 
-    monkeypatch.setattr(api.person, "fit_person", fitted)
+    monkeypatch.setattr(jobs.person, "fit_person", fitted)
     how = {**detected(clip), "fit": "auto", "trackers": NAMES[:2], "out": tmp_path}
     first = kinemode.compare("human34", **how)
     assert len(fits) == 1
@@ -260,14 +260,14 @@ def test_an_interrupted_command_says_how_to_go_on(
     (keypoints,) = clip.keypoints.values()
     out = ["--out", str(tmp_path / "c"), "--subject", str(clip.subject), "--fit", "off", "--overwrite"]
     arguments = ["compare", "--trackers", "single-mode,css", "--keypoints", str(keypoints), *out]
-    track_subject = api.track_subject
+    track_subject = jobs.track_subject
 
-    def interrupted(subject: Any, files: Any, wanted: api.Wanted) -> Any:
+    def interrupted(subject: Any, files: Any, wanted: jobs.TrackOptions) -> Any:
         if wanted.tracker == "css":
             raise KeyboardInterrupt
         return track_subject(subject, files, wanted)
 
-    monkeypatch.setattr(api, "track_subject", interrupted)
+    monkeypatch.setattr(jobs, "track_subject", interrupted)
     assert front.main([a.removeprefix("single-mode,") for a in arguments]) == front.INTERRUPTED
     assert capsys.readouterr().err == "interrupted\n"
     assert front.main(arguments) == front.INTERRUPTED

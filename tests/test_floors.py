@@ -144,7 +144,7 @@ def test_files_stand_in_rooms() -> None:
             "def f():\n    from viz import sheet",
             "humanoid.kinematics.body imports viz.sheet",
         ),
-        ("estimator/terms/term.py", "from kinemode import api", "estimator.terms.term imports kinemode.api"),
+        ("estimator/terms/term.py", "from kinemode import jobs", "estimator.terms.term imports kinemode.jobs"),
         ("viz/sheet.py", "if True:\n    import kinemode", "viz.sheet imports kinemode"),
     ],
 )
@@ -172,7 +172,7 @@ def test_a_planted_ring_of_folders_is_found(tmp_path: Path) -> None:
 
 
 def plant(root: Path, files: Mapping[str, str]) -> None:
-    for name in ("humanoid/__init__.py", "viz/__init__.py", "viz/sheet.py", "kinemode/api.py", *files):
+    for name in ("humanoid/__init__.py", "viz/__init__.py", "viz/sheet.py", "kinemode/jobs.py", *files):
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(files.get(name, ""), encoding="utf-8")

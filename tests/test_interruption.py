@@ -23,7 +23,7 @@ from estimator.parallel.signals import uninterrupted
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
-from kinemode import api, cli
+from kinemode import cli, jobs
 from kinemode.annotation import annotate
 from kinemode.demo import make_clip
 from kinemode.rendering.files import RenderedClip
@@ -146,7 +146,7 @@ def interrupted(*_: Any, **__: Any) -> Any:
 def test_no_run_is_promised_where_there_is_none(
     track: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(api, "_fitted", interrupted)
+    monkeypatch.setattr(jobs, "_fitted", interrupted)
     for more in ([], ["--resume"]):
         assert front.main([*track, *more]) == front.INTERRUPTED
         assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
@@ -163,12 +163,12 @@ def test_the_command_that_is_promised_goes_on(
 
     def how_to_go_on(line: list[str], where: str, stopped: Callable[..., Any]) -> tuple[str, list[str]]:
         with monkeypatch.context() as patched:
-            patched.setattr(api, where, stopped)
+            patched.setattr(jobs, where, stopped)
             assert front.main(line) == front.INTERRUPTED
         kept, _, command = capsys.readouterr().err.splitlines()[-1].partition(", go on with: ")
         return kept, shlex.split(command)
 
-    whole, run_into = [*track, "--resume"], api.run_into
+    whole, run_into = [*track, "--resume"], jobs.run_into
 
     def stops_after_one(*args: Any, **how: Any) -> None:
         run_into(*args, **{**how, "progress": interrupted})

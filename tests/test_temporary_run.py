@@ -17,7 +17,7 @@ import pytest
 
 import kinemode
 from estimator.results.run_file import Run
-from kinemode import api
+from kinemode import jobs
 from kinemode.demo import make_clip
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal.progress import unreported
@@ -84,7 +84,7 @@ def test_a_failure_leaves_nothing(clip: RenderedClip, temporary: Path, monkeypat
     def broken(*_: Any, **__: Any) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(api, "run_into", broken)
+    monkeypatch.setattr(jobs, "run_into", broken)
     with pytest.raises(ZeroDivisionError):
         track(clip)
     assert left(temporary) == []

@@ -21,7 +21,7 @@ from estimator.tracking.runner import run as run_tracker
 from estimator.tracking.runner import stored_state
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
-from kinemode import api, explain
+from kinemode import explain, jobs
 from kinemode.commands import results as commands
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import CUES
@@ -42,7 +42,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
 
 @pytest.fixture(autouse=True)
 def toy(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    for module in (api, explain):
+    for module in (explain, jobs):
         monkeypatch.setattr(module, "make_tracker", lambda name, body, settings: ToyTracker(body))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)
@@ -94,16 +94,16 @@ def test_it_runs_on_pictures_alone_and_every_command_takes_its_run(
 def test_it_is_stopped_and_goes_on_to_the_same_bits(
     clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole, out, original = track(clip, seed=3), tmp_path / "a.run", api.run_into
+    whole, out, original = track(clip, seed=3), tmp_path / "a.run", jobs.run_into
 
     def stop(done: int, total: int) -> None:
         if done == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(api, "run_into", lambda *args, **how: original(*args, **{**how, "progress": stop}))
+    monkeypatch.setattr(jobs, "run_into", lambda *args, **how: original(*args, **{**how, "progress": stop}))
     with pytest.raises(KeyboardInterrupt):
         track(clip, seed=3, out=out)
-    monkeypatch.setattr(api, "run_into", original)
+    monkeypatch.setattr(jobs, "run_into", original)
     assert len(km.open_run(out)) == 2
     assert differences(whole, track(clip, seed=3, out=out, resume=True)) == []
     assert differences(whole, track(clip, seed=4)) != []

@@ -15,7 +15,7 @@ from estimator.results.run_file import Run
 from estimator.tracking.registry import common_settings
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
-from kinemode import api
+from kinemode import jobs
 from kinemode.comparison.files import write_comparison
 from kinemode.comparison.scores import Course, TrackerScore, courses, scored
 from kinemode.comparison.times import TimeFile
@@ -46,7 +46,7 @@ def compare_trackers(
     loaded: Subject,
     files: InputFiles,
     trackers: str | Iterable[str],
-    wanted: api.Wanted,
+    wanted: jobs.TrackOptions,
     reference: Reference | PathLike | None = None,
 ) -> Comparison:
     """What `kinemode.compare` does once its arguments are known to be of the right kinds, and its files to be there.
@@ -57,7 +57,7 @@ def compare_trackers(
     runs_at = {name: out / f"{name}.run" for name in names}
     order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
     # anything wrong with the settings is said before the first is tracked
-    fits = wanted.fit != "off" and api.is_built_in(loaded)
+    fits = wanted.fit != "off" and jobs.is_built_in(loaded)
     chosen = choose_for_all(order, wanted.settings, wanted.modes, wanted.workers, fits)
     for sentence in former_names_in(names, wanted.settings):
         warnings.warn(sentence, InputWarning, stacklevel=3)
@@ -83,7 +83,7 @@ def compare_trackers(
             how = replace(
                 wanted, tracker=name, modes=count, settings=own, workers=workers, out=runs_at[name], progress=progress
             )
-            runs[name] = api.track_subject(loaded, files, how)
+            runs[name] = jobs.track_subject(loaded, files, how)
         loaded = runs[name].subject  # fitted now, and not again
     runs = {name: runs[name] for name in names}
     with kept_if_interrupted(frames_so_far), threadpool_limits(limits=1), wanted.progress("comparing") as looked:

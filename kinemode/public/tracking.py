@@ -106,12 +106,12 @@ def track(
     if out is not None:
         Target(Path(out), resume, overwrite).check()
     loaded = loaded_subject(subject)
-    from kinemode import api
+    from kinemode import jobs
 
-    wanted = api.Wanted(
+    wanted = jobs.TrackOptions(
         cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported
     )
-    return api.track_subject(loaded, files, wanted)
+    return jobs.track_subject(loaded, files, wanted)
 
 
 def fit(
@@ -148,9 +148,9 @@ def fit(
     if out is not None:
         check_folder(Path(out))
     loaded = loaded_subject(subject)
-    from kinemode import api
+    from kinemode import jobs
 
-    return api.fit_subject(loaded, files, cues, seed, out)
+    return jobs.fit_subject(loaded, files, cues, seed, out)
 
 
 def compare(
@@ -210,10 +210,10 @@ def compare(
     if isinstance(reference, (str, Path)):
         check_exists(reference)
     loaded = loaded_subject(subject)
-    from kinemode import api
+    from kinemode import jobs
     from kinemode.comparison.compare import compare_trackers
 
-    wanted = api.Wanted(
+    wanted = jobs.TrackOptions(
         cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported
     )
     return compare_trackers(loaded, files, trackers, wanted, reference)

@@ -34,9 +34,9 @@ def check_cue(
 ) -> None:
     """Check the promises of a cue on the clip of a body whose poses are known.
 
-    It names and describes itself; its settings are plain and cannot change; what it reads of an instant does
-    not depend on what was read before, can be sent to another process, and stays as it is when it is matched; past the
-    clip's end is an InputError; what its matcher says depends on the pose alone; features lie on points that there are, with
+    It names and describes itself; its settings are plain and cannot change; what it reads of an instant does not depend
+    on what was read before, can be sent to another process, and stays as it is when it is matched; past the clip's end
+    is an InputError; what its matcher says depends on the pose alone; features lie on points that there are, with
     weights that are none below zero; its terms keep the contract of terms (`kinemode.testing.check_term`); a share of
     agreement is one; its pictures have the size of the cues.
 

@@ -50,7 +50,7 @@ from kinemode.terminal.progress import Reporter, unreported
 
 
 @dataclass(frozen=True)
-class Wanted:
+class TrackOptions:
     """How to track: arguments of `kinemode.track`, of the same names, which have been checked."""
 
     cues: str | Iterable[str] = "auto"
@@ -66,7 +66,7 @@ class Wanted:
     progress: Reporter = unreported
 
 
-def track_subject(loaded: Subject, files: InputFiles, wanted: Wanted) -> Run:
+def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> Run:
     """What `kinemode.track` does once its arguments are known to be of the right kinds, and its files to be there."""
     choice = cue_choice(wanted.cues)
     chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
