@@ -140,7 +140,7 @@ BROKEN: dict[str, tuple[Cue, str]] = {
     "odd name": (cue(name="two words"), "has a plain name"),
     "no summary": (cue(summary=""), "says what it is"),
     "loose settings": (cue(settings={"weight": 1.0}), "its settings are a frozen dataclass"),
-    "restless": (cue(read=restless()), "what is read is the same whatever was read before"),
+    "restless": (cue(read=restless()), "what is read does not depend on what was read before"),
     "cannot be sent": (cue(read=lambda *_: UNSENDABLE), "what is read can be sent to another process"),
     "endless": (cue(read=lambda *_: np.zeros(2)), "past the clip's end is an InputError"),
     "remembers": (cue({"terms": remembering}), "what is said depends on the pose alone"),

@@ -6,11 +6,11 @@ import numpy as np
 
 
 def grouped(affinity: np.ndarray) -> np.ndarray:
-    """Group (P,) of each piece, from a symmetric matrix (P, P) of what speaks for two being one.
+    """Group (P,) of each piece, from a symmetric matrix (P, P) of affinities.
 
     Greedy additive edge contraction (Keuper et al., Efficient decomposition of image and mesh graphs by lifted
-    multicuts, ICCV 2015): the two groups with most for them are joined, what speaks for each adds up, and it ends when
-    more speaks against every pair.
+    multicuts, ICCV 2015): the two groups of largest affinity are joined, affinities of the joined ones add up, and it ends
+    when those of all pairs are negative.
     """
     count = len(affinity)
     between = affinity.astype(np.float64, copy=True)
