@@ -130,8 +130,8 @@ def choose_for_all(
     if workers > 1 and not any(shares_work(name, c.settings) for name, c in chosen.items()):
         check_workers(chosen[trackers[0]], workers)
     own = {name: c.used(fits and name == trackers[0]) for name, c in chosen.items()}
-    hands = {name: workers if shares_work(name, c.settings) else 1 for name, c in chosen.items()}
-    return {name: (own[name], used[name], hands[name]) for name in trackers}
+    processes = {name: workers if shares_work(name, c.settings) else 1 for name, c in chosen.items()}
+    return {name: (own[name], used[name], processes[name]) for name in trackers}
 
 
 def former_names_in(trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None) -> list[str]:

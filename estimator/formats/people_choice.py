@@ -43,7 +43,7 @@ def select(frames: PeopleByFrame, person: str | int, source: str | Path) -> tupl
 
 
 def crowded(frames: PeopleByFrame) -> bool:
-    """Whether there is anybody to choose between."""
+    """Whether there are several people to choose between."""
     return any(len(people) > 1 for people in frames.values())
 
 

@@ -20,8 +20,8 @@ _NEAR = 0.5  # body sizes two places of one person may differ because limbs move
 
 
 def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) -> np.ndarray:
-    """Which detections (D,) are the subject's, by the affinities (P, P) of pieces; none where no two cameras see a person
-    together.
+    """Which detections (D,) are the subject's, by the affinities (P, P) of pieces; none where no two cameras see a
+    person together.
 
     The person of the seed; without a seed the one with the largest sum of size x confidence in the frames where two
     cameras or more see it. With it go all tracks that can be the same person at another time: never seen beside

@@ -9,8 +9,8 @@ def grouped(affinity: np.ndarray) -> np.ndarray:
     """Group (P,) of each piece, from a symmetric matrix (P, P) of affinities.
 
     Greedy additive edge contraction (Keuper et al., Efficient decomposition of image and mesh graphs by lifted
-    multicuts, ICCV 2015): the two groups of largest affinity are joined, affinities of the joined ones add up, and it ends
-    when those of all pairs are negative.
+    multicuts, ICCV 2015): the two groups of largest affinity are joined, affinities of the joined ones add up,
+    and it ends when no pair's is above 0.
     """
     count = len(affinity)
     between = affinity.astype(np.float64, copy=True)

@@ -21,7 +21,7 @@ _BETTER = 0.85  # what is left of the distance where other clocks are believed
 def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndarray) -> tuple[float, ...]:
     """Seconds (C,) that the cameras started later than most, where their keypoints then fit much better; else none.
 
-    pixels (T, C, L, 2) [px], NaN where missing, taken at the same times (T,) [s] as far as anybody knows. The offsets
+    pixels (T, C, L, 2) [px], NaN where missing, taken at the same times (T,) [s] as far as is known. The offsets
     are whole steps between instants. What hardly moves tells nothing, and then there are none.
     """
     if len(times) < 3:
