@@ -56,7 +56,7 @@ def test_a_value_is_the_one_with_derivatives_to_the_last_bit(member: Made) -> No
 def test_names_tell_the_family_apart() -> None:
     made = [make(np.random.default_rng(5)) for make in FAMILY.values()]
     assert len({type(term) for _, term, _ in made}) == len({term.name for _, term, _ in made})
-    assert {term.name for cue in IMAGE.values() for term in terms(cue)} == {"assigned features", "flow"}
+    assert {term.name for cue in IMAGE.values() for term in terms(cue)} == {"on contours", "flow"}
 
 
 def test_a_sum_has_the_value_of_its_quadratic_model() -> None:

@@ -1,4 +1,4 @@
-"""Where modes came from and what they paid, as their search had it: nothing of it can be told from the modes alone."""
+"""Where modes came from and which penalties they had in their search: the modes alone do not tell."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Origin(NamedTuple):
     """Of one hypothesis, and of the mode that became of it.
 
     previous: the pose in the frame before, None where there was none or none counts.
-    penalty: flat penalty of a jump. The weight has paid it, the energy has not.
+    penalty: flat penalty of a jump. The weight includes it, the energy does not.
     q_assigned (nq,): of a mode, the pose at which the pictures' features were assigned, None without pictures.
     extent (C,): of a mode, extent of the body in each camera's pictures [px], by which their noise is told; empty
         without.
