@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe
 
-from estimator.imaging.cues import ImageCues
+from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
@@ -170,9 +170,9 @@ def test_a_state_that_cannot_be_is_refused(name: str) -> None:
     for which, array in arrays.items():
         damaged = [{**arrays, which: array[..., None]}, {k: v for k, v in arrays.items() if k != which}]
         damaged += [{**arrays, which: array.astype(str) if array.dtype.kind != "U" else np.zeros(array.shape)}]
-        for one in damaged:
+        for wrong in damaged:
             with pytest.raises(ValueError, match=which):
-                goes_on.state_from(one)
+                goes_on.state_from(wrong)
     with pytest.raises(ValueError, match="q"):
         goes_on.state_from({**arrays, "q": arrays["q"] * np.nan})
 
@@ -183,7 +183,7 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
     for count, enough in ((0, False), (3, False), (4, True)):
         few = replace(seen[0], confidence=seen[0].confidence * (np.arange(seen[0].confidence.size) < count))
         assert begins.can_start(few) is enough
-        pictures = tuple(ImageCues(camera, None, None, None) for camera in few.cameras)
+        pictures = tuple(ImageCues(camera) for camera in few.cameras)
         assert begins.can_start(replace(few, cues=pictures)) is enough
     assert isinstance(begins, HasEnergy)
     assert not isinstance(begins, LooksAhead)
@@ -302,16 +302,16 @@ def test_limits_are_kept_unless_a_tracker_has_none(name: str) -> None:
 def test_hypotheses_share_out_the_particles() -> None:
     """Each has the weight of its own; where only one is reported, it is the mean and covariance of all particles."""
     body = body_of("human34")
-    found = {}
+    by_modes = {}
     for modes in (1, 7):
         settings = settings_for("condensation", modes=modes, changes={"condensation": {"particles": 200, "noise": 1.0}})
         *_, (result, state) = run(make_tracker("condensation", body, settings), clip(NOISE[1])[:2], SEED)
         assert state is not None
         shares = np.bincount(state.particles.owner, weights=state.particles.weights)
         assert np.allclose(shares, result.weight, atol=1e-12)
-        found[modes] = result, state.particles
-    assert len(found[7][0].weight) > 1
-    whole, particles = found[1]
+        by_modes[modes] = result, state.particles
+    assert len(by_modes[7][0].weight) > 1
+    whole, particles = by_modes[1]
     mean, covariance = mean_and_covariance(body, particles.states[:, : body.nq], particles.weights)
     assert np.allclose(mean, whole.q[0], atol=1e-9)
     assert np.allclose(covariance, whole.covariance[0], atol=1e-9)
