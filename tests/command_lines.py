@@ -1,0 +1,48 @@
+"""Command lines, each in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from benchmarks.common import ROOT
+
+
+def printed_by(lines: Mapping[str, Sequence[object]]) -> dict[str, str]:
+    """What each command line prints; all at the same time, since most of theirs is importing. AssertionError with what
+    they said unless each ends with 0."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    processes = {
+        name: subprocess.Popen(
+            [sys.executable, "-m", "kinemode", *map(str, line)], env=environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )
+        for name, line in lines.items()
+    }  # fmt: skip
+    said = {name: process.communicate() for name, process in processes.items()}
+    wrong = {name: said[name] for name, process in processes.items() if process.returncode}
+    assert not wrong, wrong
+    return {name: out for name, (out, _) in said.items()}
+
+
+def readers(path: Path, frame: int) -> dict[str, list[object]]:
+    """Every command that takes a run alone, by its name or by the format exported; what they write lies beside it."""
+    return {
+        **{kind: ["export", path, path.with_suffix(f".{kind}")] for kind in ("npz", "csv", "trc", "mot")},
+        "view": ["view", path, "--html", path.with_suffix(".html")],
+        "overlay": ["overlay", path, "--out", path.with_suffix(".mp4")],
+        "explain": ["explain", path, "--frame", frame, "--hypothesis", 0, "--out", path.parent / "pictures"],
+    }
+
+
+def check_written(path: Path, frames: int) -> None:
+    """AssertionError unless what `readers` write of a run of so many frames is there, and not empty."""
+    for kind in ("csv", "trc", "mot"):
+        assert len(path.with_suffix(f".{kind}").read_text().splitlines()) > frames
+    assert path.with_suffix(".npz").stat().st_size > 1000
+    assert path.with_suffix(".html").read_text().startswith("<!DOCTYPE html>")
+    assert path.with_suffix(".mp4").stat().st_size > 1000
+    assert len(list((path.parent / "pictures").iterdir())) >= 1
