@@ -156,7 +156,9 @@ def test_what_it_cannot_do_is_said_in_one_line(toy: None, clip: RenderedClip, tm
     assert not (tmp_path / "a.run").exists()
 
 
-def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(toy: None, clip: RenderedClip, tmp_path: Path) -> None:
+def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(
+    toy: None, clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.warns(FindingWarning, match=f"{NAME} could begin in no frame"):
         run = track(clip, cues="edges", masks=None, out=tmp_path / "a.run")
     assert run.complete
@@ -165,6 +167,7 @@ def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(toy: None, clip: 
     assert dict(run.extra) == {}
     km.export(run, tmp_path / "a.npz")
     report.print_run(run)
+    assert f"look into it: {NAME} could begin in no frame" in capsys.readouterr().out
     with pytest.raises(InputError, match="holds no tracked frame"):
         km.view(run, html=tmp_path / "a.html")
     with pytest.raises(InputError, match="nothing was observed"):
