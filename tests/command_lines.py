@@ -9,6 +9,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from benchmarks.common import ROOT
+from benchmarks.resume_kills import Moment, command, kill_at
+from estimator.results.run_file import Run
+
+
+def killed_after(frames: int, inputs: Sequence[str | Path], out: Path) -> list[str]:
+    """Track into a run and kill the process, without warning, when it has so many frames; returns the command line that
+    goes on. Tried again where the machine stalls until the process has ended by itself. AssertionError where it ended
+    otherwise, left anything, or has not lost its end."""
+    for _ in range(3):
+        out.unlink(missing_ok=True)
+        kill = kill_at(command(inputs, out), out, Moment(frames))
+        if not kill.too_late:
+            break
+    assert (kill.code, kill.lost, kill.left) == (-9, 0, ()), kill.fault
+    run = Run.open(out)
+    assert frames <= len(run) < run.planned_count
+    assert not run.complete
+    return command(inputs, out)
 
 
 def printed_by(lines: Mapping[str, Sequence[object]]) -> dict[str, str]:

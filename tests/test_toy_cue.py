@@ -15,7 +15,7 @@ import pytest
 import kinemode
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from benchmarks.resume_kills import Moment, command, finish, kill_at
+from benchmarks.resume_kills import command, finish
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.likelihood.registry import CUES
@@ -26,7 +26,7 @@ from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
 from kinemode.rendering.files import RenderedClip
 from kinemode.testing import check_cue
-from tests.command_lines import check_written, printed_by, readers
+from tests.command_lines import check_written, killed_after, printed_by, readers
 from tests.tiny_clip import tiny_clip
 
 with CUES.restored():  # the tests of all cues are not to know it
@@ -74,11 +74,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, "tests.toy_cue")
         finish(command(how, whole))
-        again = [*command(how, killed), "--workers", "2"]
-        death = kill_at(again, killed, Moment(2))
-        assert (death.code, death.left) == (-9, ()), death.fault
-        assert not kinemode.open_run(killed).complete
-        finish(again)
+        finish(killed_after(2, [*how, "--workers", "2"], killed))
         plainly = ["track", *files, "--settings", plain, "--cues", "edges", "--out", without]
         return Runs(clip, whole, killed, without, printed_by({"track": plainly, **readers(whole, frame=2)}))
 

@@ -15,7 +15,7 @@ import pytest
 import kinemode as km
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from benchmarks.resume_kills import Moment, command, finish, kill_at
+from benchmarks.resume_kills import command, finish
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.observation import Observation
 from estimator.likelihood.reader import CueReader
@@ -33,7 +33,7 @@ from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 from kinemode.testing import check_tracker
 from tests.builders import body_of, camera_at, observe
-from tests.command_lines import check_written, printed_by, readers
+from tests.command_lines import check_written, killed_after, printed_by, readers
 from tests.tiny_clip import tiny_clip
 
 with TRACKERS.restored():  # the tests of all trackers are not to know it
@@ -76,11 +76,7 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, "tests.toy_tracker")
         finish(command(how, whole))
-        death = kill_at(command(how, killed), killed, Moment(3))
-        assert (death.code, death.lost, death.left) == (-9, 0, ()), death.fault
-        assert 3 <= death.after < FRAMES
-        assert not km.open_run(killed).complete
-        finish(command(how, killed))
+        finish(killed_after(3, how, killed))
         return Tracked(clip, whole, killed, printed_by(readers(whole, frame=2)))
 
 
