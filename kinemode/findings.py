@@ -14,7 +14,13 @@ from kinemode.explain import run_settings
 _FIRST = 5  # frames that are named
 
 
-def findings(run: Run, frame: int | None = None) -> tuple[str, ...]:
+def findings(run: Run) -> tuple[str, ...]:
+    """What a run says against its subject or its input, and what to do, a sentence each: as it was stored when it was
+    finished; diagnosed where it is not, or was made before that was stored."""
+    return diagnosed(run) if run.header.findings is None else run.header.findings
+
+
+def diagnosed(run: Run, frame: int | None = None) -> tuple[str, ...]:
     """What contradicts subject or input, and what to do, a sentence each; of one frame, or of the run."""
     settings = run_settings(run)
     limited = TRACKERS[run.header.tracker].keeps_limits(settings.own)

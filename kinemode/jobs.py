@@ -36,7 +36,7 @@ from kinemode.beginning import (
     note_on_beginning,
     notes_on_fit,
 )
-from kinemode.findings import findings
+from kinemode.findings import diagnosed
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.inputs.named import PathLike
@@ -218,8 +218,8 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
                 )
             writer.put_smoothed(smoothed)
         begun = note_on_beginning(job.tracker, results)
-        against = (*begun, *([leapt] if leapt else []), *findings(Run.open(target.path)))
-        writer.put_notes(against)
+        against = (*begun, *([leapt] if leapt else []), *diagnosed(Run.open(target.path)))
+        writer.put_findings(against)
         writer.finish()
     return against
 

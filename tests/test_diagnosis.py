@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
 from kinemode.__main__ import main
-from kinemode.findings import findings, status_meanings
+from kinemode.findings import diagnosed, findings, status_meanings
 from kinemode.terminal import report
 from tests.builders import body_of, camera_at
 from tests.tiny_clip import QUICK
@@ -201,15 +202,25 @@ def track(folder: Path, subject: Subject, name: str) -> Run:
     )  # fmt: skip
 
 
-def test_limits_that_contradict_the_person_are_told(crouching: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_limits_that_contradict_the_person_are_told(
+    crouching: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.warns(km.FindingWarning, match="in most frames: .*_knee") as caught:
         run = track(crouching, knees_turned_round(load_subject("human34")), "turned.run")
     sentence = next(str(w.message) for w in caught if isinstance(w.message, km.FindingWarning))
     assert len(sentence) <= 500
     assert sentence in run.header.notes
     assert sentence in findings(run)
-    report.print_run(run)
+    with monkeypatch.context() as patch:
+        patch.setattr("kinemode.findings.diagnose", None)  # what was stored is read
+        report.print_run(run)
     assert sentence in capsys.readouterr().out
+    before_stored = json.loads(run.header.to_json())
+    assert tuple(before_stored.pop("findings")) == findings(run)
+    run.header = RunHeader.from_json(json.dumps(before_stored), "old.run")
+    assert run.header.findings is None
+    assert sentence in findings(run)
+    assert findings(run) == diagnosed(run)
     assert main(["explain", str(run.file), "--frame", "3"]) == 0
     assert re.search("in frame 3: .*_knee.* limits", capsys.readouterr().out)
 

@@ -192,6 +192,10 @@ def test_members_keep_their_order_and_their_names() -> None:
         family.register(Member("b"))
     with pytest.raises(InputError, match=r"thing: no thing 'd' \(one of b, a, c\)"):
         family["d"]
+    with family.restored():
+        family.register(Member("d"))
+        assert family["d"].name == "d"
+    assert list(family) == ["b", "a", "c"]
 
 
 @pytest.mark.parametrize(

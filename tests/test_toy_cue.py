@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import subprocess
-import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,14 +13,25 @@ import numpy as np
 import pytest
 
 import kinemode
+from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from benchmarks.resume_kills import Moment, kill_at
+from benchmarks.resume_kills import command, finish
+from estimator.formats.cameras import load_cameras
+from estimator.imaging.camera_pictures import CameraPictures
+from estimator.likelihood.registry import CUES
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
+from kinemode.rendering.files import RenderedClip
+from kinemode.testing import check_cue
+from tests.command_lines import check_written, killed_after, printed_by, readers
 from tests.tiny_clip import tiny_clip
 
-ROOT = Path(__file__).resolve().parent.parent
+with CUES.restored():  # the tests of all cues are not to know it
+    from tests.toy_cue import Toy
+
 FRAMES = 5
 SETTINGS = """
 [css]
@@ -35,40 +48,39 @@ enabled = false
 """
 
 
-def command(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "kinemode", *map(str, arguments)], capture_output=True, text=True)
+@dataclass(frozen=True)
+class Runs:
+    """The same track of a clip: at one go; with a helper, killed after two frames, and resumed; without the cue. And
+    what was said of the first by the commands that read one, by their names."""
+
+    clip: RenderedClip
+    whole: Path
+    killed: Path
+    without: Path
+    said: Mapping[str, str]
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The same track: at one go; with a helper, killed after two frames, and resumed; without the cue."""
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
+    folder = tmp_path_factory.mktemp("toy")
+    clip = tiny_clip(folder / "clip", frames=FRAMES)
+    settings, plain = folder / "settings.toml", folder / "plain.toml"
+    settings.write_text(SETTINGS)
+    plain.write_text(SETTINGS.replace("[cues.toy]\nnoise = 0.25\n", ""))
+    (video,), (keypoints,) = clip.videos.values(), clip.keypoints.values()
+    files = [video, "--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"]
+    how = [*files, "--settings", settings, "--cues", "toy,edges"]
+    whole, killed, without = (folder / f"{name}.run" for name in ("whole", "killed", "without"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, "tests.toy_cue")
-        patch.setenv("PYTHONPATH", str(ROOT))
-        folder = tmp_path_factory.mktemp("toy")
-        clip = tiny_clip(folder / "clip", frames=FRAMES)
-        (folder / "settings.toml").write_text(SETTINGS)
-        (video,), (keypoints,) = clip.videos.values(), clip.keypoints.values()
-        files = [video, "--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"]
-        how = ["--settings", folder / "settings.toml", "--cues", "toy,edges"]
-        made = {name: folder / f"{name}.run" for name in ("whole", "killed", "without")}
-        whole = command("track", *files, *how, "--out", made["whole"])
-        assert whole.returncode == 0, whole.stderr
-        again = ["track", *map(str, [*files, *how]), "--workers", "2", "--out", str(made["killed"])]
-        killed = kill_at([sys.executable, "-m", "kinemode", *again, "--resume"], made["killed"], Moment(2))
-        assert killed.code == -9, killed.said
-        assert killed.left == ()
-        resumed = command(*again, "--resume")
-        assert resumed.returncode == 0, resumed.stderr
-        plain = folder / "plain.toml"
-        plain.write_text(SETTINGS.replace("[cues.toy]\nnoise = 0.25\n", ""))
-        without = command("track", *files, "--settings", plain, "--cues", "edges", "--out", made["without"])
-        assert without.returncode == 0, without.stderr
-    return made
+        finish(command(how, whole))
+        finish(killed_after(2, [*how, "--workers", "2"], killed))
+        plainly = ["track", *files, "--settings", plain, "--cues", "edges", "--out", without]
+        return Runs(clip, whole, killed, without, printed_by({"track": plainly, **readers(whole, frame=2)}))
 
 
-def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_killed(runs: dict[str, Path]) -> None:
-    whole, killed, without = (kinemode.open_run(path) for path in runs.values())
+def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_killed(runs: Runs) -> None:
+    whole, killed, without = (kinemode.open_run(path) for path in (runs.whole, runs.killed, runs.without))
     assert whole.complete
     assert whole.header.cues == ("edges", "toy")
     assert whole.header.settings["cues"]["toy"]["noise"] == 0.25
@@ -76,17 +88,27 @@ def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_killed(runs
     assert np.abs(whole.mode_q[:, 0] - without.mode_q[:, 0]).max() > 1e-3
 
 
-def test_it_is_explained(runs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_takes_its_run(runs: Runs) -> None:
+    check_written(runs.whole, FRAMES)
+    with np.load(runs.whole.with_suffix(".npz")) as stored:
+        assert np.array_equal(stored["mode_q"], kinemode.open_run(runs.whole).mode_q, equal_nan=True)
+
+
+def test_it_is_explained(runs: Runs) -> None:
     with pytest.raises(InputError, match=f"whole.run: .*the cue 'toy'.*{VARIABLE}"):
-        explain(kinemode.open_run(runs["whole"]), 2)  # this process does not have it
-    monkeypatch.setenv(VARIABLE, "tests.toy_cue")
-    done = command("explain", runs["whole"], "--frame", 2, "--hypothesis", 0, "--out", tmp_path / "pictures")
-    assert done.returncode == 0, done.stderr
-    energy = {name: energy_of(name, done.stdout) for name in ("cam01: bright middle", "sum", "as the run has it")}
+        explain(kinemode.open_run(runs.whole), 2)  # this process does not have it
+    table = runs.said["explain"]
+    energy = {name: energy_of(name, table) for name in ("cam01: bright middle", "sum", "as the run has it")}
     assert energy["cam01: bright middle"] > 0.0
     assert energy["sum"] == pytest.approx(energy["as the run has it"], abs=2e-3)
-    (picture,) = (tmp_path / "pictures").glob("*_toy.png")
+    (picture,) = (runs.whole.parent / "pictures").glob("*_toy.png")
     assert cv2.imread(str(picture)) is not None
+
+
+def test_it_keeps_the_contract(runs: Runs) -> None:
+    ((name, camera),) = load_cameras(runs.clip.cameras).items()
+    pictures = partial(CameraPictures, runs.clip.videos[name], camera, 160)
+    check_cue(Toy(), Body(load_subject(runs.clip.subject)), pictures, np.load(runs.clip.truth)["q"])
 
 
 def energy_of(name: str, table: str) -> float:
@@ -96,21 +118,23 @@ def energy_of(name: str, table: str) -> float:
 
 
 def test_it_is_listed_and_its_settings_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    listed = command("cues").stdout
+    lines = {"cues": ["cues"], "settings": ["settings"]}
+    listed = printed_by({"cues": ["cues"]})["cues"]
     assert "silhouette" in listed
     assert "toy" not in listed
     monkeypatch.setenv(VARIABLE, "tests.toy_cue")
-    assert "where the picture is bright" in command("cues").stdout
-    told = command("settings").stdout
-    assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in told
-    assert "use_toy = true" in told
-    refused = command("track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run").stderr
-    assert "edges, flow, silhouette, toy" in refused
+    told = printed_by(lines)
+    assert "where the picture is bright" in told["cues"]
+    assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in told["settings"]
+    assert "use_toy = true" in told["settings"]
+    with pytest.raises(AssertionError, match="edges, flow, silhouette, toy"):
+        printed_by({"refused": ["track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run"]})
 
 
 def test_nothing_else_names_it() -> None:
-    listed = subprocess.run(["git", "grep", "-lE", "toy_cue|Toy\\b.*Cue"], cwd=ROOT, capture_output=True, text=True)
+    """One file of at most 60 lines, registered by being imported, and nobody who imports this one is left with it."""
+    assert len((ROOT / "tests/toy_cue.py").read_text(encoding="utf-8").splitlines()) <= 60
+    patterns = ["-e", "toy_cue", "-e", "ToySettings", "-e", "ToyMatcher", "-e", "bright middle"]
+    listed = subprocess.run(["git", "grep", "-lw", *patterns], cwd=ROOT, capture_output=True, text=True, check=True)
     assert set(listed.stdout.split()) <= {"tests/test_toy_cue.py", "tests/toy_cue.py"}
-    for file in ("estimator", "kinemode", "viz", "humanoid"):
-        for path in (ROOT / file).rglob("*.py"):
-            assert "bright middle" not in path.read_text(encoding="utf-8")
+    assert "toy" not in CUES

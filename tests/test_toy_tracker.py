@@ -1,12 +1,11 @@
-"""A tracker with a state of its own, no keypoints and no energy goes wherever the others go."""
+"""A tracker with a state of its own, no keypoints and no energy goes wherever the others go, and nobody knows it."""
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,39 +13,125 @@ import numpy as np
 import pytest
 
 import kinemode as km
+from benchmarks.common import ROOT
 from benchmarks.resume import differences
+from benchmarks.resume_kills import command, finish
+from estimator.formats.cameras import load_cameras
 from estimator.imaging.observation import Observation
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
 from estimator.results.run_file import Run
+from estimator.tracking.registry import TRACKERS, make_tracker, register
 from estimator.tracking.runner import run as run_tracker
 from estimator.tracking.runner import stored_state
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
-from kinemode import explain, jobs
-from kinemode.commands import results as commands
+from kinemode.explain import explain
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import CUES
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
+from kinemode.testing import check_tracker
 from tests.builders import body_of, camera_at, observe
+from tests.command_lines import check_written, killed_after, printed_by, readers
 from tests.tiny_clip import tiny_clip
-from tests.toy_tracker import NOISE, Middle, ToyTracker
 
-FRAMES = 5
-NAME = "css"  # the name that it goes by here
+with TRACKERS.restored():  # the tests of all trackers are not to know it
+    from tests.toy_tracker import NOISE, SPEC, Middle, ToyTracker
+
+NAME, FRAMES, SHORT = "toy", 40, 5
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
+    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=SHORT)
 
 
-@pytest.fixture(autouse=True)
-def toy(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    for module in (explain, jobs):
-        monkeypatch.setattr(module, "make_tracker", lambda name, body, settings: ToyTracker(body))
-    with warnings.catch_warnings():
+@pytest.fixture
+def toy() -> Iterator[None]:
+    with TRACKERS.restored(), warnings.catch_warnings():
+        register(SPEC)
         warnings.simplefilter("ignore", InputWarning)
         yield
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """Runs of the command line on a clip without keypoints: at one go, and killed and resumed; and what was said of the
+    first by the commands that read one, by their names."""
+
+    clip: RenderedClip
+    whole: Path
+    killed: Path
+    said: Mapping[str, str]
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
+    folder = tmp_path_factory.mktemp("toy")
+    clip = tiny_clip(folder / "clip", frames=FRAMES, fps=20.0)
+    (camera, video), (masks,) = *clip.videos.items(), clip.masks.values()
+    how = [video, "--cameras", clip.cameras, "--mask", f"{camera}={masks}", "--tracker", NAME, "--seed", "3"]
+    whole, killed = folder / "whole.run", folder / "killed.run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(VARIABLE, "tests.toy_tracker")
+        finish(command(how, whole))
+        finish(killed_after(3, how, killed))
+        return Tracked(clip, whole, killed, printed_by(readers(whole, frame=2)))
+
+
+def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
+    run = km.open_run(tracked.whole)
+    assert run.complete
+    assert run.header.tracker == NAME
+    assert run.header.cues == tuple(CUES)
+    assert run.status.tolist() == ["tracked"] * FRAMES
+    assert not run.confidence.any()
+    for note in (f"keypoints in 0 of {FRAMES} frames", "the subject is not fitted"):
+        assert any(note in each for each in run.header.notes)
+    assert np.array_equal(run.q, run.filtered_q)  # it is not smoothed, which nobody asked for
+    direction, widths, camera = run.extra["direction"], run.extra["widths"], run.header.cameras[0]
+    assert np.allclose(camera.directions(camera.project(run.q[:, :3]))[:, :2], direction, atol=1e-6)
+    for t, result in enumerate(run):
+        own = result.extra["widths"]
+        assert np.array_equal(widths[t, : len(own)], own)
+        assert np.isnan(widths[t, len(own) :]).all()
+    middle = camera.project(np.load(tracked.clip.truth)["landmarks"].mean(axis=1)[-1])
+    assert np.linalg.norm(direction[-1] - camera.directions(middle)[:2]) < 0.03  # of one at 4 m: 12 cm
+
+
+def test_it_is_killed_and_goes_on_to_the_same_bits(tracked: Tracked) -> None:
+    assert differences(km.open_run(tracked.whole), km.open_run(tracked.killed)) == []
+
+
+def test_every_command_takes_its_run(tracked: Tracked) -> None:
+    run = km.open_run(tracked.whole)
+    check_written(tracked.whole, FRAMES)
+    with np.load(tracked.whole.with_suffix(".npz")) as stored:
+        for name in ("widths", "direction"):
+            assert np.array_equal(stored[f"extra_{name}"], run.extra[name], equal_nan=True)
+    assert f"the hypotheses of {NAME} have no energy that could be taken apart" in tracked.said["explain"]
+    direction = np.array2string(run.extra["direction"][2], precision=4, separator=", ")
+    assert f"direction: {direction}" in tracked.said["explain"]
+
+
+def test_it_keeps_the_contract(toy: None, clip: RenderedClip) -> None:
+    body, ((name, camera),) = body_of("human34"), load_cameras(clip.cameras).items()
+    reader = CueReader([clip.videos[name]], [camera], cue_settings(["silhouette"]), masks=[clip.masks[name]])
+    seen = [observe(body, body.neutral, [camera], index=i, time=i / 5.0) for i in range(SHORT)]
+    seen = [replace(o, confidence=0.0 * o.confidence, cues=reader.at(o.index)) for o in seen]
+    reader.close()
+    check_tracker(lambda: make_tracker(NAME, body), seen)
+
+
+def test_nothing_else_names_it() -> None:
+    """One file of at most 60 lines, registered by being imported, and nobody who imports this one is left with it."""
+    assert len((ROOT / "tests/toy_tracker.py").read_text(encoding="utf-8").splitlines()) <= 60
+    listed = subprocess.run(
+        ["git", "grep", "-lwE", "toy_tracker|ToyTracker"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert set(listed.stdout.split()) <= {"tests/test_toy_tracker.py", "tests/toy_tracker.py"}
+    assert NAME not in TRACKERS
 
 
 def track(clip: RenderedClip, **changes: Any) -> Run:
@@ -54,62 +139,7 @@ def track(clip: RenderedClip, **changes: Any) -> Run:
     return km.track("human34", **{**given, "settings": {"cues": {"working_size": 160}}, **changes})
 
 
-def test_it_runs_on_pictures_alone_and_every_command_takes_its_run(
-    clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = track(clip, out=tmp_path / "a.run")
-    assert run.complete
-    assert run.header.cues == tuple(CUES)
-    assert run.status.tolist() == ["tracked"] * FRAMES
-    assert not run.confidence.any()
-    for note in (f"keypoints in 0 of {FRAMES} frames", "the subject is not fitted"):
-        assert any(note in each for each in run.header.notes)
-    assert np.array_equal(run.q, run.filtered_q)  # it is not smoothed, which nobody asked for
-    direction, widths = run.extra["direction"], run.extra["widths"]
-    camera = run.header.cameras[0]
-    assert np.allclose(camera.directions(camera.project(run.q[:, :3]))[:, :2], direction, atol=1e-6)
-    for t, result in enumerate(run):
-        own = result.extra["widths"]
-        assert np.array_equal(widths[t, : len(own)], own)
-        assert np.isnan(widths[t, len(own) :]).all()
-    truth = np.load(clip.truth)["landmarks"].mean(axis=1)
-    assert (
-        np.linalg.norm(direction[-1] - camera.directions(camera.project(truth[-1]))[:2]) < 0.03
-    )  # of one at 4 m: 12 cm
-    commands.export(run.file, tmp_path / "a.npz")
-    with np.load(tmp_path / "a.npz") as stored:
-        assert np.array_equal(stored["extra_widths"], widths, equal_nan=True)
-        assert np.array_equal(stored["extra_direction"], direction)
-    commands.export(run.file, tmp_path / "a.csv")
-    commands.view(run.file, html=tmp_path / "a.html")
-    commands.overlay(run.file, out=tmp_path / "a.gif")
-    commands.explain(run.file, frame=2, out=tmp_path / "pictures")
-    said = capsys.readouterr().out
-    assert f"the hypotheses of {NAME} have no energy that could be taken apart" in said
-    assert f"direction: {np.array2string(direction[2], precision=4, separator=', ')}" in said
-    assert len(list((tmp_path / "pictures").iterdir())) >= 1
-    report.print_run(run)
-
-
-def test_it_is_stopped_and_goes_on_to_the_same_bits(
-    clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole, out, original = track(clip, seed=3), tmp_path / "a.run", jobs.run_into
-
-    def stop(done: int, total: int) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(jobs, "run_into", lambda *args, **how: original(*args, **{**how, "progress": stop}))
-    with pytest.raises(KeyboardInterrupt):
-        track(clip, seed=3, out=out)
-    monkeypatch.setattr(jobs, "run_into", original)
-    assert len(km.open_run(out)) == 2
-    assert differences(whole, track(clip, seed=3, out=out, resume=True)) == []
-    assert differences(whole, track(clip, seed=4)) != []
-
-
-def test_what_it_cannot_do_is_said_in_one_line(clip: RenderedClip, tmp_path: Path) -> None:
+def test_what_it_cannot_do_is_said_in_one_line(toy: None, clip: RenderedClip, tmp_path: Path) -> None:
     refused: list[tuple[dict[str, Any], str]] = [
         ({"cues": "off", "masks": None}, f"{NAME} can begin in no frame.*--cues"),
         ({"settings": {"smooth": {"enabled": True}}}, f"hypotheses of {NAME} have no energy that could be smoothed"),
@@ -122,27 +152,27 @@ def test_what_it_cannot_do_is_said_in_one_line(clip: RenderedClip, tmp_path: Pat
     assert not (tmp_path / "a.run").exists()
 
 
-def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(clip: RenderedClip, tmp_path: Path) -> None:
+def test_a_clip_on_which_it_never_begins_is_a_run_all_the_same(
+    toy: None, clip: RenderedClip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.warns(FindingWarning, match=f"{NAME} could begin in no frame"):
         run = track(clip, cues="edges", masks=None, out=tmp_path / "a.run")
     assert run.complete
-    assert run.status.tolist() == ["unobserved"] * FRAMES
+    assert run.status.tolist() == ["unobserved"] * SHORT
     assert run.mode_q.shape[1] == 0
     assert dict(run.extra) == {}
-    commands.export(run.file, tmp_path / "a.npz")
+    km.export(run, tmp_path / "a.npz")
     report.print_run(run)
+    assert f"look into it: {NAME} could begin in no frame" in capsys.readouterr().out
     with pytest.raises(InputError, match="holds no tracked frame"):
-        commands.view(run.file, html=tmp_path / "a.html")
+        km.view(run, html=tmp_path / "a.html")
     with pytest.raises(InputError, match="nothing was observed"):
-        commands.explain(run.file, frame=1)
+        explain(run, 1)
 
 
-def test_trackers_that_need_keypoints_still_do(
-    clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.undo()
+def test_trackers_that_need_keypoints_still_do(clip: RenderedClip, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"keypoints: are needed, of one frame at least.*annotate"):
-        track(clip, out=tmp_path / "a.run")
+        track(clip, tracker="css", out=tmp_path / "a.run")
 
 
 def test_a_stored_state_that_is_not_its_own_is_refused(clip: RenderedClip, tmp_path: Path) -> None:
@@ -202,39 +232,3 @@ def test_frames_ahead_are_shown_with_their_cues_each_read_once(monkeypatch: pyte
     assert [r.q.tobytes() for r, _ in plain] == [r.q.tobytes() for r, _ in frames[1:]]
     moved = np.array([s.direction for _, s in frames if s is not None])
     assert 0.0 < np.abs(np.diff(moved, axis=0)).max() < 6.0 * NOISE
-
-
-PLUGIN = """
-from estimator.trackers.spec import Spec
-from estimator.tracking.registry import register
-from tests.toy_tracker import ToyTracker
-
-register(Spec("toy", "follows the middle of the silhouette", lambda body, settings: ToyTracker(body)))
-"""
-
-
-def test_the_command_line_takes_it_as_it_is_registered(clip: RenderedClip, tmp_path: Path) -> None:
-    """Named by its plugin alone, on a clip without keypoints: tracked, explained, exported, viewed, refused."""
-    (tmp_path / "registers_the_toy.py").write_text(PLUGIN)
-    paths = [str(Path(__file__).parent.parent), str(tmp_path)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), VARIABLE: "registers_the_toy"}
-    out, masks = tmp_path / "a.run", [f"{name}={path}" for name, path in clip.masks.items()]
-    (tmp_path / "small.toml").write_text("[cues]\nworking_size = 160\n")
-    how = [*map(str, clip.videos.values()), "--cameras", str(clip.cameras), "--mask", *masks, "--tracker", "toy"]
-    how += ["--settings", str(tmp_path / "small.toml"), "--out", str(out)]
-    commands = [
-        ["track", *how],
-        ["explain", str(out), "--frame", "2"],
-        ["export", str(out), str(tmp_path / "a.npz")],
-        ["view", str(out), "--html", str(tmp_path / "a.html")],
-        ["track", *how, "--overwrite", "--workers", "2"],
-    ]
-    said = [
-        subprocess.run([sys.executable, "-m", "kinemode", *c], env=environment, capture_output=True, text=True)
-        for c in commands
-    ]
-    assert [s.returncode for s in said] == [0, 0, 0, 0, 2], [s.stderr for s in said]
-    assert "the hypotheses of toy have no energy that could be taken apart" in said[1].stdout
-    with np.load(tmp_path / "a.npz") as stored:
-        assert np.isfinite(stored["extra_direction"]).all()
-    assert "workers: toy works in one process" in said[4].stderr

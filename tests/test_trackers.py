@@ -190,11 +190,12 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
     assert isinstance(begins, SharesWork) == (TRACKERS[name].group in ("css", "multiple_hypothesis"))
 
 
+STEPS = ("steps_active_set", "steps_failed", "steps_free", "steps_proxqp")
 TOLD = {
     "css": ("searches", "searches_kinematic_jump", "searches_limb_elsewhere", "searches_limbs_exchanged",
-            "searches_other_association", "searches_parent", "searches_sample"),
-    "single_mode": ("searches", "searches_parent"),
-    "multiple_hypothesis": ("searches", "searches_sample"),
+            "searches_other_association", "searches_parent", "searches_sample", *STEPS),
+    "single_mode": ("searches", "searches_parent", *STEPS),
+    "multiple_hypothesis": ("searches", "searches_sample", *STEPS),
     "condensation": ("effective_sample_size", "log_evidence", "resampled"),
     "annealed": ("annealing_power", "effective_sample_size"),
 }  # fmt: skip
@@ -211,7 +212,8 @@ def test_each_tracker_tells_its_own_information(name: str, noise: float) -> None
             assert sizes.shape == r.extra.get("annealing_power", np.zeros(())).shape
             assert np.all((sizes >= 1.0 - 1e-9) & (sizes <= few["particles"] * (1.0 + 1e-9)))
         if "searches" in r.extra:
-            assert r.extra["searches"] == sum(r.extra[n] for n in r.extra if n != "searches") > 0
+            assert r.extra["searches"] == sum(r.extra[n] for n in r.extra if n.startswith("searches_")) > 0
+            assert sum(r.extra[n] for n in STEPS) > 0
         with pytest.raises(ValueError, match="read-only"):
             next(iter(r.extra.values()), np.frombuffer(b""))[...] = 0
     if name == "css":

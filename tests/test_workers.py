@@ -17,6 +17,7 @@ from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
+from estimator.optimise.solution import StepCounts
 from estimator.parallel import pool
 from estimator.parallel.broadcast import SMALL, Broadcaster, Receiver
 from estimator.search.frame_search import FrameCase
@@ -24,7 +25,7 @@ from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.sequences.sequence import assemble
-from estimator.trackers.capabilities import sharing
+from estimator.trackers.capabilities import HasEnergy, sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -46,8 +47,10 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
     return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
 
 
-def tracked(clip: RenderedClip, processes: int, changes: dict[str, Any]) -> list[FrameResult]:
-    """The clip's frames, edges and flow included."""
+def tracked(
+    clip: RenderedClip, processes: int, changes: dict[str, Any], counts: list[StepCounts] | None = None
+) -> list[FrameResult]:
+    """The clip's frames, edges and flow included. counts: gets what this process has solved up to each frame's end."""
     cameras = load_cameras(clip.cameras)
     name = next(iter(cameras))
     body = Body(load_subject("human34"))
@@ -55,23 +58,42 @@ def tracked(clip: RenderedClip, processes: int, changes: dict[str, Any]) -> list
     seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
     cues = CueReader([clip.videos[name]], [cameras[name]], cue_settings(["edges", "flow"]))
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
+    assert isinstance(tracker, HasEnergy)
+    results = []
     with sharing(tracker, processes):
-        return [result for result, _ in run(tracker, seen, 0, cues=cues)]
+        for result, _ in run(tracker, seen, 0, cues=cues):
+            results.append(result)
+            if counts is not None:
+                counts.append(tracker.search.seeker.solver.counts)
+    return results
 
 
 def equal_bits(a: list[FrameResult], b: list[FrameResult]) -> bool:
     pairs = [(getattr(x, name), getattr(y, name)) for x, y in zip(a, b, strict=True) for name in ARRAYS]
+    pairs += [(x.extra[name], y.extra[name]) for x, y in zip(a, b, strict=True) for name in x.extra]
     return all(mine.tobytes() == others.tobytes() for mine, others in pairs)
 
 
 def test_equal_bits_with_any_number_of_workers(clip: RenderedClip, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One process, three that take what they get, and a worker that is left all the pieces."""
+    """One process, three that take what they get, and a worker that is left all the pieces. The steps that are told are
+    all that one process alone has solved; this process has solved none where the worker solves them."""
     importance = {"search": {"weigh": "importance", "weigh_samples": 5}}
-    assert equal_bits(tracked(clip, 1, importance), tracked(clip, 3, importance))
+    alone: list[StepCounts] = []
+    whole = tracked(clip, 1, importance, alone)
+    assert equal_bits(whole, tracked(clip, 3, importance))
+    for result, *counts in zip(whole[1:], alone, alone[1:], strict=False):
+        solved = StepCounts.between(*counts)
+        assert {f"steps_{solver}": count for solver, count in solved._asdict().items()} == {
+            name: int(value) for name, value in result.extra.items() if name.startswith("steps_")
+        }
+        assert solved.free > 0
+        assert solved.active_set > 0
     took: list[int] = []
     monkeypatch.setattr(pool, "taken", lambda *_: took.append(1) or ())
     volume = {"search": {"weigh": "volume"}}
-    assert equal_bits(tracked(clip, 1, volume), tracked(clip, 2, volume))
+    left: list[StepCounts] = []
+    assert equal_bits(tracked(clip, 1, volume), tracked(clip, 2, volume, left))
+    assert sum(left[-1]) == 0
     assert len(took) > 5 * (FRAMES - 1)
 
 

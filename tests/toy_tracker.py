@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.spec import Spec
+from estimator.tracking.registry import register
 from humanoid.kinematics.body import Body
 
 DEPTH, GAIN, NOISE = 4.0, 0.7, 1e-3  # m along the optical axis; share of what is new; of the dynamics
 
 
-@dataclass(frozen=True)
-class Middle:
+class Middle(NamedTuple):
     time: float
     direction: np.ndarray  # (2,) of the silhouette's middle in the camera, at z = 1
 
@@ -48,10 +48,13 @@ class ToyTracker:
         result = FrameResult(*head, np.array([-1]), 0.0 * unit, 0.0 * unit, ("as_detected",), extra=told)
         return Middle(observation.time, direction), result
 
-    def state_from(self, arrays: Mapping[str, np.ndarray]) -> Middle:
+    def state_from(self, arrays: Any) -> Middle:
         return Middle(float(arrays["time"]), arrays["direction"].astype(float).reshape(2))
 
 
 def _mask(observation: Observation) -> np.ndarray:
-    masks = [cues["silhouette"].mask for cues in observation.cues[:1] if "silhouette" in cues]
-    return masks[0] if masks else np.zeros((1, 1), dtype=bool)
+    return next((c["silhouette"].mask for c in observation.cues[:1] if "silhouette" in c), np.zeros((1, 1), bool))
+
+
+SPEC = Spec("toy", "follows the middle of the silhouette", lambda body, settings: ToyTracker(body))
+register(SPEC)

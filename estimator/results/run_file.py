@@ -17,7 +17,7 @@ from estimator.formats.packing import pack, unpack
 from estimator.imaging.observation import Observation
 from estimator.results import run_store
 from estimator.results.run_checks import EXTRA
-from estimator.results.run_header import RunHeader, with_notes
+from estimator.results.run_header import RunHeader, with_findings
 from estimator.results.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.atomic import replacing
@@ -144,13 +144,13 @@ class RunWriter:
             execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
             execute("COMMIT")
 
-    def put_notes(self, notes: Sequence[str]) -> None:
-        """Add to the header's notes those that it does not have."""
+    def put_findings(self, findings: Sequence[str]) -> None:
+        """Store what the run says against its subject or its input, in place of any other; its notes have it too."""
         execute = self._connection.execute
         with run_store.translated(self.path):
             execute("BEGIN IMMEDIATE")
             (text,) = execute("SELECT json FROM header").fetchone()
-            execute("UPDATE header SET json = ?", (with_notes(text, notes),))
+            execute("UPDATE header SET json = ?", (with_findings(text, findings),))
             execute("COMMIT")
 
     def finish(self) -> None:

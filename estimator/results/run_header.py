@@ -26,7 +26,8 @@ class RunHeader:
     image_sizes: width, height [px] of each camera's images.
     times (T,): time of every instant that is to be tracked [s].
     tracker, settings (JSON values), seed, version: how it was tracked, and by which kinemode.
-    notes: what the user was told.
+    notes: what the user was told. findings: those of them that the finished run says against its subject or its input;
+    None while it is not finished, and in runs made before they were kept.
     cues: which of the pictures' cues were looked at; none for keypoints alone.
     masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.
     clip_frames: by camera, number of its clip's frame at each instant (T,), where that is not the instant's own number.
@@ -48,6 +49,7 @@ class RunHeader:
     masks: Mapping[str, str] = field(default_factory=dict)
     backgrounds: Mapping[str, str] = field(default_factory=dict)
     clip_frames: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    findings: tuple[str, ...] | None = None
 
     def frames_of(self, camera: str) -> np.ndarray:
         """Number of a camera's clip frame at each instant (T,)."""
@@ -104,6 +106,7 @@ class RunHeader:
             "backgrounds": dict(self.backgrounds),
             "notes": list(self.notes),
         }
+        extra |= {} if self.findings is None else {"findings": list(self.findings)}
         return json.dumps(self.deciding() | extra)
 
     @staticmethod
@@ -141,13 +144,15 @@ class RunHeader:
             masks=entries.paths("masks"),
             backgrounds=entries.paths("backgrounds"),
             clip_frames=entries.frame_numbers("frames of the clips"),
+            findings=entries.texts("findings") if "findings" in entries.value else None,
         )
 
 
-def with_notes(text: str, notes: Sequence[str]) -> str:
-    """A header's text with more notes, those left out that it has."""
+def with_findings(text: str, findings: Sequence[str]) -> str:
+    """A header's text with a run's findings, which are notes too."""
     values = json.loads(text)
-    values["notes"] = list(dict.fromkeys([*values["notes"], *notes]))
+    values["notes"] = list(dict.fromkeys([*values["notes"], *findings]))
+    values["findings"] = list(findings)
     return json.dumps(values)
 
 

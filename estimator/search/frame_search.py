@@ -16,7 +16,7 @@ from estimator.modes.origin import Origin, PoseKey, PreviousPose
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
 from estimator.optimise.seek import Seeker, SeekSettings
-from estimator.optimise.solution import Solution
+from estimator.optimise.solution import Solution, StepCounts
 from estimator.search.association import Association
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
@@ -67,15 +67,16 @@ class FrameSearch:
     def explore(self, h: Hypothesis) -> Candidate:
         """Work: a short search."""
         base = self._base(h)
-        q = h.q if self.case.likelihood is None else self._followed(h, base)
+        q, steps = (h.q, StepCounts()) if self.case.likelihood is None else self._followed(h, base)
         solution = self._seeker.seek(base.plus(self._assigned(q)), q, self._settings.explore)
         energy = solution.quadratic.value + self.case.associations[h.association].penalty
-        return Candidate(h, solution.q, self._body.landmarks(solution.quadratic.posed), energy)
+        landmarks = self._body.landmarks(solution.quadratic.posed)
+        return Candidate(h, solution.q, landmarks, energy, steps.plus(solution.steps))
 
     def refine(self, c: Candidate) -> Refined:
         """Work: a search to convergence, parts kept apart."""
         base, (model, settings) = self._base(c.hypothesis), (self._model, self._settings)
-        q = self._settled(base, c.q)
+        q, steps = self._settled(base, c.q)
         assigned = self._assigned(q)
         cost = base.plus(assigned)
         solution, penetration = self._seeker.seek(cost, q, settings.refine), 0.0
@@ -83,7 +84,8 @@ class FrameSearch:
             solution = separate(self._seeker, model.self_collision, cost, solution, settings.contact)
             penetration = model.self_collision.penetration(solution.quadratic.posed)
         mode = self._mode(c.hypothesis, solution, assigned, penetration, q)
-        return Refined(c.hypothesis, mode, self._body.landmarks(solution.quadratic.posed), q)
+        landmarks = self._body.landmarks(solution.quadratic.posed)
+        return Refined(c.hypothesis, mode, landmarks, q, steps.plus(solution.steps))
 
     def log_volume(self, refined: Refined) -> float:
         """Work: what a mode's weight gains by the probability around it, by the second-order model."""
@@ -115,27 +117,30 @@ class FrameSearch:
         cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, assigned)
         return h.prior_score - cost.value_at(h.q) - association.penalty
 
-    def _followed(self, h: Hypothesis, base: Cost) -> np.ndarray:
+    def _followed(self, h: Hypothesis, base: Cost) -> tuple[np.ndarray, StepCounts]:
         """Where keypoints and flow take a hypothesis that begins where it has the body in the frame before, (nq,):
         pictures are only looked at near it. It begins there or where its velocity has taken it, whichever these like
-        better."""
+        better. Besides, the steps that it took."""
         previous = h.origin.previous
         if previous is None or not h.origin.family.at_previous:
-            return h.q
+            return h.q, StepCounts()
         start = h.q
         if previous.q_predicted is not None and base.value_at(previous.q_predicted) < base.value_at(h.q):
             start = previous.q_predicted
-        return self._seeker.seek(base, start, self._settings.follow).q
+        solution = self._seeker.seek(base, start, self._settings.follow)
+        return solution.q, solution.steps
 
-    def _settled(self, base: Cost, q: np.ndarray) -> np.ndarray:
+    def _settled(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, StepCounts]:
         """Where the last search begins, (nq,): features are assigned anew until that moves the pose no more, or
-        `rounds` times."""
+        `rounds` times. Besides, the steps that it took."""
+        steps = StepCounts()
         for _ in range(self._model.settings.image.rounds - 1 if self.case.likelihood is not None else 0):
             before, explore = q, self._settings.explore
-            q = self._seek(base, before, explore).q
+            solution = self._seek(base, before, explore)
+            q, steps = solution.q, steps.plus(solution.steps)
             if float(np.abs(self._body.difference(before, q)).max()) < self._settings.settled:
                 break
-        return q
+        return q, steps
 
     def _seek(self, base: Cost, q: np.ndarray, settings: SeekSettings) -> Solution:
         """Search `base` and what the pictures say around q (nq,)."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.modes.mixture import Mode
 from estimator.modes.origin import Family, Origin
+from estimator.optimise.solution import StepCounts
 
 _START = Origin(Family.START)
 
@@ -30,12 +31,13 @@ class Hypothesis(NamedTuple):
 
 class Candidate(NamedTuple):
     """A hypothesis after a short search: configuration (nq,), landmarks (L, 3) [m], energy with the penalty of its
-    association."""
+    association. steps: of all that was searched to come here."""
 
     hypothesis: Hypothesis
     q: np.ndarray
     landmarks: np.ndarray
     energy: float
+    steps: StepCounts = StepCounts()
 
     @property
     def score(self) -> float:
@@ -45,12 +47,13 @@ class Candidate(NamedTuple):
 
 class Refined(NamedTuple):
     """A hypothesis searched to convergence. landmarks (L, 3) [m]: the mode's. q_assigned (nq,): the pose at which the
-    pictures' features were assigned last."""
+    pictures' features were assigned last. steps: of all that was searched since it was a `Candidate`."""
 
     hypothesis: Hypothesis
     mode: Mode
     landmarks: np.ndarray
     q_assigned: np.ndarray
+    steps: StepCounts = StepCounts()
 
     @property
     def score(self) -> float:

@@ -13,6 +13,7 @@ from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import best_distinct, body_size
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.optimise.seek import Seeker
+from estimator.optimise.solution import StepCounts
 from estimator.parallel.pool import OneProcess, Workers
 from estimator.search.association import AS_DETECTED, EXCHANGED, Association
 from estimator.search.frame_search import FrameCase, FrameSearch
@@ -32,6 +33,7 @@ class ModeSearch:
 
     workers: who does the pieces of work; this process alone, unless `estimator.search.search_pool.search_pool` gives
     it others. What comes out is the same to the last bit.
+    steps: of all searches so far, by whoever did them.
     """
 
     def __init__(self, model: CostModel, settings: ModeSearchSettings | None = None) -> None:
@@ -43,6 +45,7 @@ class ModeSearch:
         self.mirror = mirror_index(self.body.landmark_names)
         self.jumps = KinematicJumps(self.body)
         self.workers: Workers[FrameSearch] = OneProcess()
+        self.steps = StepCounts()
         self._distance = self.settings.distinct * body_size(self.body)
         self._frame: FrameSearch | None = None
 
@@ -77,7 +80,7 @@ class ModeSearch:
         """Every hypothesis after a short search."""
         frame, hypotheses = self.frame(case), list(hypotheses)
         self._learn_flows(frame, hypotheses)
-        return self.workers.each(FrameSearch.explore, hypotheses)
+        return self._counted(self.workers.each(FrameSearch.explore, hypotheses))
 
     def best_of(
         self, explored: Sequence[Candidate], case: FrameCase, count: int, rng: np.random.Generator | None = None
@@ -86,7 +89,7 @@ class ModeSearch:
         sampling (`ModeSearchSettings.weigh`), which count by volume without it."""
         frame = self.frame(case)
         kept = self._distinct(explored, count + self.settings.spare)
-        refined = self.workers.each(FrameSearch.refine, kept)
+        refined = self._counted(self.workers.each(FrameSearch.refine, kept))
         best = self._distinct(self._apart(refined), count)
         scores = np.array([r.score for r in best]) + self._log_volumes(frame, best, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
@@ -131,6 +134,12 @@ class ModeSearch:
             modes = [frame.surroundings(r) for r in best]
             return importance_log_volumes(rng, self.body, modes, self.settings.weigh_samples)
         return np.array(self.workers.each(FrameSearch.log_volume, best))
+
+    def _counted(self, searched: list[Scored]) -> list[Scored]:
+        """The same; their steps are counted."""
+        for each in searched:
+            self.steps = self.steps.plus(each.steps)
+        return searched
 
     def _apart(self, refined: list[Refined]) -> list[Refined]:
         """Those whose parts could be kept apart; all of them if that is none."""

@@ -17,6 +17,7 @@ from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.modes.origin import Family
+from estimator.optimise.solution import StepCounts
 from estimator.search.budget import BudgetSettings, Source, allocated
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_proposals import SHAPES, Proposals, ProposalSettings
@@ -98,7 +99,7 @@ _FAMILIES = tuple(family for family in Family if family not in (Family.START, Fa
 class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
     """The recipe: numbers in comments are the steps of Figure 6.
 
-    Of every searched frame but the first it tells `searches` and `searches_FAMILY` (see `searches_told`).
+    Of every searched frame but the first it tells `searches`, `searches_FAMILY` and steps (see `searches_told`).
     """
 
     def __init__(self, search: ModeSearch, settings: CssSettings | None = None) -> None:
@@ -121,6 +122,7 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         likelihood = self.search.likelihood(observation, prior.modes[0].q)
         case = FrameCase(self.search.associations(observation), observation.time - state.time, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
+        before = self.search.steps
         candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
         left = self.settings.budget.left(len(candidates), _rise(candidates, prior), 1.0 - float(prior.weights[0]))
         candidates += self.search.explored(
@@ -129,7 +131,8 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         mixture = self.search.best_of(candidates, case, self.settings.modes, rng)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
-        return judged(self.search, observation, mixture, _searches(candidates))
+        told = _searches(candidates, StepCounts.between(before, self.search.steps))
+        return judged(self.search, observation, mixture, told)
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
         """See `estimator.trackers.capabilities.SharesWork`."""
@@ -168,9 +171,9 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         return mixture_of(tuple(modes), np.array(scores))  # 6
 
 
-def _searches(candidates: Sequence[Candidate]) -> dict[str, np.ndarray]:
+def _searches(candidates: Sequence[Candidate], steps: StepCounts) -> dict[str, np.ndarray]:
     counted = Counter(c.hypothesis.origin.family for c in candidates)
-    return searches_told({family: counted[family] for family in _FAMILIES})
+    return searches_told({family: counted[family] for family in _FAMILIES}, steps)
 
 
 def _rise(candidates: Sequence[Candidate], prior: Mixture) -> float:

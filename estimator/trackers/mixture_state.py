@@ -20,7 +20,7 @@ from estimator.formats.checked_arrays import (
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode
 from estimator.modes.origin import Family, Origins
-from estimator.optimise.solution import ITERATIONS
+from estimator.optimise.solution import ITERATIONS, StepCounts
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
@@ -155,9 +155,11 @@ def result_of(
     )
 
 
-def searches_told(families: Mapping[Family, int]) -> dict[str, np.ndarray]:
+def searches_told(families: Mapping[Family, int], steps: StepCounts) -> dict[str, np.ndarray]:
     """Extra arrays `searches` and `searches_FAMILY`: how many hypotheses a frame was searched from, in all and of each
-    family (see `Origin`)."""
+    family (see `Origin`); `steps_free`, `steps_active_set`, `steps_proxqp`, `steps_failed`: how many steps of all its
+    searches were solved by whom (see `StepCounts`)."""
     counts = {"searches": sum(families.values())}
     counts |= {f"searches_{family.replace(' ', '_')}": count for family, count in families.items()}
+    counts |= {f"steps_{solver}": count for solver, count in steps._asdict().items()}
     return {name: np.array(count) for name, count in counts.items()}

@@ -17,6 +17,7 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode
 from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.optimise.solution import StepCounts
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
@@ -51,7 +52,7 @@ class MultipleHypothesisSettings:
 class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
     """A mode's weight is its parent's times what the posterior has at the mode; keypoints are read as detected.
 
-    Of every searched frame but the first it tells `searches` and `searches_sample` (see `searches_told`).
+    Of every searched frame but the first it tells `searches`, `searches_sample` and steps (see `searches_told`).
     """
 
     def __init__(self, search: ModeSearch, settings: MultipleHypothesisSettings | None = None) -> None:
@@ -73,8 +74,10 @@ class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
             return carried(search, state.mixture, dt, observation)
         likelihood = search.likelihood(observation, state.mixture.modes[0].q)
         case = FrameCase(search.associations(observation), dt, likelihood)
+        before = search.steps
         mixture = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
-        return judged(search, observation, mixture, searches_told({Family.SAMPLE: self.settings.starts}))
+        steps = StepCounts.between(before, search.steps)
+        return judged(search, observation, mixture, searches_told({Family.SAMPLE: self.settings.starts}, steps))
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
         """See `estimator.trackers.capabilities.SharesWork`; without joint limits the first frame's work alone is."""

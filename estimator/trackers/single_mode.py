@@ -11,6 +11,7 @@ import numpy as np
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
 from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.optimise.solution import StepCounts
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
@@ -35,7 +36,8 @@ class SingleModeSettings:
 
 
 class SingleMode(BeginsByKeypoints, CarriesMixture):
-    """One hypothesis, searched from its pose in the last frame, keypoints read as detected; it tells its `searches`."""
+    """One hypothesis, searched from its pose in the last frame, keypoints read as detected; it tells its `searches`
+    and steps (see `searches_told`)."""
 
     def __init__(self, search: ModeSearch, settings: SingleModeSettings | None = None) -> None:
         self.search = search
@@ -58,8 +60,10 @@ class SingleMode(BeginsByKeypoints, CarriesMixture):
         origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)
         associations, likelihood = search.associations(observation), search.likelihood(observation, q)
         case = FrameCase(associations, observation.time - state.time, likelihood)
+        before = search.steps
         best = search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1)
-        return judged(search, observation, best, searches_told({Family.KEPT: 1}))
+        steps = StepCounts.between(before, search.steps)
+        return judged(search, observation, best, searches_told({Family.KEPT: 1}, steps))
 
 
 def without_limits(search: ModeSearch) -> ModeSearch:

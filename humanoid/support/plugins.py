@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -59,6 +60,16 @@ class Registry(Mapping[str, Member]):
         if self._check is not None:
             self._check(member, self._members.values())
         self._members[member.name] = member
+
+    @contextmanager
+    def restored(self) -> Iterator[None]:
+        """What is registered within it is gone at its end: for tests of a member that nobody else is to know of."""
+        load_plugins()
+        before = dict(self._members)
+        try:
+            yield
+        finally:
+            self._members = before
 
     def __getitem__(self, name: str) -> Member:
         load_plugins()

@@ -74,13 +74,13 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
 
     opened = km.open_run(run)
     from kinemode.explain import explain as explain_frame
-    from kinemode.findings import findings, status_meanings
+    from kinemode.findings import diagnosed, status_meanings
     from kinemode.terminal import report
     from viz.cue_pictures import write_cue_pictures
 
     explanation = explain_frame(opened, frame, hypothesis)
     report.print_explanation(explanation)
-    report.print_lines([*status_meanings([explanation.status]), *findings(opened, frame)])
+    report.print_lines([*status_meanings([explanation.status]), *diagnosed(opened, frame)])
     for path in write_cue_pictures(explanation.views, out) if out is not None else ():
         print(path)
 
