@@ -20,6 +20,28 @@ def nearest_outline(pixels, state, nearest, chosen):  # type: ignore[no-untyped-
 
 
 @jit
+def across_outline(points, places, boundary, normal, trust, precision, each, kind, nu):  # type: ignore[no-untyped-def]
+    """Assignments of boundary pixels `places` (N,) to contour points `points` (N,), measured across the outline; where
+    one of the two is negative there is none.
+
+    boundary, normal (B, 2), trust (B,): of the boundary pixels. precision [1/px^2]; each: weight where trust is 1.
+    Returns point (A,), target (A, 2), precision (A, 3), weight, kind and nu (A,) as in `Assignments`.
+    """
+    count = np.count_nonzero((points >= 0) & (places >= 0))
+    point, target, W, weight = np.empty(count, np.int64), np.empty((count, 2)), np.empty((count, 3)), np.empty(count)
+    a = 0
+    for i in range(points.shape[0]):
+        k = places[i]
+        if k >= 0 and points[i] >= 0:
+            x, y = normal[k, 0], normal[k, 1]
+            point[a], target[a, 0], target[a, 1] = points[i], boundary[k, 0], boundary[k, 1]
+            W[a, 0], W[a, 1], W[a, 2] = x * x * precision, x * y * precision, y * y * precision
+            weight[a] = each * trust[k]
+            a += 1
+    return point, target, W, weight, np.full(count, kind), np.full(count, nu)
+
+
+@jit
 def nearest_contour(samples, sample_normals, pixels, normals, state, turn, chosen):  # type: ignore[no-untyped-def]
     """For each boundary sample (S, 2) the index of the OUTER contour point nearest in place and direction: `chosen`.
 
