@@ -12,7 +12,8 @@ from trimesh import Trimesh
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from estimator.cameras.camera import Camera
-from estimator.prediction.prediction import GAP, JOINED, Prediction, Predictor
+from estimator.prediction.prediction import Prediction, Predictor
+from estimator.prediction.view import GAP, JOINED
 from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.surface import Surface, surface_of

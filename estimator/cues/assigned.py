@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cues.assigned_loads import assigned_loads, assigned_values, group_by_point, in_order
+from estimator.cues.assigned_loads import assigned_loads, assigned_values, group_by_point, in_order, value_here
 from estimator.numerics.robust import LORENTZIAN
 from estimator.terms.points import LoadedPoints, accumulate_points
 from estimator.terms.term import BatchTerm
@@ -46,6 +46,14 @@ def nothing() -> Assignments:
 def isotropic(precision: np.ndarray) -> np.ndarray:
     """W (A, 3) that measures alike in all directions, with precision (A,) [1/px^2]."""
     return np.stack([precision, np.zeros_like(precision), precision], axis=1)
+
+
+def value_of(
+    posed: PosedBody, camera: Camera, joint: np.ndarray, local: np.ndarray, groups: Sequence[Assignments]
+) -> float:
+    """The value of `AssignedPoints` with these groups at one pose, to the last bit, and no term that has to be made."""
+    parts = [np.concatenate(columns) for columns in zip(*groups, strict=True)]
+    return float(value_here(posed.placements, joint, local, *camera.arrays, *parts))
 
 
 class Features(NamedTuple):

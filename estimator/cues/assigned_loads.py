@@ -81,12 +81,6 @@ def assigned_values(  # type: ignore[no-untyped-def]
 
 
 @jit
-def in_order(order, target, precision, weight, kind, nu):  # type: ignore[no-untyped-def]
-    """Assignments (A,) rearranged by order (A,): target (A, 2), precision (A, 3), weight, kind, nu (A,)."""
-    return target[order], precision[order], weight[order], kind[order], nu[order]
-
-
-@jit
 def group_by_point(point, count):  # type: ignore[no-untyped-def]
     """Sort assignments to point (A,), of `count` points: the points used (U,), where the assignments of each start
     (U + 1,), and the order of the assignments (A,); equal points keep theirs."""
@@ -110,10 +104,30 @@ def group_by_point(point, count):  # type: ignore[no-untyped-def]
 
 
 @jit
-def across(normals, precision):  # type: ignore[no-untyped-def]
-    """W (A, 3) that measures along unit normals (A, 2) alone, with precision (A,) [1/px^2]."""
-    W = np.empty((normals.shape[0], 3))
-    for i in range(normals.shape[0]):
-        x, y = normals[i, 0], normals[i, 1]
-        W[i, 0], W[i, 1], W[i, 2] = x * x * precision[i], x * y * precision[i], y * y * precision[i]
-    return W
+def value_here(  # type: ignore[no-untyped-def]
+    placements, joints, local, intrinsics, distortion, R, t, point, target, precision, weight, kind, nu
+):
+    """The value of `assigned_values` for placements (njoints, 12) and assignments in any order: point (A,) tells whose
+    each is, target (A, 2), precision (A, 3), weight, kind, nu (A,); joints (N,), local (N, 3)."""
+    used, first, order = group_by_point(point, joints.shape[0])
+    p = np.empty(3)
+    value = 0.0
+    for n in range(used.shape[0]):
+        to_world(placements[joints[used[n]]], local[used[n]], p)
+        u, v, visible = project_point(p, intrinsics, distortion, R, t)
+        for k in range(first[n], first[n + 1]):
+            a = order[k]
+            square = BEHIND
+            if visible:
+                ex, ey = target[a, 0] - u, target[a, 1] - v
+                px = precision[a, 0] * ex + precision[a, 1] * ey
+                py = precision[a, 1] * ex + precision[a, 2] * ey
+                square = ex * px + ey * py
+            value += 0.5 * weight[a] * rho(kind[a], square, nu[a])[0]
+    return value
+
+
+@jit
+def in_order(order, target, precision, weight, kind, nu):  # type: ignore[no-untyped-def]
+    """Assignments (A,) rearranged by order (A,): target (A, 2), precision (A, 3), weight, kind, nu (A,)."""
+    return target[order], precision[order], weight[order], kind[order], nu[order]

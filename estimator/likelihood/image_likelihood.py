@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from estimator.cues.assigned import AssignedPoints, Assignments, nothing
+from estimator.cues.assigned import AssignedPoints, Assignments, nothing, value_of
 from estimator.cues.base import CameraView, ContourMatch, Matcher, Past, Shown
 from estimator.cues.cue_picture import CuePicture
 from estimator.imaging.image_cues import ImageCues
@@ -72,6 +72,10 @@ class ImageLikelihood:
         hidden nodes."""
         return [term for camera in self.cameras for term in camera.assigned(posed)]
 
+    def assigned_values(self, posed: PosedBody) -> list[float]:
+        """The values at a pose of the terms of `assigned` around it, to the last bit, one by one."""
+        return [value for camera in self.cameras for value in camera.assigned_values(posed)]
+
     def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
         """What ties a pose to the frame before, when the surface lay at `parent`; it is also looked for from where it
         lies at `predicted`."""
@@ -133,12 +137,24 @@ class CameraLikelihood:
     def assigned(self, posed: PosedBody) -> list[Term]:
         """See `ImageLikelihood.assigned`: one term of all features on contours, then the cues' other terms."""
         prediction = self.predictor.predict(posed)
+        groups, constant = self._groups(prediction)
+        return [self.on_contours(prediction, groups, constant), *self.others(posed, prediction)]
+
+    def assigned_values(self, posed: PosedBody) -> list[float]:
+        """See `ImageLikelihood.assigned_values`."""
+        prediction = self.predictor.predict(posed)
+        groups, constant = self._groups(prediction)
+        c = prediction.contours
+        on_contours = value_of(posed, self.cues.camera, c.joint, c.local, groups) + float(constant)
+        return [on_contours, *(term.value(posed) for term in self.others(posed, prediction))]
+
+    def _groups(self, prediction: Prediction) -> tuple[list[Assignments], float]:
+        """The features on a prediction's contours, and the energy of what has none, penalties among it."""
         groups, constant = [], self.penalty(prediction)
         for match in self.contours(prediction):
             groups.append(match.features)
             constant += match.unassigned
-        on_contours = self.on_contours(prediction, groups or [nothing()], constant)
-        return [on_contours, *(term for term in self.others(posed, prediction))]
+        return groups or [nothing()], constant
 
     def on_contours(
         self, prediction: Prediction, groups: Sequence[Assignments], constant: float = 0.0, name: str = "on contours"

@@ -7,20 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.prediction.seeing import see_nodes, see_points
-from estimator.prediction.visibility import (
-    VISIBLE,
-    classify_contours,
-    classify_nodes,
-    contour_points,
-    fill_buffer,
-    frame_buffer,
-)
+from estimator.prediction.view import view_of_contours, view_of_nodes
+from estimator.prediction.visibility import VISIBLE
 from humanoid.kinematics.body import PosedBody
 from humanoid.shape.surface import Surface
 
-GAP = 0.02  # m; a node this much behind another part's front is hidden
-JOINED = 0.05  # m; a part this little behind a contour continues the surface: no edge is seen there
 FINENESS = 6000  # cells of the depth buffer
 
 
@@ -72,70 +63,21 @@ class Predictor:
     def __init__(self, surface: Surface, camera: Camera, fineness: int = FINENESS) -> None:
         self.surface, self.camera = surface, camera
         self._fineness = float(fineness)
-        self._intrinsics, self._distortion, self._R, self._t = camera.arrays
+        self._camera = camera.arrays
         self._edges = mesh_edges(surface.faces)
         self._capacity = max(64, len(self._edges) // 3)
 
     def predict(self, posed: PosedBody) -> Prediction:
         """The view of a posed body; every array of the result is its own."""
-        s = self.surface
-        width, height = self.camera.image_size
-        pixels, depth, facing = self._see_nodes(posed)
-        frame = np.empty(3)
-        rows, columns = frame_buffer(pixels, depth, self._fineness, frame)
-        nearness, owner = np.empty((rows, columns)), np.empty((rows, columns), dtype=np.int32)
-        fill_buffer(pixels, depth, s.part, s.faces, frame, nearness, owner)
-        state = np.empty(len(depth), dtype=np.int8)
-        back, hidden = classify_nodes(
-            pixels, depth, facing, s.part, s.convex, frame, nearness, owner, width, height, GAP, state
+        s, camera, size = self.surface, self._camera, self.camera.image_size
+        pixels, depth, facing, state, back, hidden, nearness, owner, frame = view_of_nodes(
+            posed.placements, s.joint, s.local, s.normal, s.part, s.convex, s.faces, *camera, *size, self._fineness
         )
-        contours = self._contours(posed, depth, facing, frame, nearness, owner)
-        return Prediction(pixels, depth, state, back, hidden, contours, nearness, owner, frame)
-
-    def _contours(
-        self,
-        posed: PosedBody,
-        depth: np.ndarray,
-        facing: np.ndarray,
-        frame: np.ndarray,
-        nearness: np.ndarray,
-        owner: np.ndarray,
-    ) -> Contours:
-        s = self.surface
-        width, height = self.camera.image_size
-        size = self._capacity
-        local, normal = np.empty((size, 3)), np.empty((size, 3))
-        nodes, share = np.empty((size, 2), dtype=np.int64), np.empty(size)
-        count = contour_points(self._edges, s.local, s.normal, depth, facing, local, normal, nodes, share)
-        nodes, local = nodes[:count], local[:count]
-        joint, part = s.joint[nodes[:, 0]], s.part[nodes[:, 0]]
-        pixels, there, _, image_normals = self._see(posed, joint, local, normal[:count])
-        state = np.empty(count, dtype=np.int8)
-        classify_contours(pixels, there, image_normals, part, frame, nearness, owner, width, height, GAP, JOINED, state)
-        return Contours(joint, local, pixels, image_normals, state, nodes, share[:count])
-
-    def _see_nodes(self, posed: PosedBody) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pixels (N, 2), depth (N,) and facing (N,) of the surface's nodes."""
-        s, count = self.surface, len(self.surface.joint)
-        pixels, depth, facing = np.empty((count, 2)), np.empty(count), np.empty(count)
-        see_nodes(
-            posed.placements, s.joint, s.local, s.normal, self._intrinsics, self._distortion, self._R, self._t, pixels,
-            depth, facing,
+        contours = view_of_contours(
+            posed.placements, self._edges, s.joint, s.local, s.normal, s.part, depth, facing, frame, nearness, owner,
+            *camera, *size, self._capacity,
         )  # fmt: skip
-        return pixels, depth, facing
-
-    def _see(
-        self, posed: PosedBody, joint: np.ndarray, local: np.ndarray, normal: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Pixels (N, 2), depth (N,), facing (N,) and image normals (N, 2) of points on joints."""
-        count = len(joint)
-        world, pixels, image_normals = np.empty((count, 3)), np.empty((count, 2)), np.empty((count, 2))
-        depth, facing = np.empty(count), np.empty(count)
-        see_points(
-            posed.placements, joint, local, normal, self._intrinsics, self._distortion, self._R, self._t, world, pixels,
-            depth, facing, image_normals,
-        )  # fmt: skip
-        return pixels, depth, facing, image_normals
+        return Prediction(pixels, depth, state, back, hidden, Contours(*contours), nearness, owner, frame)
 
 
 def mesh_edges(faces: np.ndarray) -> np.ndarray:

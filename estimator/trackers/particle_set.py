@@ -75,9 +75,8 @@ class FrameEnergy:
                 values[own] = self._added(values[own], flow, PlacedBodies(q[own], placed.placements[own]))
         if self._likelihood is not None:
             for n, each in enumerate(q):
-                posed = self.body.at(each)
-                for term in self._likelihood.assigned(posed):
-                    values[n] += term.value(posed)
+                for value in self._likelihood.assigned_values(self.body.at(each)):
+                    values[n] += value
         return values
 
     def landmarks(self, q: np.ndarray) -> np.ndarray:

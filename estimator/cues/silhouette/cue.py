@@ -8,8 +8,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from estimator.cues.assigned import Assignments, assignments, nothing
-from estimator.cues.assigned_loads import across
+from estimator.cues.assigned import Assignments, nothing
 from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
 from estimator.cues.cue_picture import Area, CuePicture, Dots, Lines, dimmed, links
 from estimator.cues.silhouette.background import FEWEST_FRAMES
@@ -21,7 +20,7 @@ from estimator.cues.silhouette.foreground import (
     learn_background,
     silhouette_of,
 )
-from estimator.cues.silhouette.matching import nearest_contour, nearest_outline
+from estimator.cues.silhouette.matching import across_outline, nearest_contour, nearest_outline
 from estimator.cues.silhouette.settings import IDLE, OutlineLikelihoodSettings
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.image_cues import ImageCues
@@ -111,33 +110,43 @@ class OutlineMatcher(Matcher):
         contours = prediction.contours
         chosen = np.empty(len(contours.state), dtype=np.int64)
         nearest_outline(contours.pixels, contours.state, self._silhouette.nearest, chosen)
-        point = np.flatnonzero(chosen >= 0)
-        return self._to_outline(point, chosen[point], self._share(len(contours.state)), LECLERC)
+        return self._to_outline(np.arange(len(chosen)), chosen, self._share(len(contours.state)), LECLERC)
 
     def _back(self, prediction: Prediction) -> tuple[Assignments, float]:
         """The features, and the energy of what no contour answers to."""
-        s, silhouette, contours, extent = self._settings, self._silhouette, prediction.contours, self.view.extent
-        place = np.arange(0, len(silhouette.boundary), max(1, len(silhouette.boundary) // OUTLINE_SAMPLES))
-        samples, normals = silhouette.boundary[place], silhouette.normal[place]
+        contours, extent = prediction.contours, self.view.extent
+        place, samples, normals = self._samples
         chosen = np.empty(len(samples), dtype=np.int64)
         nearest_contour(samples, normals, contours.pixels, contours.normals, contours.state, 0.2 * extent, chosen)
-        known = np.flatnonzero(chosen >= 0)
         each = self._share(len(samples))
-        group = self._to_outline(chosen[known], place[known], each, LORENTZIAN)
+        group = self._to_outline(chosen, place, each, LORENTZIAN)
+        if len(group.point) == len(chosen):
+            return group, 0.0
+        s = self._settings
         lost = self._trust[place][chosen < 0].sum()  # all, where no contour of the model is in the picture
         far = s.outline_nu * np.log1p((extent / self.view.sigma(s.outline_noise)) ** 2 / s.outline_nu)
         return group, each * 0.5 * far * float(lost)
+
+    @cached_property
+    def _samples(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Some boundary pixels (S,), with their places and normals (S, 2)."""
+        silhouette = self._silhouette
+        place = np.arange(0, len(silhouette.boundary), max(1, len(silhouette.boundary) // OUTLINE_SAMPLES))
+        return place, silhouette.boundary[place], silhouette.normal[place]
 
     def _share(self, count: int) -> float:
         """Weight of one of `count` assignments of one direction."""
         return 0.5 * self.view.weight * self._settings.outline_evidence / count
 
     def _to_outline(self, point: np.ndarray, place: np.ndarray, each: float, potential: int) -> Assignments:
-        """Assignments of boundary pixels `place` (A,) to contour points `point` (A,), measured across the outline."""
-        s, silhouette = self._settings, self._silhouette
-        precision = np.full(len(point), 1.0 / self.view.sigma(s.outline_noise) ** 2)
-        W = across(silhouette.normal[place], precision)
-        return assignments(point, silhouette.boundary[place], W, each * self._trust[place], potential, s.outline_nu)
+        """Assignments of boundary pixels `place` (N,) to contour points `point` (N,), where neither is negative."""
+        s, outline = self._settings, self._silhouette
+        precision = 1.0 / self.view.sigma(s.outline_noise) ** 2
+        nu = float(s.outline_nu)
+        parts = across_outline(
+            point, place, outline.boundary, outline.normal, self._trust, precision, each, potential, nu
+        )
+        return Assignments(*parts)
 
     def agreement(self, prediction: Prediction) -> float | None:
         """Share of the model's outline that lies on the foreground's."""
