@@ -48,8 +48,8 @@ def view_of_contours(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """The occluding contours of nodes that `view_of_nodes` has seen; edges (E, 2): the mesh's.
 
-    Returns the points' joint (M,), local (M, 3), pixels (M, 2), image normals (M, 2), state (M,), nodes (M, 2) and share
-    (M,), see `Contours`; at most `most` points.
+    Returns the points' joint (M,), local (M, 3), pixels (M, 2), image normals (M, 2), state (M,), nodes (M, 2) and
+    share (M,), see `Contours`; at most `most` points.
     """
     points, point_normals = np.empty((most, 3)), np.empty((most, 3))
     nodes, share = np.empty((most, 2), np.int64), np.empty(most)
