@@ -23,8 +23,8 @@ from kinemode.public import results
 from kinemode.terminal.progress import reported
 
 COMMANDS = (
-    "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "view", "overlay",
-    "explain", "export", "evaluate", "version",
+    "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "cues", "view",
+    "overlay", "explain", "export", "evaluate", "version",
 )  # fmt: skip
 FRAMES = 6
 

@@ -61,7 +61,7 @@ def test_cues_are_read_from_the_right_frames(clip: RenderedClip, late: Run) -> N
     reader = cue_reader(late, run_settings(late))
     for t in (0, 3):
         mask = cv2.imread(str(clip.masks[name_of(clip)] / f"{FIRST + t:05d}.png"), cv2.IMREAD_GRAYSCALE) > 127
-        np.testing.assert_array_equal(reader.at(t)[0].silhouette.mask, mask)  # type: ignore[union-attr]
+        np.testing.assert_array_equal(reader.at(t)[0]["silhouette"].mask, mask)  # type: ignore[index]
     reader.close()
 
 

@@ -64,7 +64,7 @@ def test_time_unseen_is_time_to_move_and_survives_storing() -> None:
     """Over frames without keypoints a body gets farther; a resumed run knows as much."""
     body = body_of("human34")
     tracker = make_tracker("css", body, settings_for("css", changes={"css": FEW["css"]}))
-    straight = list(run(tracker, clip(0.6, gap=2), 3))
+    straight = list(run(tracker, clip(1.0, gap=2), 3))
     state, last = straight[LEAP - 1][1], None
     for result, _ in straight[:LEAP]:
         last = LastFrame.after(last, result)
@@ -75,7 +75,7 @@ def test_time_unseen_is_time_to_move_and_survives_storing() -> None:
     again, known = tracker.state_from(stored), LastFrame.from_arrays(stored, body)
     assert known is not None
     assert known.unobserved == last.unobserved
-    resumed = [r for r, _ in run(tracker, clip(0.6, gap=2), 3, state=again, first=LEAP, last=known)]
+    resumed = [r for r, _ in run(tracker, clip(1.0, gap=2), 3, state=again, first=LEAP, last=known)]
     assert [r.status for r in resumed] == [r.status for r, _ in straight[LEAP:]]
     assert leaps(body, [r for r, _ in straight]) == []
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe
 
-from estimator.imaging.cues import ImageCues
+from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
@@ -183,7 +183,7 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
     for count, enough in ((0, False), (3, False), (4, True)):
         few = replace(seen[0], confidence=seen[0].confidence * (np.arange(seen[0].confidence.size) < count))
         assert begins.can_start(few) is enough
-        pictures = tuple(ImageCues(camera, None, None, None) for camera in few.cameras)
+        pictures = tuple(ImageCues(camera) for camera in few.cameras)
         assert begins.can_start(replace(few, cues=pictures)) is enough
     assert isinstance(begins, HasEnergy)
     assert not isinstance(begins, LooksAhead)
