@@ -111,36 +111,36 @@ def main(
             for seed in seeds
         ]
         results = in_processes(tracked, tasks, jobs)
-    found: dict[str, dict[str, list[Result]]] = {}
+    by_cues: dict[str, dict[str, list[Result]]] = {}
     for task, result in zip(tasks, results, strict=True):
-        found.setdefault(task.cues, {}).setdefault(task.view, []).append(result)
+        by_cues.setdefault(task.cues, {}).setdefault(task.view, []).append(result)
     if cues:
-        print_cues(found, seeds)
-        save(json, {"measure": "beam4cam cues", "cues": {c: figures(f, seeds, how) for c, f in found.items()}})
+        print_cues(by_cues, seeds)
+        save(json, {"measure": "beam4cam cues", "cues": {c: figures(f, seeds, how) for c, f in by_cues.items()}})
     else:
-        print_table(found[ALONE], seeds)
-        save(json, {"measure": "beam4cam", **figures(found[ALONE], seeds, how)})
+        print_table(by_cues[ALONE], seeds)
+        save(json, {"measure": "beam4cam", **figures(by_cues[ALONE], seeds, how)})
 
 
 def checked(views: tuple[str, ...], valid: tuple[str, ...]) -> tuple[str, ...]:
     """Those of the views that are valid here; raises InputError for an unknown one, or if none is left."""
     unknown = [view for view in views if view not in (*CAMERAS, TOGETHER)]
-    found = tuple(view for view in views if view in valid)
-    if unknown or not found:
+    chosen = tuple(view for view in views if view in valid)
+    if unknown or not chosen:
         raise InputError(
             "--views", f"there is no {', '.join(unknown) or TOGETHER}", remedy=f"some of {', '.join(valid)}"
         )
-    return found
+    return chosen
 
 
-def print_table(found: dict[str, list[Result]], seeds: tuple[int, ...]) -> None:
+def print_table(by_view: dict[str, list[Result]], seeds: tuple[int, ...]) -> None:
     made = report.table(f"beam4cam, {len(seeds)} seed(s), means over seeds", "view", *COLUMNS, "learned", "PA   ")
-    for view, results in found.items():
+    for view, results in by_view.items():
         learned = [f"{x:.0f}" for x in LEARNED.get(view, ())] or ["", ""]
         made.add_row(
             view, *cells(mean_scores(s for s, _ in results), float(np.median([r for _, r in results]))), *learned
         )
-    alone = [result for view, results in found.items() if view != TOGETHER for result in results]
+    alone = [result for view, results in by_view.items() if view != TOGETHER for result in results]
     if alone:
         rate = float(np.median([r for _, r in alone]))
         made.add_section()
@@ -149,22 +149,22 @@ def print_table(found: dict[str, list[Result]], seeds: tuple[int, ...]) -> None:
     out.width = max(out.width, 180)
     out.print(made)
     out.print(LEGEND)
-    if TOGETHER in found:
-        worst = max(s.mpjpe for s, _ in found[TOGETHER])
+    if TOGETHER in by_view:
+        worst = max(s.mpjpe for s, _ in by_view[TOGETHER])
         out.print(f"four cameras: {worst:.1f} mm in the worst seed, target at most {TOGETHER_TARGET:.0f} mm")
 
 
-def print_cues(found: dict[str, dict[str, list[Result]]], seeds: tuple[int, ...]) -> None:
+def print_cues(by_cues: dict[str, dict[str, list[Result]]], seeds: tuple[int, ...]) -> None:
     """MPJPE and PA-MPJPE of every camera, with each cue beside the keypoints."""
     means = {
-        cue: {view: mean_scores(s for s, _ in results) for view, results in of.items()} for cue, of in found.items()
+        cue: {view: mean_scores(s for s, _ in results) for view, results in of.items()} for cue, of in by_cues.items()
     }
     views = list(means[ALONE])
     title = f"beam4cam, {len(seeds)} seed(s), one camera: MPJPE, PA-MPJPE [mm], frames per second"
     made = report.table(title, "keypoints and", *views, "mean", "fps")
     for cue, of in means.items():
         mean = mean_scores(of.values())
-        rate = float(np.median([r for results in found[cue].values() for _, r in results]))
+        rate = float(np.median([r for results in by_cues[cue].values() for _, r in results]))
         made.add_row(cue, *(f"{s.mpjpe:.1f}, {s.pa:.1f}" for s in (*of.values(), mean)), f"{rate:.1f}")
     out = report.console()
     out.print(made)
@@ -174,15 +174,15 @@ def print_cues(found: dict[str, dict[str, list[Result]]], seeds: tuple[int, ...]
         out.print(f"{ALL} is better than {ALONE} in {better} of {len(views)} cameras by {name}")
 
 
-def figures(found: dict[str, list[Result]], seeds: tuple[int, ...], how: dict[str, Any]) -> dict[str, Any]:
-    alone = [s for view, results in found.items() if view != TOGETHER for s, _ in results]
+def figures(by_view: dict[str, list[Result]], seeds: tuple[int, ...], how: dict[str, Any]) -> dict[str, Any]:
+    alone = [s for view, results in by_view.items() if view != TOGETHER for s, _ in results]
     return {
         "tracker": how["tracker"],
         "settings": how["settings"],
         "seeds": seeds,
         "views": {
             view: [{"seed": seed, "fps": rate, **asdict(s)} for seed, (s, rate) in zip(seeds, results, strict=True)]
-            for view, results in found.items()
+            for view, results in by_view.items()
         },
         "mean_alone": asdict(mean_scores(alone)) if alone else None,
         "learned": {**LEARNED, "mean": LEARNED_MEAN},

@@ -163,8 +163,8 @@ def digest(array: np.ndarray) -> str:
 
 def same(records: Mapping[str, Record], a: str, b: str) -> bool:
     """Whether two cases of equal frames have equal results."""
-    one, other = records[a], records[b]
-    return one["frames"] != other["frames"] or all(one["arrays"][n] == other["arrays"][n] for n in RESULT)
+    record, other = records[a], records[b]
+    return record["frames"] != other["frames"] or all(record["arrays"][n] == other["arrays"][n] for n in RESULT)
 
 
 def compared(

@@ -104,14 +104,14 @@ class Tracked:
 def motions(data: Path | None, names: Sequence[str]) -> list[Path]:
     """Files of the captured motions and names of the authored ones; without the data only the latter."""
     folder = data_folder(data)
-    found = []
+    files = []
     for name in names:
         file = Path(name) if name in AUTHORED or folder is None else folder / "mocap" / f"{name}.bvh"
         if name in AUTHORED or file.is_file():
-            found.append(file)
+            files.append(file)
         elif folder is not None:
             raise InputError(file, "no such motion", remedy="--data DIR or KINEMODE_DATA names the folder with mocap")
-    return found
+    return files
 
 
 def tracked(task: Task) -> Tracked:
@@ -119,7 +119,7 @@ def tracked(task: Task) -> Tracked:
     rng = np.random.default_rng((task.seed, task.condition.cameras, round(10 * task.condition.noise_px)))
     body = Body(person(rng))
     q, times = _motion(body, task)
-    points = np.array([body.landmarks(body.at(one)) for one in q])
+    points = np.array([body.landmarks(body.at(pose)) for pose in q])
     view = ViewSettings(count=task.condition.cameras, azimuth=float(rng.uniform(-180.0, 180.0)))
     cameras = framing_cameras(points, view)
     observations = _observed(body, q, times, cameras, task.condition, rng)

@@ -30,9 +30,9 @@ def write_reliability(path: Path, variants: Mapping[str, Levels], conditions: Ma
             curve = coverage(getattr(levels, kind), ends)
             axes.plot(ends, curve, color="0.7", linewidth=0.8, label="calibrated, each condition" if i == 0 else None)
         for colour, (name, levels) in zip(_COLOURS, variants.items(), strict=True):
-            one = getattr(levels, kind)
-            label = f"{name}, error {calibration_error(one):.3f}"
-            axes.plot(ends, coverage(one, ends), color=colour, linewidth=2.0, label=label)
+            of_kind = getattr(levels, kind)
+            label = f"{name}, error {calibration_error(of_kind):.3f}"
+            axes.plot(ends, coverage(of_kind, ends), color=colour, linewidth=2.0, label=label)
         axes.set(title=TITLES[kind], xlabel="level of the region", xlim=(0, 1), ylim=(0, 1), aspect="equal")
         axes.legend(loc="upper left", fontsize=7.5, frameon=False)
     panels[0].set_ylabel("share of truths inside")

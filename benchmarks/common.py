@@ -93,20 +93,20 @@ def beam_folder(given: Path | None) -> Path:
 
 def nested(changes: Sequence[str]) -> dict[str, Any]:
     """`group.name=value` texts as nested settings; values are JSON, anything else is text."""
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for change in changes:
         path, separator, text = change.partition("=")
         if not separator:
             raise InputError("--set", f"{change!r} has no value", remedy="write group.name=value, as cost.nu=8")
         *groups, name = path.split(".")
-        place = found
+        place = tables
         for group in groups:
             place = place.setdefault(group, {})
         try:
             place[name] = json.loads(text)
         except json.JSONDecodeError:
             place[name] = text
-    return found
+    return tables
 
 
 def save(path: Path | None, figures: dict[str, Any]) -> None:

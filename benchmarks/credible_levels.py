@@ -86,11 +86,13 @@ def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str]
 
 
 def _neighbours(calibration: Calibration) -> list[Calibration]:
-    found = []
+    neighbours = []
     for name, values in TRIED.items():
         at = values.index(getattr(calibration, name))
-        found += [replace(calibration, **{name: v}) for v in (*values[max(0, at - 1) : at], *values[at + 1 : at + 2])]
-    return found
+        neighbours += [
+            replace(calibration, **{name: v}) for v in (*values[max(0, at - 1) : at], *values[at + 1 : at + 2])
+        ]
+    return neighbours
 
 
 def miscoverage(calibration: Calibration, cases: Sequence[Tracked]) -> float:

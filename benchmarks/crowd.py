@@ -29,15 +29,15 @@ LIMIT = 5.0
 def reading_times(people: int, frames: int, work: Path) -> dict[str, float]:
     """Seconds of processor time to read and link a crowd: each layout as OpenPose writes, COCO 17 as others do."""
     cases = [("OpenPose", layout) for layout in FORMATS] + [(writer, "coco17") for writer in WRITERS]
-    found: dict[str, float] = {}
+    seconds: dict[str, float] = {}
     for writer, layout in dict.fromkeys(cases):
         name = f"{writer}, {layout}"
-        path = WRITERS[writer](work / f"{len(found)}", random_crowd(layout, people, frames, 0))
+        path = WRITERS[writer](work / f"{len(seconds)}", random_crowd(layout, people, frames, 0))
         begin = time.process_time()
         load_keypoints(path)
-        found[name] = time.process_time() - begin
-        tell(f"{name}: {found[name]:.2f} s")
-    return found
+        seconds[name] = time.process_time() - begin
+        tell(f"{name}: {seconds[name]:.2f} s")
+    return seconds
 
 
 def selection_time(people: int, frames: int, work: Path) -> float:

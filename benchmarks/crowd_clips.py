@@ -55,11 +55,11 @@ def room_cameras(side: float) -> tuple[Camera, ...]:
     return framing_cameras(corners[None], ViewSettings(image_size=(1920, 1080), count=4, elevation=12.0))
 
 
-def written(found: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], work: Path) -> dict[str, Path]:
+def written(people: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], work: Path) -> dict[str, Path]:
     """Files of what each camera's detector saw."""
     return {
         name: write_alphapose(work / f"{name}.json", [[p for _, p in f] for f in frames])
-        for name, frames in found.items()
+        for name, frames in people.items()
     }
 
 
@@ -68,13 +68,13 @@ def outcome(task: Task) -> Outcome:
     rng, body = np.random.default_rng((task.people, task.seed)), Body(load_subject("human34"))
     motions = scene(body, task, rng)
     cameras = room_cameras(ROOM + 0.3)
-    found = crowd(body, motions, cameras, rng, noise_px=4.0)
-    files, by_name = written(found, task.work), {c.name: c for c in cameras}
+    people = crowd(body, motions, cameras, rng, noise_px=4.0)
+    files, by_name = written(people, task.work), {c.name: c for c in cameras}
     write_cameras(task.work / "cameras.json", cameras)
     chosen, _ = subject_tracks({name: load_people(path) for name, path in files.items()}, by_name, {})
-    who = most(owners(found, {n: t.pixels for n, t in chosen.items()}))
+    who = most(owners(people, {n: t.pixels for n, t in chosen.items()}))
     lone = written(
-        {n: [[x for x in f if x[0] == who] for f in frames] for n, frames in found.items()}, made(task.work / "lone")
+        {n: [[x for x in f if x[0] == who] for f in frames] for n, frames in people.items()}, made(task.work / "lone")
     )
     each = {}
     for name, path in files.items():
@@ -89,7 +89,7 @@ def outcome(task: Task) -> Outcome:
     return Outcome(
         tuple(min(error(run, body, q) for q in motions) for run in runs),
         tuple(int(np.sum(run.status == "hard")) for run in runs),
-        tuple(mixed(owners(found, pixels)) for pixels in taken),
+        tuple(mixed(owners(people, pixels)) for pixels in taken),
     )
 
 
@@ -112,10 +112,12 @@ def scene(body: Body, task: Task, rng: np.random.Generator) -> list[np.ndarray]:
     return [placed(motions[k % 3], path, rng.uniform(0.0, 2.0 * np.pi)) for k, path in enumerate(paths)]
 
 
-def owners(found: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], pixels: Mapping[str, np.ndarray]) -> np.ndarray:
+def owners(
+    people: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], pixels: Mapping[str, np.ndarray]
+) -> np.ndarray:
     """Whose keypoints each camera shows in each frame (C, T), -1 for nobody's."""
-    whose = np.full((len(found), len(next(iter(found.values())))), -1)
-    for c, (name, frames) in enumerate(found.items()):
+    whose = np.full((len(people), len(next(iter(people.values())))), -1)
+    for c, (name, frames) in enumerate(people.items()):
         for t, frame in enumerate(frames[: len(pixels[name])]):
             for number, person in frame:
                 if np.array_equal(person.points[:, :2], pixels[name][t], equal_nan=True):
@@ -135,5 +137,5 @@ def mixed(whose: np.ndarray) -> float:
 
 def error(run: Run, body: Body, q: np.ndarray) -> float:
     """MPJPE [mm] of a run as if q (T, nq) were the truth."""
-    points = np.array([body.landmarks(body.at(one)) for one in q])
+    points = np.array([body.landmarks(body.at(pose)) for pose in q])
     return 1e3 * evaluate(run, Reference(body.landmark_names, points, np.arange(len(q)) / FPS)).mpjpe

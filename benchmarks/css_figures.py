@@ -156,8 +156,8 @@ def _histograms(axes: list[Axes], problem: Problem, rows: dict[str, Searches]) -
     names = ("parameter distance [rad, m]", "standard deviations", "cost")
     for column, name in enumerate(names):
         for row in (0, 1):
-            found = {m: _measured(problem, s, row == 1)[column] for m, s in rows.items()}
-            _histogram(axes[3 * row + column], found, logarithmic=column > 0)
+            by_method = {m: _measured(problem, s, row == 1)[column] for m, s in rows.items()}
+            _histogram(axes[3 * row + column], by_method, logarithmic=column > 0)
             axes[3 * row + column].set_xlabel(name, fontsize=9)
             axes[3 * row + column].set_ylabel("distinct minima" if row else "samples", fontsize=9)
     axes[0].legend(frameon=False)
@@ -171,13 +171,13 @@ def _measured(problem: Problem, searches: Searches, optimised: bool) -> tuple[np
     return np.linalg.norm(steps, axis=1), problem.deviations(steps), cost
 
 
-def _histogram(axes: Axes, found: dict[str, np.ndarray], logarithmic: bool) -> None:
-    values = np.concatenate(list(found.values()))
+def _histogram(axes: Axes, by_method: dict[str, np.ndarray], logarithmic: bool) -> None:
+    values = np.concatenate(list(by_method.values()))
     if logarithmic:
         bins = np.geomspace(max(values.min(), 1e-3), values.max(), 36)
         axes.set_xscale("log")
     else:
         bins = np.linspace(0.0, values.max(), 36)
-    for name, one in found.items():
-        axes.hist(one, bins=bins.tolist(), alpha=0.6, color=COLOURS[name], label=f"{name}, scale 8")
+    for name, measured in by_method.items():
+        axes.hist(measured, bins=bins.tolist(), alpha=0.6, color=COLOURS[name], label=f"{name}, scale 8")
     axes.grid(alpha=0.3)

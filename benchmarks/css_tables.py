@@ -102,7 +102,7 @@ def main(
     methods = METHODS + OTHERS if others else METHODS
     tasks = [RowTask(p, m, s, samples, seed) for p in range(pose, pose + poses) for m in methods for s in SCALES]
     rows = dict(zip(tasks, in_processes(searched, tasks, jobs), strict=True))
-    table = {t: statistics(t, found) for t, found in rows.items()}
+    table = {t: statistics(t, searches) for t, searches in rows.items()}
     show_problem(pose)
     show_table([(t, table[t]) for t in tasks if t.pose == pose], sum(rows[t].cpu for t in tasks if t.pose == pose))
     result: dict[str, Any] = {"measure": "css_tables", "pose": pose, "samples": samples, "seed": seed}
@@ -120,19 +120,19 @@ def main(
     save(json, result)
 
 
-def statistics(task: RowTask, found: Searches) -> Statistics:
+def statistics(task: RowTask, searches: Searches) -> Statistics:
     """The row of a proposal."""
     problem = known_problem(task.pose)
-    kept = distinct(problem, found)
-    raw, ends = problem.steps(found.raw_q), problem.steps(found.q[kept])
+    kept = distinct(problem, searches)
+    raw, ends = problem.steps(searches.raw_q), problem.steps(searches.q[kept])
     return Statistics(
         len(kept),
         _median(np.linalg.norm(raw, axis=1)),
         _median(np.linalg.norm(ends, axis=1)),
         _median(problem.deviations(raw)),
         _median(problem.deviations(ends)),
-        _median(found.raw_energy),
-        _median(found.energy[kept]),
+        _median(searches.raw_energy),
+        _median(searches.energy[kept]),
     )
 
 
@@ -188,24 +188,24 @@ def show_sensitivity(
     rows: dict[RowTask, Searches], pose: int, samples: int, seed: int, jobs: int
 ) -> dict[str, dict[str, int]]:
     """Counts at scale 8 by other rules, and with searches that end at other tolerances."""
-    problem, found = known_problem(pose), {}
+    problem, by_rule = known_problem(pose), {}
     standard = {m: rows[RowTask(pose, m, 8.0, samples, seed)] for m in METHODS}
     for rule in RULES:
         name = f"{rule.unit} apart by {rule.threshold:g} {'rad or m' if rule.unit == 'parameter' else 'm'}"
-        found[name] = {m: len(distinct(problem, standard[m], rule)) for m in METHODS}
+        by_rule[name] = {m: len(distinct(problem, standard[m], rule)) for m in METHODS}
     low = f"within {WITHIN:g} of the known mode's cost"
-    found[low] = {m: int(np.sum(_low(problem, standard[m]))) for m in METHODS}
+    by_rule[low] = {m: int(np.sum(_low(problem, standard[m]))) for m in METHODS}
     tasks = [RowTask(pose, m, 8.0, samples, seed, t) for t in (LOOSE, MIDDLE, TIGHT) for m in METHODS]
     for task, searches in zip(tasks, in_processes(searched, tasks, jobs), strict=True):
-        counts = found.setdefault(f"searches end at a projected gradient of {task.tolerance:g}", {})
+        counts = by_rule.setdefault(f"searches end at a projected gradient of {task.tolerance:g}", {})
         counts[task.method] = len(distinct(problem, searches, RULE, task.tolerance))
-        shares = found.setdefault(f"of which per thousand searches, below {task.tolerance:g}", {})
+        shares = by_rule.setdefault(f"of which per thousand searches, below {task.tolerance:g}", {})
         shares[task.method] = round(1000 * float(np.mean(searches.minima(task.tolerance))))
     made = report.table("minima at scale 8 by other rules", "rule", *METHODS, "times")
-    for name, counts in found.items():
+    for name, counts in by_rule.items():
         made.add_row(name, *(str(counts[m]) for m in METHODS), f"{counts['CSS'] / max(1, counts['SS']):.1f}")
     report.console().print(made)
-    return found
+    return by_rule
 
 
 def _low(problem: Problem, searches: Searches) -> np.ndarray:

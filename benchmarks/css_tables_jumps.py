@@ -51,34 +51,34 @@ class _Pool:
     scale: float
 
     def __post_init__(self) -> None:
-        self.found: list[Solution] = [self.problem.mode]
+        self.minima: list[Solution] = [self.problem.mode]
         self._steps = np.zeros((1, self.problem.body.nv))
         self._proposals: dict[int, CovarianceScaledProposal] = {}
 
-    def offer(self, found: Solution) -> None:
+    def offer(self, solution: Solution) -> None:
         """Keep a converged minimum that is low and new."""
         problem = self.problem
-        if found.status != "converged" or found.quadratic.value > problem.mode.quadratic.value + WITHIN:
+        if solution.status != "converged" or solution.quadratic.value > problem.mode.quadratic.value + WITHIN:
             return
-        step = problem.body.difference(problem.mode.q, found.q)
-        if np.all(np.abs(self._steps - step).max(axis=1) > RULE.threshold) and is_minimum(problem, found):
-            self.found.append(found)
+        step = problem.body.difference(problem.mode.q, solution.q)
+        if np.all(np.abs(self._steps - step).max(axis=1) > RULE.threshold) and is_minimum(problem, solution):
+            self.minima.append(solution)
             self._steps = np.concatenate([self._steps, step[None]])
 
     def sample(self, rng: np.random.Generator, k: int) -> np.ndarray:
         """A covariance-scaled sample (nq,) about the minimum k."""
         if k not in self._proposals:
-            body, quadratic = self.problem.body, self.problem.cost.at(self.found[k].q)
+            body, quadratic = self.problem.body, self.problem.cost.at(self.minima[k].q)
             covariance = mode_covariance(body, quadratic.posed.q, quadratic.gradient, quadratic.hessian, np.inf)
             self._proposals[k] = CovarianceScaledProposal(body, quadratic.posed.q, covariance, self.scale)
         return self._proposals[k].sample(rng)
 
 
-def is_minimum(problem: Problem, found: Solution) -> bool:
+def is_minimum(problem: Problem, solution: Solution) -> bool:
     """Whether no direction of descent is left where a search converged: the exact Hessian is positive where limits do
     not hold."""
-    here = problem.cost.at(found.q, exact=True)
-    free = free_directions(problem.body, found.q, here.gradient)
+    here = problem.cost.at(solution.q, exact=True)
+    free = free_directions(problem.body, solution.q, here.gradient)
     return len(free) == 0 or float(np.linalg.eigvalsh(here.hessian[np.ix_(free, free)])[0]) > 0.0
 
 
@@ -99,13 +99,13 @@ class _Jumps:
                 q = self._queue.popleft()
                 if self._is_new(q):
                     return q
-            left = [k for k in range(len(self._pool.found)) if k not in self._expanded]
+            left = [k for k in range(len(self._pool.minima)) if k not in self._expanded]
             if not left:
                 return None
-            k = min(left, key=lambda i: self._pool.found[i].quadratic.value)
+            k = min(left, key=lambda i: self._pool.minima[i].quadratic.value)
             self._expanded.add(k)
-            self._is_new(self._pool.found[k].q)
-            self._queue.extend(self._jumps.of(self._pool.found[k].q, self._problem.camera))
+            self._is_new(self._pool.minima[k].q)
+            self._queue.extend(self._jumps.of(self._pool.minima[k].q, self._problem.camera))
 
     def _is_new(self, q: np.ndarray) -> bool:
         """Whether q (nq,) is away from all poses remembered; it then joins them."""
@@ -132,9 +132,9 @@ def hunted(task: HuntTask) -> Hunt:
     pool.sample(rng, 0)
     known, cpu, began = [], [], time.process_time()
     for k in range(task.searches):
-        about = 0 if task.searcher == SEARCHERS[0] else int(rng.integers(len(pool.found)))
+        about = 0 if task.searcher == SEARCHERS[0] else int(rng.integers(len(pool.minima)))
         q = jumps.next() if jumps is not None and k % 4 else None
         pool.offer(seeker.seek(problem.cost, pool.sample(rng, about) if q is None else q))
-        known.append(len(pool.found) - 1)
+        known.append(len(pool.minima) - 1)
         cpu.append(time.process_time() - began)
-    return Hunt(np.array(known), np.array(cpu), np.array([f.quadratic.value for f in pool.found[1:]]))
+    return Hunt(np.array(known), np.array(cpu), np.array([f.quadratic.value for f in pool.minima[1:]]))

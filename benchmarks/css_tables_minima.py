@@ -67,8 +67,8 @@ class Searches:
 
     def minima(self, tolerance: float = 1e-6) -> np.ndarray:
         """Which ends are minima, (N,) bool: projected gradient below the tolerance, no direction of descent left."""
-        found: np.ndarray = (self.residual < tolerance) & (self.curvature > 0.0)
-        return found
+        minimum: np.ndarray = (self.residual < tolerance) & (self.curvature > 0.0)
+        return minimum
 
 
 @cache
@@ -84,18 +84,18 @@ def searched(task: RowTask) -> Searches:
     began = time.process_time()
     proposal = PROPOSALS[task.method](problem, task.scale)
     raw = [proposal.sample(rng) for _ in range(task.samples)]
-    found = [seeker.seek(problem.cost, q) for q in raw]
+    solutions = [seeker.seek(problem.cost, q) for q in raw]
     cpu = time.process_time() - began
     raw_energy = problem.cost.values_at(np.array(raw))
-    return judged(problem, seeker, np.array(raw), raw_energy, found, cpu)
+    return judged(problem, seeker, np.array(raw), raw_energy, solutions, cpu)
 
 
 def judged(
-    problem: Problem, seeker: Seeker, raw: np.ndarray, raw_energy: np.ndarray, found: list[Solution], cpu: float
+    problem: Problem, seeker: Seeker, raw: np.ndarray, raw_energy: np.ndarray, solutions: list[Solution], cpu: float
 ) -> Searches:
     """Ends of searches with everything that the rules of counting ask for, computed anew from the energy."""
     body = problem.body
-    ends = [problem.cost.at(f.q, exact=True) for f in found]
+    ends = [problem.cost.at(f.q, exact=True) for f in solutions]
     least = []
     for end in ends:
         free = free_directions(body, end.posed.q, end.gradient)

@@ -37,7 +37,7 @@ def main(
     json
         Also write the figures here.
     """
-    found: dict[tuple[int, str], tuple[Scores, float]] = {}
+    outcomes: dict[tuple[int, str], tuple[Scores, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for number in clips:
             clip = demo.make_clip(folder, seed=number, videos=False, progress=unreported)
@@ -46,24 +46,24 @@ def main(
                 run, rate = demo.track_clip(
                     clip, Path(folder) / "one.run", seed=seed, camera=camera, progress=unreported
                 )
-                found[number, camera] = score(run, reference), rate
+                outcomes[number, camera] = score(run, reference), rate
     made = report.table("the built-in clip", "clip seed, camera", *COLUMNS)
-    for (number, camera), (scores, rate) in found.items():
+    for (number, camera), (scores, rate) in outcomes.items():
         made.add_row(f"{number} {camera}", *cells(scores, rate))
-    mean, rate = mean_scores(s for s, _ in found.values()), float(np.median([r for _, r in found.values()]))
+    mean, rate = mean_scores(s for s, _ in outcomes.values()), float(np.median([r for _, r in outcomes.values()]))
     made.add_section()
     made.add_row("mean", *cells(mean, rate))
     out = report.console()
     out.width = max(out.width, 180)
     out.print(made)
     out.print(LEGEND + " fps: with the fit.")
-    shown = [s.mpjpe for (_, camera), (s, _) in found.items() if camera == demo.CAMERA]
-    below = sum(s.mpjpe < TARGET for s, _ in found.values())
+    shown = [s.mpjpe for (_, camera), (s, _) in outcomes.items() if camera == demo.CAMERA]
+    below = sum(s.mpjpe < TARGET for s, _ in outcomes.values())
     out.print(
-        f"below {TARGET:.0f} mm: {below} of {len(found)};"
+        f"below {TARGET:.0f} mm: {below} of {len(outcomes)};"
         f" worst from the camera that the demonstration tracks from, {demo.CAMERA}: {max(shown):.1f} mm"
     )
-    rows = [{"clip": c, "camera": name, "fps": r, **asdict(s)} for (c, name), (s, r) in found.items()]
+    rows = [{"clip": c, "camera": name, "fps": r, **asdict(s)} for (c, name), (s, r) in outcomes.items()]
     save(json, {"measure": "demo", "target_mm": TARGET, "seed": seed, "runs": rows, "mean": asdict(mean)})
 
 

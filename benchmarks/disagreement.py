@@ -100,12 +100,12 @@ def error(run: Run, reference: Reference, times: np.ndarray) -> float:
 def said(folder: Path, files: Files) -> tuple[str, tuple[str, ...]]:
     """What a user who tells nothing is told: refused, warned or silent, and the messages."""
     try:
-        found = load_inputs(
+        loaded = load_inputs(
             Body(load_subject("human34")), InputFiles(files.clips, files.keypoints, folder / "calibration.json")
         )
     except InputError as problem:
         return "refused", (str(problem),)
-    return ("warned" if found.notes else "silent"), found.notes
+    return ("warned" if loaded.notes else "silent"), loaded.notes
 
 
 def main(
@@ -136,7 +136,7 @@ def main(
         for case, faults in CASES.items():
             files = disagreeing(folder, made_folder(kept / case), faults)
             run = tracked(folder, files, kept / f"{case}.run", files.told)
-            told, usual = (error(one, reference, run.time) for one in (run, original))
+            told, usual = (error(shown, reference, run.time) for shown in (run, original))
             outcome, messages = said(folder, files)
             figures[case] = {
                 "told": files.told, "frames": len(run), "mpjpe": told, "original": usual, "ratio": told / usual,

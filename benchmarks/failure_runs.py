@@ -59,8 +59,8 @@ class Race:
 def css_run(task: Task) -> tuple[RenderedClip, Attempt]:
     """Render the clip and track it with CSS, whose time is everybody's."""
     clip = rendered(task)
-    found = _attempt(task, clip, CSS, None, None)
-    return clip, found
+    attempt = _attempt(task, clip, CSS, None, None)
+    return clip, attempt
 
 
 def race(r: Race) -> Attempt:
@@ -71,10 +71,10 @@ def race(r: Race) -> Attempt:
     sizes = [max(1, round(share * own)) for share in TRIAL]
     times = [_tried(r, size) for size in sizes]
     size = size_for(r.budget, sizes, times)
-    found = _attempt(r.task, r.clip, r.tracker, size, r.budget)
-    if 1.0 / EQUAL <= found.times <= EQUAL:
-        return found
-    better = size_for(r.budget, [sizes[0], size], [times[0], found.cpu])
+    attempt = _attempt(r.task, r.clip, r.tracker, size, r.budget)
+    if 1.0 / EQUAL <= attempt.times <= EQUAL:
+        return attempt
+    better = size_for(r.budget, [sizes[0], size], [times[0], attempt.cpu])
     return _attempt(r.task, r.clip, r.tracker, better, r.budget)
 
 
@@ -117,13 +117,13 @@ def _tried(r: Race, size: int) -> float:
 
 def _attempt(task: Task, clip: RenderedClip, tracker: str, size: int | None, budget: float | None) -> Attempt:
     run, times = track_clip(task, clip, tracker, **_how(task, tracker, size))
-    found = outcome(run, times, clip.truth)
+    scored = outcome(run, times, clip.truth)
     share = times.cpu / budget if budget else 1.0
     sized = "" if size is None else f" of size {size}"
-    lost = found.errors["smoothed"].lost
+    lost = scored.errors["smoothed"].lost
     ending = "to the end" if lost is None else f"lost in frame {lost}"
     tell(f"{task.label}: {tracker}{sized}, {1e3 * times.cpu:.0f} ms a frame, {share:.2f} of CSS's, {ending}")
-    return Attempt(tracker, size, times.cpu, share, len(run), found)
+    return Attempt(tracker, size, times.cpu, share, len(run), scored)
 
 
 def _how(task: Task, tracker: str, size: int | None) -> dict[str, Any]:

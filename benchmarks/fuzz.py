@@ -32,9 +32,9 @@ def cases(inputs: int, seed: int, readers: Sequence[str] = ()) -> list[Case]:
         raise InputError("--readers", f"no reader {unknown[0]!r}", remedy="one of " + ", ".join(READERS))
     chosen = {name: READERS[name].share for name in readers or READERS}
     whole = sum(chosen.values())
-    found = [(n / (share / whole), Case(name, seed, n)) for name, share in chosen.items()
+    placed = [(n / (share / whole), Case(name, seed, n)) for name, share in chosen.items()
              for n in range(max(1, round(inputs * share / whole)))]  # fmt: skip
-    return [case for _, case in sorted(found)]
+    return [case for _, case in sorted(placed)]
 
 
 def judge_case(case: Case, files: Mapping[str, list[Files]], folder: Path) -> Verdict:
@@ -125,11 +125,15 @@ def main(
 
 
 def work(
-    found: Iterator[tuple[Case, Verdict]], count: int, files: Mapping[str, list[Files]], tally: Tally, keep: Path | None
+    judged: Iterator[tuple[Case, Verdict]],
+    count: int,
+    files: Mapping[str, list[Files]],
+    tally: Tally,
+    keep: Path | None,
 ) -> None:
     """Count the verdicts on so many cases as they come, and keep the inputs that fail."""
     with reported("damaged inputs") as progress:
-        for done, (case, verdict) in enumerate(found, 1):
+        for done, (case, verdict) in enumerate(judged, 1):
             tally.add(case, verdict)
             if not verdict.good and keep is not None:
                 kept(case, verdict, files, keep)

@@ -55,8 +55,8 @@ def forget_peak() -> None:
 def peak_memory() -> int:
     """The largest resident size this process had since `forget_peak` [B]."""
     with suppress(OSError):
-        found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
-        if found:
-            return 1024 * int(found[1])
+        line = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
+        if line:
+            return 1024 * int(line[1])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak

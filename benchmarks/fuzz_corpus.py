@@ -81,7 +81,7 @@ def _keypoints() -> dict[str, list[Files]]:
     page = {str(t): dict(zip(landmarks, np.pad(values[t], ((0, 0), (0, 1)), constant_values=1.0).tolist(), strict=True))
             for t in range(FRAMES)}  # fmt: skip
     return {
-        "keypoints": [{"keypoints.json": _json(one)} for one in [*whole, clicks]],
+        "keypoints": [{"keypoints.json": _json(content)} for content in [*whole, clicks]],
         "keypoint folder": list(folders),
         "clicks": [{"clicks.json": _json(clicks)}],
         "page": [{"page.json": _json(page)}],
@@ -106,9 +106,12 @@ def facing(name: str) -> Camera:
 
 def cameras() -> list[Camera]:
     """Two that see the same place."""
-    one = guessed_camera("cam01", SIZE)
-    turned = one.R_camera_world @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return [one, Camera("cam02", SIZE, one.K, np.array([-0.1, 0.05, 0.0, 0.0, 0.01]), turned, np.array([0.1, 0, 4.0]))]
+    camera = guessed_camera("cam01", SIZE)
+    turned = camera.R_camera_world @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return [
+        camera,
+        Camera("cam02", SIZE, camera.K, np.array([-0.1, 0.05, 0.0, 0.0, 0.01]), turned, np.array([0.1, 0, 4.0])),
+    ]
 
 
 def _texts() -> dict[str, list[Files]]:

@@ -71,10 +71,10 @@ def judged_message(message: str, path: Path) -> tuple[str, str]:
 
 def _origin(error: BaseException) -> str:
     """File and line of our code that the exception left last."""
-    trace, found = error.__traceback__, ""
+    trace, place = error.__traceback__, ""
     while trace is not None:
         path = Path(trace.tb_frame.f_code.co_filename)
         if any(part in path.parts for part in ("humanoid", "estimator", "kinemode", "viz")):
-            found = f"{'/'.join(path.parts[-2:])}:{trace.tb_lineno}"
+            place = f"{'/'.join(path.parts[-2:])}:{trace.tb_lineno}"
         trace = trace.tb_next
-    return found
+    return place

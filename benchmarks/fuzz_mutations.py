@@ -74,11 +74,11 @@ def _other_text(data: bytes, random: Random, _: Sequence[bytes]) -> bytes:
 
 
 def _substituted(data: bytes, what: re.Pattern[bytes], new: bytes, random: Random) -> bytes:
-    found = list(what.finditer(data))
-    if not found:
+    places = list(what.finditer(data))
+    if not places:
         return data + new
-    one = random.choice(found)
-    return data[: one.start()] + new + data[one.end() :]
+    place = random.choice(places)
+    return data[: place.start()] + new + data[place.end() :]
 
 
 def _encoded(text: str) -> bytes:
@@ -137,15 +137,15 @@ def _keys(container: Any) -> Any:
 
 def _places(root: Any) -> list[tuple[Any, Any]]:
     """Container and key of every value."""
-    found: list[tuple[Any, Any]] = []
+    nodes: list[tuple[Any, Any]] = []
     rest = [root]
-    while rest and len(found) < _MOST_NODES:
+    while rest and len(nodes) < _MOST_NODES:
         value = rest.pop()
         if isinstance(value, (list, dict)):
             for key in _keys(value):
-                found.append((value, key))
+                nodes.append((value, key))
                 rest.append(value[key])
-    return found
+    return nodes
 
 
 def _wild(random: Random) -> Any:

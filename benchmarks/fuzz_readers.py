@@ -50,7 +50,7 @@ def damaged(name: str, seeds: list[Files], random: Random) -> tuple[Files, str]:
     files = dict(random.choice(seeds))
     main, *rest = files
     victim = random.choice((main, main, main, *rest)) if not READERS[name].folder else random.choice((main, *rest))
-    pool = [data for one in seeds for data in one.values()]
+    pool = [data for seed in seeds for data in seed.values()]
     files[victim] = _damage(READERS[name].kind, victim)(files[victim], random, pool)
     return files, main
 

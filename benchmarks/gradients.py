@@ -107,9 +107,9 @@ def terms(body: Body, self_collision: SelfCollision, rng: np.random.Generator) -
 
 def term_errors(body: Body, self_collision: SelfCollision, poses: int, rng: np.random.Generator) -> dict[str, Errors]:
     """Every term at random poses, in front of its cameras; a term that is flat there is drawn again."""
-    found = {}
+    by_term = {}
     for name, make in terms(body, self_collision, rng).items():
-        errors = found[name] = Errors()
+        errors = by_term[name] = Errors()
         step = 1e-6 if name.startswith("inter") else 1e-4
         while len(errors.values) < poses:
             cost, q = Cost(body, [make()]), random_pose(body, rng)
@@ -118,14 +118,14 @@ def term_errors(body: Body, self_collision: SelfCollision, poses: int, rng: np.r
             if np.any(gradient):
                 numeric = central_difference(lambda x, c=cost: np.array(c.at(x).value), body, q, step)  # type: ignore[misc]
                 errors.values.append(relative(gradient, numeric))
-    return found
+    return by_term
 
 
 def image_errors(body: Body, frame: Frame, poses: int, rng: np.random.Generator) -> dict[str, Errors]:
     """Features of a rendered frame, assigned at hypotheses around the truth and then kept, cue by cue and camera by
     camera."""
     model = ImageModel(body)
-    found: dict[str, Errors] = {}
+    by_term: dict[str, Errors] = {}
     before = body.at(frame.q_before)
     for cues in frame.cues:
         points = cues.camera.project(body.landmarks(body.at(frame.q)))
@@ -134,8 +134,8 @@ def image_errors(body: Body, frame: Frame, poses: int, rng: np.random.Generator)
             for name, term in image_terms(likelihood, before, body.at(q)).items():
                 cost = Cost(body, [term])
                 numeric = central_difference(lambda x, c=cost: np.array(c.at(x).value), body, q, 1e-4)  # type: ignore[misc]
-                found.setdefault(name, Errors()).values.append(relative(cost.at(q).gradient, numeric))
-    return found
+                by_term.setdefault(name, Errors()).values.append(relative(cost.at(q).gradient, numeric))
+    return by_term
 
 
 def image_terms(likelihood: CameraLikelihood, before: PosedBody, posed: PosedBody) -> dict[str, Term]:
@@ -212,18 +212,18 @@ class Descents:
     largest_residual: float = 0.0
     outside: int = 0
 
-    def add(self, body: Body, cost: Cost, seen: list[np.ndarray], found: Solution) -> None:
-        path = seen if seen and seen[-1] is found.q else [*seen, found.q]
+    def add(self, body: Body, cost: Cost, seen: list[np.ndarray], solution: Solution) -> None:
+        path = seen if seen and seen[-1] is solution.q else [*seen, solution.q]
         values = np.array([cost.value_at(q) for q in path])
         rises = np.diff(values) / (1.0 + np.abs(values[:-1]))
         self.steps += len(rises)
         self.rose += int(np.sum(rises > 0.0))
         self.rose_beyond_rounding += int(np.sum(rises > ROUNDING))
         self.largest_rise = max(self.largest_rise, float(np.max(rises, initial=0.0)))
-        self.statuses[found.status] = self.statuses.get(found.status, 0) + 1
-        self.outside += bool(np.any((found.q < body.lower) | (found.q > body.upper)))
-        if found.status == "converged":
-            self.largest_residual = max(self.largest_residual, projected(body, cost, found.q))
+        self.statuses[solution.status] = self.statuses.get(solution.status, 0) + 1
+        self.outside += bool(np.any((solution.q < body.lower) | (solution.q > body.upper)))
+        if solution.status == "converged":
+            self.largest_residual = max(self.largest_residual, projected(body, cost, solution.q))
 
 
 def projected(body: Body, cost: Cost, q: np.ndarray) -> float:

@@ -66,13 +66,13 @@ class Known(NamedTuple):
 class Outcome(NamedTuple):
     """What was found of one pose.
 
-    reachable: its interpretations. found, in_time, ever: how many of them are among the first 40, among those made and
+    reachable: its interpretations. early, in_time, ever: how many of them are among the first 40, among those made and
     searched from in a frame's time, and among all. made: how many configurations that time allows. seconds: of making
     all, without searches.
     """
 
     reachable: int
-    found: int
+    early: int
     in_time: int
     ever: int
     made: int
@@ -153,12 +153,12 @@ class Oracle:
                         args=(signs, price), max_nfev=40,
                     ).x  # fmt: skip
                 ends.append(Known(self.points(turns)[1:], float(np.abs(self.residual(turns, signs, 0.0)).max())))
-        found: list[Known] = []
+        distinct: list[Known] = []
         for end in sorted(ends, key=lambda e: e.off):
-            apart = all(np.linalg.norm(end.points - f.points, axis=1).max() > SAME_SOLUTION for f in found)
+            apart = all(np.linalg.norm(end.points - f.points, axis=1).max() > SAME_SOLUTION for f in distinct)
             if end.off < NEARLY and apart:
-                found.append(end)
-        return found
+                distinct.append(end)
+        return distinct
 
 
 def measured(task: Task) -> dict[str, Outcome]:
@@ -270,7 +270,7 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
         "poses": len(outcomes),
         "reachable": total,
         "most": max(o.reachable for o in outcomes),
-        "first_40": sum(o.found for o in outcomes) / total,
+        "first_40": sum(o.early for o in outcomes) / total,
         "in_time": sum(o.in_time for o in outcomes) / total,
         "ever": sum(o.ever for o in outcomes) / total,
         "searches_in_time": float(np.median([o.made for o in outcomes])),

@@ -73,9 +73,9 @@ def main(joints: Sequence[int] = JOINTS) -> None:
                 path = Path(folder) / f"chain{count}.urdf"
                 path.write_text(chain(count, shapes))
                 with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-                    found = pool.submit(load, path).result()
-                each = f"{found.seconds:8.2f}  {1e3 * found.seconds / count:14.2f}  {1e3 * found.pose:13.2f}"
-                print(f"{count:6d}  {'yes' if shapes else 'no':>6}  {each}  {found.memory:11.0f}  {found.refused}")
+                    loaded = pool.submit(load, path).result()
+                each = f"{loaded.seconds:8.2f}  {1e3 * loaded.seconds / count:14.2f}  {1e3 * loaded.pose:13.2f}"
+                print(f"{count:6d}  {'yes' if shapes else 'no':>6}  {each}  {loaded.memory:11.0f}  {loaded.refused}")
     print(f"target: {TARGET[0]} joints in under {TARGET[1]:g} s")
 
 

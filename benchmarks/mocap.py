@@ -66,7 +66,7 @@ def tracked(task: Task) -> dict[str, Outcome]:
         task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seconds=seconds, seed=task.clip_seed
     )
     tell(f"{name}: rendered")
-    found = {}
+    outcomes = {}
     for condition in CONDITIONS:
         run, times = timed_track(
             clip.first_frame if condition == PICTURES else clip.keypoints,
@@ -77,10 +77,10 @@ def tracked(task: Task) -> dict[str, Outcome]:
             background=clip.plates if task.plate and condition != KEYPOINTS else None,
             **task.how,
         )
-        found[condition] = outcome(run, times, clip.truth)
-        error = found[condition].errors["smoothed"].mean
+        outcomes[condition] = outcome(run, times, clip.truth)
+        error = outcomes[condition].errors["smoothed"].mean
         tell(f"{name}, {condition}: {len(run)} frames tracked at {times.rate:.1f} a second, {error:.1f} mm")
-    return found
+    return outcomes
 
 
 def main(
@@ -135,10 +135,10 @@ def main(
     with work_folder(work) as folder:
         tasks = [Task(f, clip_seed, seconds, background == "plate", folder / f.stem, how) for f in files]
         outcomes = in_processes(tracked, tasks, jobs)
-    found = {f.stem: one for f, one in zip(files, outcomes, strict=True)}
-    show(found, background)
+    by_clip = {f.stem: by_condition for f, by_condition in zip(files, outcomes, strict=True)}
+    show(by_clip, background)
     save(json, {"measure": "mocap", "background": background, "how": how, "target_mm": TARGET_MM, "clips": {
-        name: {condition: asdict(o) for condition, o in of.items()} for name, of in found.items()}})  # fmt: skip
+        name: {condition: asdict(o) for condition, o in of.items()} for name, of in by_clip.items()}})  # fmt: skip
 
 
 def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[Path]:
@@ -154,30 +154,30 @@ def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[P
     return list(present.values()) if every else [present[name] for name in names]
 
 
-def show(found: dict[str, dict[str, Outcome]], background: str) -> None:
+def show(by_clip: dict[str, dict[str, Outcome]], background: str) -> None:
     out = report.console()
     for condition in CONDITIONS:
-        outcomes = {name: of[condition] for name, of in found.items()}
+        outcomes = {name: of[condition] for name, of in by_clip.items()}
         out.print(tabulated(f"{condition}, background {background}", outcomes))
     out.print(TRACK_LEGEND)
-    for name, of in found.items():
-        for condition, one in of.items():
-            for note in one.notes:
+    for name, of in by_clip.items():
+        for condition, scored in of.items():
+            for note in scored.notes:
                 out.print(f"{name}, {condition}: {note}")
-    for line in verdicts({c: [of[c].errors["smoothed"] for of in found.values()] for c in CONDITIONS}):
+    for line in verdicts({c: [of[c].errors["smoothed"] for of in by_clip.values()] for c in CONDITIONS}):
         out.print(line)
 
 
 def tabulated(title: str, outcomes: dict[str, Outcome]) -> Table:
     """The outcomes by clip, and their means."""
     made = report.table(title, "clip: trajectory", *TRACK_COLUMNS, "hips aligned", "PA", "fps")
-    for name, one in outcomes.items():
+    for name, scored in outcomes.items():
         for trajectory in TRAJECTORIES:
-            errors = one.errors[trajectory]
-            made.add_row(f"{name}: {trajectory}", *track_cells(errors), *aligned([errors]), f"{one.fps:.1f}")
+            errors = scored.errors[trajectory]
+            made.add_row(f"{name}: {trajectory}", *track_cells(errors), *aligned([errors]), f"{scored.fps:.1f}")
         made.add_section()
     for trajectory in TRAJECTORIES:
-        every = [one.errors[trajectory] for one in outcomes.values()]
+        every = [scored.errors[trajectory] for scored in outcomes.values()]
         mean = np.mean([e.mean for e in every])
         made.add_row(f"mean: {trajectory}", f"{mean:.1f}", "", "", "", *aligned(every), "")
     return made
@@ -191,9 +191,9 @@ def aligned(errors: Sequence[TrackErrors]) -> list[str]:
 def verdicts(smoothed: dict[str, list[TrackErrors]]) -> list[str]:
     """The smoothed trajectories of every condition, (clips), beside the targets."""
     pictures, keypoints, both = (smoothed[condition] for condition in CONDITIONS)
-    followed = sum(one.lost is None for one in pictures)
+    followed = sum(scored.lost is None for scored in pictures)
     lower = sum(a.mean < b.mean for a, b in zip(both, keypoints, strict=True))
-    mean, alone = (float(np.mean([one.mean for one in of])) for of in (both, keypoints))
+    mean, alone = (float(np.mean([scored.mean for scored in of])) for of in (both, keypoints))
     return [
         "one camera does not see absolute size: it weighs on the mean, little on hips aligned, not at all on PA",
         f"{PICTURES}: no frame lost in {followed} of {len(pictures)} clips, target all",

@@ -71,10 +71,16 @@ def main(
         kinds = [f"{d:g}" for d in distances]
         begun = [contest.random_start(distances[i % len(distances)], rng) for i in range(count)]
     duels = [contest.duel(start, rng) for start in begun]
-    found = {kind: figures(group) for kind in kinds if (group := [d for d in duels if d.kind == kind])}
-    found["all"] = figures(duels)
-    show(found, "start" if starts == "tracker" else "start off by")
-    figure = {"measure": "mode search", "target": TARGET, "starts": starts, "transition": transition, "by_kind": found}
+    by_kind = {kind: figures(group) for kind in kinds if (group := [d for d in duels if d.kind == kind])}
+    by_kind["all"] = figures(duels)
+    show(by_kind, "start" if starts == "tracker" else "start off by")
+    figure = {
+        "measure": "mode search",
+        "target": TARGET,
+        "starts": starts,
+        "transition": transition,
+        "by_kind": by_kind,
+    }
     save(json, figure | {"duels": [asdict(d) for d in duels]})
 
 
@@ -99,14 +105,14 @@ def figures(duels: Sequence[Duel]) -> dict[str, float]:
     }
 
 
-def show(found: Mapping[str, Mapping[str, Any]], first: str) -> None:
+def show(by_kind: Mapping[str, Mapping[str, Any]], first: str) -> None:
     out = report.console()
     names = (
         "starts", "ours [ms]", "scipy [ms]", "ratio", "of totals", "to its end", "its solver alone", "steps", "scipy's",
         "equal or lower", "scipy's", "in 1/10 time", "KKT < 1e-6",
     )  # fmt: skip
     made = report.table("mode search, 34 degrees of freedom, one camera", first, *names)
-    for name, f in found.items():
+    for name, f in by_kind.items():
         times = [f"{f['our_ms']:.2f}", f"{f['their_ms']:.1f}"]
         ratios = [f"{f[n]:.1f}" for n in ("ratio", "ratio_of_totals", "ratio_to_the_end", "ratio_without_residuals")]
         steps = [f"{f['our_steps']:.0f}", f"{f['their_steps']:.0f}"]

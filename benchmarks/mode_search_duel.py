@@ -119,9 +119,9 @@ class Contest:
         cost, residuals = self.forms(start)
         before = cost.at(q).value
         begun = time.process_time()
-        found = self.seeker.seek(cost, q)
+        solution = self.seeker.seek(cost, q)
         our_time = time.process_time() - begun
-        ours = found.quadratic.value
+        ours = solution.quadratic.value
         watched = Watched(residuals, ours + EQUAL * max(1.0, abs(ours)))
         begun = time.process_time()
         theirs = scipy_search(watched, residuals)
@@ -130,7 +130,7 @@ class Contest:
         lowest = self.further(cost, q, ours, TENTH * full - our_time, our_time, rng.spawn(1)[0])
         return Duel(
             start.kind, before, ours, float(theirs.cost), lowest, 1e3 * our_time, 1e3 * until, 1e3 * full,
-            1e3 * watched.inside, found.iterations, int(theirs.nfev), found.status == "converged",
+            1e3 * watched.inside, solution.iterations, int(theirs.nfev), solution.status == "converged",
         )  # fmt: skip
 
     def further(

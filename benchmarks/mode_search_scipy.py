@@ -30,9 +30,9 @@ class Watched:
 
     def _timed(self, function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
         begun = time.process_time()
-        found = function(x)
+        value = function(x)
         self.inside += time.process_time() - begun
-        return found
+        return value
 
 
 def scipy_search(watched: Watched, residuals: Residuals) -> OptimizeResult:

@@ -49,14 +49,14 @@ class Recorder(ModeSearch):
 
 def tracker_starts(seed: int, motions: Sequence[str] = MOTIONS, frames: int | None = None) -> list[Start]:
     """All starts of the tracker over authored motions, as many frames of each as are asked for."""
-    body, found = Body(load_subject("human34")), list[Start]()
+    body, starts = Body(load_subject("human34")), list[Start]()
     for k, name in enumerate(motions):
         usual = make_tracker("css", body)
         recorder = Recorder(energy_of(usual, "css"))
         tracker = CovarianceScaledSampling(recorder)
         deque(run(tracker, _clip(body, name, frames, np.random.default_rng((seed, k))), seed), maxlen=0)
-        found += recorder.starts
-    return found
+        starts += recorder.starts
+    return starts
 
 
 def drawn(starts: Sequence[Start], count: int, rng: np.random.Generator) -> list[Start]:
@@ -69,7 +69,7 @@ def _clip(body: Body, name: str, frames: int | None, rng: np.random.Generator) -
     motion = motion_named(name)
     times = np.arange(round(FPS * motion.seconds))[:frames] / FPS
     q = synthesis.authored_motion(body, times, motion)
-    points = np.array([body.landmarks(body.at(one)) for one in q])
+    points = np.array([body.landmarks(body.at(pose)) for pose in q])
     cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(azimuth=motion.azimuth))
     tracks = synthesis.keypoints(body, q, cameras, rng, noise_px=NOISE_PX, fps=FPS)
     camera = cameras[0]

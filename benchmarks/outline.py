@@ -56,12 +56,12 @@ def widths(run: Run, clips: list[Path], every: int, size: int) -> list[Width]:
     """All sections that count, in every so many frames of every camera, in pictures of `size` px."""
     surface = surface_of(run.body, 4000)
     settings = cue_settings(["silhouette"], working_size=size)
-    found = []
+    measured = []
     with closing(CueReader(clips, run.header.cameras, settings)) as reader:
         for t in range(0, len(run), every):
             for cues in reader.at(t):
-                found += _in_picture(run, surface, t, cues)
-    return found
+                measured += _in_picture(run, surface, t, cues)
+    return measured
 
 
 def _in_picture(run: Run, surface: Surface, t: int, cues: ImageCues) -> list[Width]:
@@ -71,7 +71,7 @@ def _in_picture(run: Run, surface: Surface, t: int, cues: ImageCues) -> list[Wid
     body = _drawn(cues.camera, points_in_world(posed, surface.joint, surface.local), surface.faces)
     silhouette = cues["silhouette"].mask & cues["silhouette"].known
     landmarks = dict(zip(run.body.landmark_names, run.body.landmarks(posed), strict=True))
-    found = []
+    measured = []
     for name, (upper, lower, at, widest) in SECTIONS.items():
         a, b = (np.mean([landmarks[n] for n in names], axis=0) for names in (upper, lower))
         centre = a + at * (b - a)
@@ -82,8 +82,8 @@ def _in_picture(run: Run, surface: Surface, t: int, cues: ImageCues) -> list[Wid
         own, seen = (sum(_reach(mask, x, s * across) for s in (-1, 1)) for mask in (body, silhouette))
         limit = widest * _pixels_per_metre(cues.camera, centre)
         if 0.0 < own < limit and _SILHOUETTE[0] < seen / own < _SILHOUETTE[1]:
-            found.append(Width(name.removeprefix("left ").removeprefix("right "), own, seen))
-    return found
+            measured.append(Width(name.removeprefix("left ").removeprefix("right "), own, seen))
+    return measured
 
 
 def _pixels_per_metre(camera: Camera, point: np.ndarray) -> float:
@@ -135,13 +135,13 @@ def main(
     folder = beam_folder(data)
     clips = [folder / "videos" / f"{name}.mp4" for name in CAMERAS]
     if run is not None:
-        found = widths(Run.open(run), clips, every, size)
+        measured = widths(Run.open(run), clips, every, size)
     else:
         keypoints = {name: folder / "keypoints" / f"{name}.json" for name in CAMERAS}
         with work_folder(None) as kept:
             tracked, _ = timed_track(keypoints, folder / "calibration.json", kept / "four.run")
-            found = widths(tracked, clips, every, size)
-    figures = summed(found)
+            measured = widths(tracked, clips, every, size)
+    figures = summed(measured)
     made = report.table("outline of the body over that of the silhouette", "part", "median", "quartiles", "sections")
     for part, (median, low, high, count) in figures.items():
         made.add_row(
@@ -151,11 +151,11 @@ def main(
     save(json, {"measure": "outline", "parts": figures})
 
 
-def summed(found: list[Width]) -> dict[str, tuple[float, float, float, int]]:
+def summed(measured: list[Width]) -> dict[str, tuple[float, float, float, int]]:
     """Of every part: median and quartiles of the body's width over the silhouette's, and how many sections."""
     figures = {}
-    for part in dict.fromkeys(w.part for w in found):
-        ratios = [w.body / w.silhouette for w in found if w.part == part]
+    for part in dict.fromkeys(w.part for w in measured):
+        ratios = [w.body / w.silhouette for w in measured if w.part == part]
         low, median, high = np.quantile(ratios, [0.25, 0.5, 0.75])
         figures[part] = (float(median), float(low), float(high), len(ratios))
     return figures

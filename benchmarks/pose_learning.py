@@ -118,10 +118,10 @@ def learned(body: Body, clips: Sequence[Poses], settings: LearnSettings, rng: np
             _seeds(both.angles, settings.pairs, other, sign, rng),
             np.repeat(FIRST_STD**2 * np.eye(len(sign))[None], settings.pairs, axis=0),
         )  # fmt: skip
-        found = _maximised(start, both, wide, settings.prior_count)
-        likelihood = float(logsumexp(gaussian_log_densities(found, both.angles), axis=0).sum())
+        mixture = _maximised(start, both, wide, settings.prior_count)
+        likelihood = float(logsumexp(gaussian_log_densities(mixture, both.angles), axis=0).sum())
         if best is None or likelihood > best[0]:
-            best = likelihood, found
+            best = likelihood, mixture
     assert best is not None
     return best[1]
 
@@ -159,9 +159,9 @@ def _maximised(mixture: PoseMixture, poses: Poses, wide: np.ndarray, prior_count
 
 def gaussian_log_densities(mixture: PoseMixture, angles: np.ndarray) -> np.ndarray:
     """Log of share times density of every Gaussian and mirror image (2K, N) at angles (N, D)."""
-    found = []
+    densities = []
     for share, mean, covariance in zip(*mixture.both_sides(), strict=True):
         L = np.linalg.cholesky(covariance)
         square = np.square(solve_triangular(L, (angles - mean).T, lower=True)).sum(axis=0)
-        found.append(np.log(share) - 0.5 * (square + len(mean) * np.log(2.0 * np.pi)) - np.log(np.diag(L)).sum())
-    return np.array(found)
+        densities.append(np.log(share) - 0.5 * (square + len(mean) * np.log(2.0 * np.pi)) - np.log(np.diag(L)).sum())
+    return np.array(densities)

@@ -96,9 +96,9 @@ def main(
                 prior = folder / f"without_{f.stem}.json"
                 without(body, poses, f.stem, settings).save(prior, f"Without {f.stem}.")
                 tasks += [Task(f, prior, tuple(weights), seconds, seed, folder / f"{f.stem}_{seed}") for seed in seeds]
-            for task, found in zip(tasks, in_processes(tracked, tasks, jobs), strict=True):
-                for weight, one in found.items():
-                    errors.setdefault(task.motion.stem, {}).setdefault(weight, []).append(one)
+            for task, by_weight in zip(tasks, in_processes(tracked, tasks, jobs), strict=True):
+                for weight, by_trajectory in by_weight.items():
+                    errors.setdefault(task.motion.stem, {}).setdefault(weight, []).append(by_trajectory)
         show_errors(errors)
     save(json, {"measure": "pose prior", "gain": gains, "tracked": plain(errors)})
 
@@ -129,7 +129,7 @@ def gain(body: Body, mixture: PoseMixture, poses: Poses) -> float:
     before, after = Cost(body, [Stabilisers(body)]), Cost(body, [PosePrior(body, mixture)])
     q = np.repeat(body.neutral[None], len(poses.angles), axis=0)
     q[:, -poses.angles.shape[1] :] = poses.angles
-    return float(np.mean([before.value_at(one) - after.value_at(one) for one in q]))
+    return float(np.mean([before.value_at(pose) - after.value_at(pose) for pose in q]))
 
 
 def show_gains(gains: Mapping[int, Mapping[str, float]], poses: Mapping[str, Poses]) -> None:
@@ -154,19 +154,21 @@ def show_errors(errors: Errors) -> None:
             made.add_row(name, *(_errors([s[trajectory] for s in of[w]]) for w in shares))
         made.add_section()
         every = [[s[trajectory] for of in errors.values() for s in of[w]] for w in shares]
-        made.add_row("mean", *(_errors(one) for one in every))
+        made.add_row("mean", *(_errors(column) for column in every))
         out.print(made)
     out.print("keypoints of one camera; share: of the prior, learned from the other clips, in the rest-position priors")
 
 
-def _errors(found: Sequence[TrackErrors]) -> str:
-    return f"{np.mean([e.aligned for e in found]):.1f}, {np.mean([e.pa for e in found]):.1f}"
+def _errors(errors: Sequence[TrackErrors]) -> str:
+    return f"{np.mean([e.aligned for e in errors]):.1f}, {np.mean([e.pa for e in errors]):.1f}"
 
 
 def plain(errors: Errors) -> dict[str, object]:
     """The errors as JSON has them."""
     return {
-        name: {w: [{t: asdict(e) for t, e in one.items()} for one in seeds] for w, seeds in of.items()}
+        name: {
+            w: [{t: asdict(e) for t, e in by_trajectory.items()} for by_trajectory in seeds] for w, seeds in of.items()
+        }
         for name, of in errors.items()
     }
 

@@ -35,13 +35,13 @@ def tracked(task: Task) -> dict[str, dict[str, TrackErrors]]:
         task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seed=task.seed, videos=False,
         seconds=min(task.seconds, load_mocap(task.motion).seconds),
     )  # fmt: skip
-    truth, found = Reference.load(clip.truth), {}
+    truth, by_weight = Reference.load(clip.truth), {}
     for weight in task.weights:
         changes = {"cost": {"pose_prior_weight": weight, "pose_prior_file": str(task.prior)}}
         run, _ = timed_track(
             clip.keypoints, clip.cameras, task.folder / f"{weight:g}.run", seed=task.seed, settings=changes
         )
-        found[f"{weight:g}"] = trajectories(run, truth)
-    said = ", ".join(f"{w}: {e['smoothed'].aligned:.1f}" for w, e in found.items())
+        by_weight[f"{weight:g}"] = trajectories(run, truth)
+    said = ", ".join(f"{w}: {e['smoothed'].aligned:.1f}" for w, e in by_weight.items())
     tell(f"{task.motion.stem}, seed {task.seed}: hips aligned [mm], by share of the prior, {said}")
-    return found
+    return by_weight

@@ -123,8 +123,8 @@ def main(
                 tell(f"{way}: {rates[way][-1]:.1f} frames a second")
         parts = shares(job)
     show(rates, parts, len(job.observations))
-    found = [{**asdict(way), "fps": of_way} for way, of_way in rates.items()]
-    save(json, {"measure": "realtime", "frames": len(job.observations), "rates": found, "ms_per_frame": parts})
+    rows = [{**asdict(way), "fps": of_way} for way, of_way in rates.items()]
+    save(json, {"measure": "realtime", "frames": len(job.observations), "rates": rows, "ms_per_frame": parts})
 
 
 def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed: int) -> Job:
@@ -155,8 +155,8 @@ def shares(job: Job) -> dict[str, float]:
         begin = time.process_time()
         count = sum(1 for _ in results)
         whole = 1e3 * (time.process_time() - begin) / count
-    found = {part: 1e3 * watch.seconds[part] / count for part in PARTS}
-    return {**found, REST: whole - sum(found.values())}
+    spent = {part: 1e3 * watch.seconds[part] / count for part in PARTS}
+    return {**spent, REST: whole - sum(spent.values())}
 
 
 def show(rates: dict[Way, list[float]], parts: dict[str, float], frames: int) -> None:

@@ -111,13 +111,13 @@ def differences(run: Run, other: Run) -> list[str]:
     """Arrays and facts in which two runs are not equal to the last bit."""
     names = [n for n in dir(Run) if isinstance(getattr(Run, n), cached_property) and not n.startswith("_")]
     names = [n for n in names if n not in ("subject", "body")] + ["pixels", "confidence"]
-    found = [n for n in names if not _same(getattr(run, n), getattr(other, n))]
+    different = [n for n in names if not _same(getattr(run, n), getattr(other, n))]
     facts: dict[str, Callable[[Run], object]] = {
         "frame_count": lambda r: r.frame_count,
         "complete": lambda r: r.complete,
         "subject_urdf": lambda r: r.header.subject_urdf,
     }
-    return found + [name for name, fact in facts.items() if fact(run) != fact(other)]
+    return different + [name for name, fact in facts.items() if fact(run) != fact(other)]
 
 
 def first_difference(run: Run, other: Run) -> str:
@@ -177,8 +177,8 @@ def main(
                 pace = undisturbed_pace(command(chain.inputs, undisturbed), undisturbed)
             whole = km.open_run(undisturbed)
             count = (kills + (0, 2, 3, 1)[i]) // 4
-            found = ended_often(chain, folder / f"{i}.run", moments(rng, count, len(whole), pace), whole)
-            rows.append((chain, *found))
+            ended = ended_often(chain, folder / f"{i}.run", moments(rng, count, len(whole), pace), whole)
+            rows.append((chain, *ended))
             if chain.workers == 2:
                 undisturbed.unlink()
     show(rows)

@@ -72,7 +72,7 @@ def score(run: Run, reference: Reference) -> Scores:
     filtered = evaluate_points(names, modes[:, 0], modes[:, :1], time, reference)
     residual = run.mode_kkt_residual[np.isfinite(run.mode_kkt_residual)]
     done = residual[residual < SeekSettings().kkt_tolerance]
-    overlaps = [largest_penetration(run.body, one[None]) for one in run.q]
+    overlaps = [largest_penetration(run.body, pose[None]) for pose in run.q]
     return Scores(
         mpjpe=1e3 * best.mpjpe,
         pa=1e3 * best.pa_mpjpe,

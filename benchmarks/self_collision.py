@@ -27,14 +27,14 @@ def seconds(call: Callable[[], object]) -> float:
 
 def poses_by_contacts(body: Body, self_collision: SelfCollision, rng: np.random.Generator) -> dict[int, PosedBody]:
     """A pose for every number of near pairs that random poses come to."""
-    found: dict[int, PosedBody] = {}
+    by_count: dict[int, PosedBody] = {}
     i = body.bounded_q
     for _ in range(3000):
         q = pin.neutral(body.model)
         q[i] = rng.uniform(body.lower[i], body.upper[i])
         posed = body.at(q)
-        found.setdefault(len(self_collision.near(posed).pair), posed)
-    return found
+        by_count.setdefault(len(self_collision.near(posed).pair), posed)
+    return by_count
 
 
 def coal_alone(self_collision: SelfCollision, posed: PosedBody) -> Callable[[], None]:

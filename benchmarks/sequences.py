@@ -69,9 +69,11 @@ def tracked(task: Task) -> Outcome:
     """Render and track."""
     clip = rendered(task)
     run, times = track_clip(task, clip)
-    found = outcome(run, times, clip.truth)
-    tell(f"{task.label}: {len(run)} frames tracked at {found.fps:.1f} a second, {found.errors['smoothed'].mean:.1f} mm")
-    return found
+    scored = outcome(run, times, clip.truth)
+    tell(
+        f"{task.label}: {len(run)} frames tracked at {scored.fps:.1f} a second, {scored.errors['smoothed'].mean:.1f} mm"
+    )
+    return scored
 
 
 def main(
@@ -121,35 +123,35 @@ def main(
     with work_folder(work) as folder:
         tasks = [Task(m, s, seconds, plate, folder / f"{m}_{s}", how) for m in motions for s in seeds]
         outcomes = in_processes(tracked, tasks, jobs)
-    found: dict[str, dict[int, Outcome]] = {}
-    for task, one in zip(tasks, outcomes, strict=True):
-        found.setdefault(task.motion, {})[task.clip_seed] = one
-    show(found, f"stand-ins, {how['cues']}, background {background}")
+    by_motion: dict[str, dict[int, Outcome]] = {}
+    for task, scored in zip(tasks, outcomes, strict=True):
+        by_motion.setdefault(task.motion, {})[task.clip_seed] = scored
+    show(by_motion, f"stand-ins, {how['cues']}, background {background}")
     save(json, {"measure": "sequences", "background": background, "how": how, "target_mm": TARGET_MM,
-                "clips": {m: {s: asdict(o) for s, o in of.items()} for m, of in found.items()}})  # fmt: skip
+                "clips": {m: {s: asdict(o) for s, o in of.items()} for m, of in by_motion.items()}})  # fmt: skip
 
 
-def show(found: dict[str, dict[int, Outcome]], title: str) -> None:
+def show(by_motion: dict[str, dict[int, Outcome]], title: str) -> None:
     made = report.table(title, "clip, seed: trajectory", *TRACK_COLUMNS, "fps")
     out = report.console()
-    for motion, by_seed in found.items():
-        for number, one in by_seed.items():
+    for motion, by_seed in by_motion.items():
+        for number, scored in by_seed.items():
             for name in TRAJECTORIES:
-                made.add_row(f"{motion}, {number}: {name}", *track_cells(one.errors[name]), f"{one.fps:.1f}")
+                made.add_row(f"{motion}, {number}: {name}", *track_cells(scored.errors[name]), f"{scored.fps:.1f}")
         made.add_section()
     out.print(made)
     out.print(TRACK_LEGEND)
-    for motion, by_seed in found.items():
-        for number, one in by_seed.items():
-            for note in one.notes:
+    for motion, by_seed in by_motion.items():
+        for number, scored in by_seed.items():
+            for note in scored.notes:
                 out.print(f"{motion}, {number}: {note}")
-        out.print(verdict(motion, [one.errors["smoothed"] for one in by_seed.values()]))
+        out.print(verdict(motion, [scored.errors["smoothed"] for scored in by_seed.values()]))
 
 
 def verdict(motion: str, errors: list[TrackErrors]) -> str:
     """The smoothed trajectories of all seeds beside the targets."""
-    means = [one.mean for one in errors]
-    lost = sum(one.lost is not None for one in errors)
+    means = [error.mean for error in errors]
+    lost = sum(error.lost is not None for error in errors)
     return (
         f"{motion}, smoothed, {len(errors)} seed(s): mean {np.mean(means):.1f}, worst seed {max(means):.1f} mm,"
         f" target at most {TARGET_MM[motion]:.0f}; lost in {lost} of {len(errors)}, target none"

@@ -102,8 +102,8 @@ def main(
 
 
 def make_job(data: Path | None, camera: str, folder: Path, seed: int) -> Job:
-    found = data_folder(data)
-    beam = found / "beam4cam" if found is not None else None
+    shared = data_folder(data)
+    beam = shared / "beam4cam" if shared is not None else None
     if beam is not None and beam.is_dir():
         files, cameras, name = {camera: beam / "keypoints" / f"{camera}.json"}, beam / "calibration.json", "beam4cam"
     else:
@@ -177,11 +177,11 @@ def tallied(tally: Tally) -> Iterator[None]:
     seek = Seeker.seek
 
     def counted(self: Seeker, cost: Cost, q: np.ndarray, settings: Any = None) -> Solution:
-        found = seek(self, cost, q, settings)
+        solution = seek(self, cost, q, settings)
         budget = (settings or self.settings).max_iterations
         tally.searches[budget] += 1
-        tally.steps[budget] += found.iterations
-        return found
+        tally.steps[budget] += solution.iterations
+        return solution
 
     Seeker.seek = counted  # type: ignore[method-assign]
     try:
@@ -274,15 +274,15 @@ def show(f: dict[str, Any], repeats: int) -> None:
         made.add_row(kind, f"{share:.1%}", f"{f['calls_per_frame'][kind]:.0f}" if kind in f["calls_per_frame"] else "")
     out.print(made)
     made = report.table("the heaviest", "call", "ms a frame", "calls a frame", "us a call")
-    for name, one in f["heaviest"].items():
+    for name, spent in f["heaviest"].items():
         made.add_row(
-            name, f"{one['ms_per_frame']:.2f}", f"{one['calls_per_frame']:.0f}",
-            f"{1e3 * one['ms_per_frame'] / one['calls_per_frame']:.1f}",
+            name, f"{spent['ms_per_frame']:.2f}", f"{spent['calls_per_frame']:.0f}",
+            f"{1e3 * spent['ms_per_frame'] / spent['calls_per_frame']:.1f}",
         )  # fmt: skip
     out.print(made)
     made = report.table("searches", "budget of steps", "a frame", "steps a search")
-    for budget, one in f["by_budget"].items():
-        made.add_row(budget, f"{one['searches_per_frame']:.1f}", f"{one['steps_per_search']:.2f}")
+    for budget, spent in f["by_budget"].items():
+        made.add_row(budget, f"{spent['searches_per_frame']:.1f}", f"{spent['steps_per_search']:.2f}")
     made.add_row("all", f"{f['searches_per_frame']:.1f}", f"{f['steps_per_search']:.2f}")
     out.print(made)
     steps = f["steps_by_active_set"] + f["steps_by_proxqp"]

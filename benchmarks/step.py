@@ -165,7 +165,7 @@ def timed(contest: Contest, rounds: int) -> dict[str, np.ndarray]:
 
     Who comes first changes from problem to problem: caches are cold for the first.
     """
-    found: dict[str, list[list[float]]] = {}
+    times: dict[str, list[list[float]]] = {}
     rng = np.random.default_rng(0)
     for _ in range(rounds + 1):
         for k, problem in enumerate(contest.problems):
@@ -182,8 +182,8 @@ def timed(contest: Contest, rounds: int) -> dict[str, np.ndarray]:
                 name, side = list(sides.items())[i]
                 start = time.perf_counter()
                 side()
-                found.setdefault(name, [[] for _ in contest.problems])[k].append(1e6 * (time.perf_counter() - start))
-    return {name: np.array(found[name])[:, 1:].T for name in sides}
+                times.setdefault(name, [[] for _ in contest.problems])[k].append(1e6 * (time.perf_counter() - start))
+    return {name: np.array(times[name])[:, 1:].T for name in sides}
 
 
 def compared(contest: Contest, times: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def rendered_frame(body: Body, rng: np.random.Generator, cameras: int = 1) -> Fr
     """The authored motion in the cluttered room, 640 x 480, with a known background."""
     before, now = authored_motion(body, np.array([BEFORE, INSTANT]))
     renderer = Renderer(body, scene_cameras()[:cameras], rng)
-    found = []
+    cues = []
     for k, camera in enumerate(renderer.cameras):
         last, picture = (renderer.frame(body.at(q), k, rng) for q in (before, now))
         plate = renderer.plate(k).astype(np.float32)
@@ -61,8 +61,8 @@ def rendered_frame(body: Body, rng: np.random.Generator, cameras: int = 1) -> Fr
         mask = foreground_mask(picture, background, SilhouetteSettings())
         flow = flow_field(last, picture, FlowSettings())
         edges, outline = edge_map(picture, EdgeSettings()), silhouette_of(mask, background.known)
-        found.append(ImageCues(camera, {"edges": edges, "flow": flow, "silhouette": outline}, picture))
-    return Frame(tuple(found), now, before)
+        cues.append(ImageCues(camera, {"edges": edges, "flow": flow, "silhouette": outline}, picture))
+    return Frame(tuple(cues), now, before)
 
 
 def hypotheses(body: Body, q: np.ndarray, count: int, rng: np.random.Generator) -> list[np.ndarray]:
@@ -172,35 +172,35 @@ def main(
     points = cues.camera.project(body.landmarks(body.at(frame.q)))
     extent = image_extent(points, np.ones(len(points)))
     around = hypotheses(body, frame.q, poses, rng)
-    found: dict[int, dict[str, float]] = {}
+    times: dict[int, dict[str, float]] = {}
     counts: dict[int, int] = {}
     for count in nodes:
         case = Case(body, cues, extent, replace(ImageSettings(), nodes=count))
         case.whole(frame.q)  # compiles
         counts[count] = len(case.surface.joint)
-        found[count] = timed(case, around, rounds)
-    show(found, counts)
-    save(json, {"measure": "surface", "target_ms": TARGET_MS, "nodes": counts, "ms": found,
-                "over_floor": {n: f[WHOLE] / f[FLOOR] for n, f in found.items()}})  # fmt: skip
+        times[count] = timed(case, around, rounds)
+    show(times, counts)
+    save(json, {"measure": "surface", "target_ms": TARGET_MS, "nodes": counts, "ms": times,
+                "over_floor": {n: f[WHOLE] / f[FLOOR] for n, f in times.items()}})  # fmt: skip
 
 
-def show(found: dict[int, dict[str, float]], counts: dict[int, int]) -> None:
-    asked = list(found)
+def show(times: dict[int, dict[str, float]], counts: dict[int, int]) -> None:
+    asked = list(times)
     columns = [f"{counts[n]} nodes" for n in asked]
     made = report.table("one hypothesis, one camera, one core, quickest [ms]", "", *columns)
-    for name in next(iter(found.values())):
-        made.add_row(name, *(f"{found[n][name]:.3f}" for n in asked))
+    for name in next(iter(times.values())):
+        made.add_row(name, *(f"{times[n][name]:.3f}" for n in asked))
     made.add_section()
-    made.add_row("all of them, over the floor", *(f"{found[n][WHOLE] / found[n][FLOOR]:.1f}" for n in asked))
+    made.add_row("all of them, over the floor", *(f"{times[n][WHOLE] / times[n][FLOOR]:.1f}" for n in asked))
     out = report.console()
     out.print(made)
     for less, more in pairwise(asked):
-        ratio, grown = found[more][WHOLE] / found[less][WHOLE], counts[more] / counts[less]
+        ratio, grown = times[more][WHOLE] / times[less][WHOLE], counts[more] / counts[less]
         limit = f", target below {TARGET_DOUBLING:g}" if round(grown, 1) == TARGET_DOUBLING else ""
         out.print(f"{counts[less]} to {counts[more]}: {grown:.2f} times the nodes, {ratio:.2f} times the time{limit}")
     enough = [n for n in asked if counts[n] >= TARGET_NODES]
     if enough:
-        out.print(f"{counts[enough[0]]} nodes: {found[enough[0]][WHOLE]:.2f} ms, target at most {TARGET_MS:g} ms")
+        out.print(f"{counts[enough[0]]} nodes: {times[enough[0]][WHOLE]:.2f} ms, target at most {TARGET_MS:g} ms")
 
 
 if __name__ == "__main__":

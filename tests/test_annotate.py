@@ -97,10 +97,10 @@ def serve(clip: Path, tmp_path: Path) -> Iterator[Serve]:
         return started[-1]
 
     yield start
-    for one in started:
-        one.server.shutdown()
-        one.thread.join(10)
-        assert not one.thread.is_alive()
+    for running in started:
+        running.server.shutdown()
+        running.thread.join(10)
+        assert not running.thread.is_alive()
 
 
 def test_the_page_and_its_frames(serve: Serve, clip: Path) -> None:
@@ -111,7 +111,7 @@ def test_the_page_and_its_frames(serve: Serve, clip: Path) -> None:
     assert b"__NONCE__" not in page
     assert b"://" not in page  # works offline
     state = json.loads(served.ask("GET", "state.json")[1])
-    assert [one["name"] for one in state["landmarks"]] == list(ARM)
+    assert [landmark["name"] for landmark in state["landmarks"]] == list(ARM)
     assert (state["frame"], state["frame_count"], state["image_size"]) == (1, FRAMES, [WIDTH, HEIGHT])
     for index in (2, 0):
         status, png = served.ask("GET", f"frame/{index}.png")
@@ -446,10 +446,10 @@ def check_clicks(path: Path, expected: dict[tuple[int, str], tuple[int, int, int
     """The mouse goes to whole pixels of the window, where a frame's pixel is more than two wide: 0.2 px of rounding."""
     frames = [frame["keypoints"] or [[0.0, 0.0, 0.0]] * len(ARM) for frame in json.loads(path.read_text())["frames"]]
     points = ((t, name, *p) for t, frame in enumerate(frames) for name, p in zip(ARM, frame, strict=True))
-    found = {(t, name): (x, y) for t, name, x, y, confidence in points if confidence > 0.0}
-    assert found.keys() == expected.keys()
+    marked = {(t, name): (x, y) for t, name, x, y, confidence in points if confidence > 0.0}
+    assert marked.keys() == expected.keys()
     for (t, name), colour in expected.items():
-        np.testing.assert_allclose(found[t, name], MARKS[t][colour], atol=0.3, err_msg=f"{t} {name}")
+        np.testing.assert_allclose(marked[t, name], MARKS[t][colour], atol=0.3, err_msg=f"{t} {name}")
 
 
 def test_a_page_from_elsewhere_cannot_save(serve: Serve, person: Person, tmp_path: Path) -> None:

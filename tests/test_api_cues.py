@@ -141,9 +141,9 @@ def test_settings_reach_the_fit_whatever_the_tracker(
     monkeypatch.setattr(jobs.person, "fit_person", fitted)
     settings = {"cost": {"keypoint_noise": 0.05, "transition_nu": 9.0}, "annealed": {"particles": 5, "layers": 2}}
     track(clip, out=tmp_path / "a.run", fit="auto", tracker="annealed", cues="off", settings=settings)
-    (found,) = given
-    assert (found.cost.keypoint_noise, found.cost.transition_nu) == (0.05, 9.0)
-    assert found.own == CssSettings()
+    (fitting,) = given
+    assert (fitting.cost.keypoint_noise, fitting.cost.transition_nu) == (0.05, 9.0)
+    assert fitting.own == CssSettings()
     with pytest.raises(InputError, match=r"transition_nu: has no effect: particles"):  # nothing is fitted
         track(clip, out=tmp_path / "b.run", fit="off", tracker="annealed", cues="off", settings=settings)
 

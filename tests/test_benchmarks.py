@@ -38,13 +38,13 @@ def errors_of(points: np.ndarray, truth: np.ndarray) -> TrackErrors:
 
 def test_a_shift_is_measured_as_it_is() -> None:
     truth = joints(4)
-    found = errors_of(truth + np.array([0.02, 0.04, 0.06, 0.08])[:, None, None] * TO_THE_SIDE, truth)
-    assert found.mean == pytest.approx(50.0)
-    assert found.worst == pytest.approx(80.0)
-    assert found.pixels == pytest.approx(CAMERA.K[0, 0] * 0.08 / DEPTH)
-    assert found.lost is None
-    assert found.aligned == pytest.approx(0.0, abs=1e-9)
-    assert found.pa == pytest.approx(0.0, abs=1e-9)
+    errors = errors_of(truth + np.array([0.02, 0.04, 0.06, 0.08])[:, None, None] * TO_THE_SIDE, truth)
+    assert errors.mean == pytest.approx(50.0)
+    assert errors.worst == pytest.approx(80.0)
+    assert errors.pixels == pytest.approx(CAMERA.K[0, 0] * 0.08 / DEPTH)
+    assert errors.lost is None
+    assert errors.aligned == pytest.approx(0.0, abs=1e-9)
+    assert errors.pa == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -69,11 +69,11 @@ def test_the_first_lost_frame(shift: np.ndarray, lost: int | None) -> None:
 def test_size_weighs_on_the_world_alone() -> None:
     truth = joints(2)
     hips = truth[:, [LIMB_JOINTS.index(f"{side}_hip") for side in ("left", "right")]].mean(axis=1, keepdims=True)
-    found = errors_of(1.1 * truth, truth)  # as one camera sees it the same body
-    assert found.pixels == pytest.approx(0.0, abs=1e-9)
-    assert found.mean == pytest.approx(100.0 * np.linalg.norm(truth, axis=-1).mean())
-    assert found.aligned == pytest.approx(100.0 * np.linalg.norm(truth - hips, axis=-1).mean())
-    assert found.pa == pytest.approx(0.0, abs=1e-9)
+    errors = errors_of(1.1 * truth, truth)  # as one camera sees it the same body
+    assert errors.pixels == pytest.approx(0.0, abs=1e-9)
+    assert errors.mean == pytest.approx(100.0 * np.linalg.norm(truth, axis=-1).mean())
+    assert errors.aligned == pytest.approx(100.0 * np.linalg.norm(truth - hips, axis=-1).mean())
+    assert errors.pa == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_trajectories_of_a_run() -> None:
@@ -93,11 +93,11 @@ def test_the_trajectories_of_a_run() -> None:
 
         landmarks=off(0.02, 0.08, 0.04), header=SimpleNamespace(cameras=(CAMERA,)),
     )  # fmt: skip
-    found = trajectories(run, Reference(LIMB_JOINTS, truth, np.arange(frames + 2) / 30.0))  # type: ignore[arg-type]
-    assert found["smoothed"].mean == pytest.approx(140.0 / 3.0)
-    assert found["filtered"].worst == pytest.approx(300.0)
-    assert found["filtered"].lost == 1
-    assert found["best of K"].mean == pytest.approx((50.0 + 60.0 + 100.0) / 3.0)  # not the smoothed pose
+    errors = trajectories(run, Reference(LIMB_JOINTS, truth, np.arange(frames + 2) / 30.0))  # type: ignore[arg-type]
+    assert errors["smoothed"].mean == pytest.approx(140.0 / 3.0)
+    assert errors["filtered"].worst == pytest.approx(300.0)
+    assert errors["filtered"].lost == 1
+    assert errors["best of K"].mean == pytest.approx((50.0 + 60.0 + 100.0) / 3.0)  # not the smoothed pose
 
 
 def test_the_person_in_the_pictures_has_thicker_limbs_and_nothing_else() -> None:
@@ -134,9 +134,9 @@ def test_motion_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_processes_keep_the_order() -> None:
-    found = in_processes(_task, [3, 1, 2], 2)
-    assert [task for task, _ in found] == [3, 1, 2]
-    assert os.getpid() not in {process for _, process in found}
+    results = in_processes(_task, [3, 1, 2], 2)
+    assert [task for task, _ in results] == [3, 1, 2]
+    assert os.getpid() not in {process for _, process in results}
     assert in_processes(_task, [3, 1], 1) == [(3, os.getpid()), (1, os.getpid())]
     with pytest.raises(InputError, match="1 or more"):
         in_processes(abs, [1], 0)
@@ -154,5 +154,5 @@ def test_widths_of_an_outline_are_those_of_a_disc() -> None:
         assert outline._reach(disc, np.array([40.0, 30.0]), direction) == pytest.approx(12.5, abs=1.0)
     assert outline._reach(disc, np.array([5.0, 5.0]), np.array([1.0, 0.0])) == 0.0
     assert outline._reach(np.ones_like(disc), np.array([40.0, 30.0]), np.array([1.0, 0.0])) == np.inf
-    found = outline.summed([outline.Width("thigh", body, 10.0) for body in (8.0, 9.0, 13.0)])
-    assert found == {"thigh": (0.9, pytest.approx(0.85), pytest.approx(1.1), 3)}
+    ratios = outline.summed([outline.Width("thigh", body, 10.0) for body in (8.0, 9.0, 13.0)])
+    assert ratios == {"thigh": (0.9, pytest.approx(0.85), pytest.approx(1.1), 3)}

@@ -56,8 +56,8 @@ def test_one_frame_and_two() -> None:
     body = body_of("arm8")
     near, far = body.neutral, body.integrate(body.neutral, np.full(body.nv, 0.5))
     motion = MotionPrior(np.full(body.nv, 1.0), np.full(body.nv, 1.0))
-    one = best_path(body, [np.array([near, far])], [np.array([1.0, 0.0])], np.zeros(1), motion)
-    assert one.tolist() == [1]
+    path = best_path(body, [np.array([near, far])], [np.array([1.0, 0.0])], np.zeros(1), motion)
+    assert path.tolist() == [1]
     two = [np.array([near, far]), np.array([far, near])]
     energy = [np.array([0.0, 9.0]), np.array([0.0, 0.1])]
     assert best_path(body, two, energy, np.array([0.0, 0.04]), motion).tolist() == [0, 1]

@@ -23,8 +23,8 @@ def source(share: float, most: int, mark: int) -> Source:
     return Source(share, lambda count: [Hypothesis(np.zeros(1), mark)] * min(count, most))
 
 
-def marks(found: list[Hypothesis]) -> list[int]:
-    return [sum(h.association == mark for h in found) for mark in range(3)]
+def marks(hypotheses: list[Hypothesis]) -> list[int]:
+    return [sum(h.association == mark for h in hypotheses) for mark in range(3)]
 
 
 def test_the_budget_is_shared_by_parts_and_never_exceeded() -> None:
@@ -60,9 +60,9 @@ def test_a_frame_never_has_more_searches_than_its_budget(searches: int, monkeypa
     explored = tracker.search.explored
 
     def counted(hypotheses, case):  # type: ignore[no-untyped-def]
-        found = explored(hypotheses, case)
-        counts.append(len(found))
-        return found
+        kept = explored(hypotheses, case)
+        counts.append(len(kept))
+        return kept
 
     steps = run(tracker, frames, 0)
     next(steps)
@@ -116,8 +116,8 @@ def test_the_volume_of_a_gaussian_is_known(at_limit: int | None) -> None:
     known = 0.5 * (len(free) * np.log(2.0 * np.pi) - np.linalg.slogdet(at.hessian[np.ix_(free, free)])[1])
     known -= 0.0 if at_limit is None else np.log(30.0)
     assert Surroundings(body, at).log_volume == pytest.approx(known, abs=0.02)
-    (found,) = importance_log_volumes(np.random.default_rng(0), body, [(at, cost)], 4000)
-    assert found == pytest.approx(known, abs=0.08)
+    (volume,) = importance_log_volumes(np.random.default_rng(0), body, [(at, cost)], 4000)
+    assert volume == pytest.approx(known, abs=0.08)
 
 
 def test_surroundings_are_a_density() -> None:

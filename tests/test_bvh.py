@@ -192,7 +192,7 @@ def captured(body: Body, q: np.ndarray, fps: float) -> Mocap:
                   for side in ("left", "right"))  # fmt: skip
     own = [n.replace("_toe", "_big_toe") for n in (*names, "head_top")]
     order = [body.landmark_names.index(n) for n in own]
-    points = np.array([body.landmarks(body.at(one))[order] for one in q])
+    points = np.array([body.landmarks(body.at(pose))[order] for pose in q])
     neck = points[:, -1:] - [0.0, 0.0, 0.2]
     return Mocap((*names, "head_top", "head_base"), np.concatenate([points, neck], axis=1), fps, 1.0, "known")
 
@@ -203,14 +203,14 @@ def test_a_known_motion_is_recovered_on_a_body_of_other_lengths() -> None:
                                                                "left_elbow_flexion", "left_wrist"), 1.15)))  # fmt: skip
     times = np.arange(45) / 30.0
     q = authored_motion(giant, times)
-    found = retarget(body, captured(giant, q, 30.0), times)
-    assert found.q.shape == (45, body.nq)
-    assert limit_violations(body, found.q) == 0
-    assert found.residual.mean() < 0.006
+    fitted = retarget(body, captured(giant, q, 30.0), times)
+    assert fitted.q.shape == (45, body.nq)
+    assert limit_violations(body, fitted.q) == 0
+    assert fitted.residual.mean() < 0.006
     # lengths differ, angles do not: knees and elbows bend as in the capture
     for joint in ("left_knee_flexion", "right_knee_flexion", "left_elbow_flexion", "right_elbow_flexion"):
         at = body.q_names.index(joint)
-        assert np.abs(found.q[:, at] - q[:, at]).mean() < np.radians(4.0)
+        assert np.abs(fitted.q[:, at] - q[:, at]).mean() < np.radians(4.0)
 
 
 def test_a_body_that_is_no_whole_person_is_refused() -> None:
@@ -238,11 +238,11 @@ def test_lost_bones_of_the_cmu_files_are_put_back() -> None:
 def test_captured_motions_are_followed(path: Path) -> None:
     body, mocap = body_of("human34"), load_mocap(path)
     times = np.arange(round(mocap.seconds * 30.0)) / 30.0
-    found = retarget(body, mocap, times)
-    assert limit_violations(body, found.q) == 0
-    assert found.residual.mean() < 0.02
+    fitted = retarget(body, mocap, times)
+    assert limit_violations(body, fitted.q) == 0
+    assert fitted.residual.mean() < 0.02
     self_collision = SelfCollision(body)
-    assert max(self_collision.penetration(body.at(one)) for one in found.q[::3]) < 0.005
+    assert max(self_collision.penetration(body.at(pose)) for pose in fitted.q[::3]) < 0.005
     soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
-    lowest = np.array([body.landmarks(body.at(one))[soles, 2].min() for one in found.q])
+    lowest = np.array([body.landmarks(body.at(pose))[soles, 2].min() for pose in fitted.q])
     assert abs(np.median(lowest)) < 0.05  # on the floor most of the time

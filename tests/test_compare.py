@@ -122,8 +122,8 @@ def test_lost_frames(compared: Comparison) -> None:
     truth = points.copy()
     truth[3:] = np.nan  # what the reference does not know nobody can lose
     reference = Reference(run.body.landmark_names, truth + 2.0, None)
-    found = courses({"css": run}, settings_for("css"), reference, True, lambda done, total: None)["css"]
-    assert found.lost.tolist() == [True, True, True, False, False]
+    course = courses({"css": run}, settings_for("css"), reference, True, lambda done, total: None)["css"]
+    assert course.lost.tolist() == [True, True, True, False, False]
     aligned = courses({"css": run}, settings_for("css"), reference, False, lambda done, total: None)["css"]
     assert not aligned.lost.any()
 
@@ -178,11 +178,11 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
 
 def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:
     how = {**named(clip), "cues": "edges", "settings": {"cues": QUICK["cues"]}, "fit": "off"}
-    found = kinemode.compare(clip.subject, trackers="single-mode", out=tmp_path, **how)
-    course = found.courses["single-mode"]
+    comparison = kinemode.compare(clip.subject, trackers="single-mode", out=tmp_path, **how)
+    course = comparison.courses["single-mode"]
     assert np.isfinite(course.energy).all()
     assert np.isfinite(course.residual).tolist() == [True, False, False, False, False]
-    assert [panel.label for panel in plotted(found.scores, found.courses).panels] == ["energy of the pose"]
+    assert [panel.label for panel in plotted(comparison.scores, comparison.courses).panels] == ["energy of the pose"]
 
 
 def test_what_is_plotted(compared: Comparison) -> None:

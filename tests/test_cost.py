@@ -142,7 +142,7 @@ def test_cameras_add() -> None:
         )
         for c in range(2)
     ]
-    parts = [evaluated(Reprojection(body, one, sigma[:1]), body, q) for one in single]
+    parts = [evaluated(Reprojection(body, view, sigma[:1]), body, q) for view in single]
     for whole, a, b in zip(both, *parts, strict=True):
         assert np.allclose(whole, a + b, rtol=1e-12, atol=1e-12 * np.abs(whole).max())
 

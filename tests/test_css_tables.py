@@ -42,27 +42,27 @@ def test_deviations_are_mahalanobis_lengths() -> None:
 
 def test_minima_are_minima(rows: dict[str, Searches]) -> None:
     """No admissible step a little away from a counted minimum is lower, and each differs from the others."""
-    problem, found, rng = known_problem(0), rows["CSS"], np.random.default_rng(1)
-    kept = distinct(problem, found)
+    problem, searches, rng = known_problem(0), rows["CSS"], np.random.default_rng(1)
+    kept = distinct(problem, searches)
     assert len(kept) > 5
     for k in kept[:8]:
         for _ in range(40):
-            q = problem.body.integrate(found.q[k], 1e-4 * rng.normal(size=problem.body.nv))
-            assert problem.cost.at(q).value > found.energy[k] - 1e-9
-    steps = problem.steps(found.q[kept])
+            q = problem.body.integrate(searches.q[k], 1e-4 * rng.normal(size=problem.body.nv))
+            assert problem.cost.at(q).value > searches.energy[k] - 1e-9
+    steps = problem.steps(searches.q[kept])
     gaps = np.abs(steps[:, None] - steps[None]).max(axis=-1) + np.eye(len(kept))
     assert gaps.min() > 0.1
     assert np.abs(steps).max(axis=1).min() > 0.1
 
 
 def test_only_converged_and_distinct_ends_count(rows: dict[str, Searches]) -> None:
-    problem, found = known_problem(0), rows["CSS"]
-    first = distinct(problem, found)[0]
-    spoilt = replace(found, residual=np.where(np.arange(FEW) == first, 1e-3, found.residual))
+    problem, searches = known_problem(0), rows["CSS"]
+    first = distinct(problem, searches)[0]
+    spoilt = replace(searches, residual=np.where(np.arange(FEW) == first, 1e-3, searches.residual))
     assert first not in distinct(problem, spoilt)
-    saddle = replace(found, curvature=np.full(FEW, -1.0))
+    saddle = replace(searches, curvature=np.full(FEW, -1.0))
     assert len(distinct(problem, saddle)) == 0
-    counts = [len(distinct(problem, found, Rule("landmark", t))) for t in (0.001, 0.05, 0.2, 5.0)]
+    counts = [len(distinct(problem, searches, Rule("landmark", t))) for t in (0.001, 0.05, 0.2, 5.0)]
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] == 0
 
@@ -87,9 +87,9 @@ def test_gains_count_the_same_minima() -> None:
     """Twice as many in the same time, and as many in a quarter of it."""
     base = Hunt(np.array([0, 1, 2, 2]), np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(2))
     other = Hunt(np.array([2, 3, 4, 4]), np.array([0.75, 2.0, 3.0, 4.0]), np.zeros(4))
-    found = compared(other, base)
-    assert found["gain"] == pytest.approx(2.0)
-    assert found["gain_to_as_many"] == pytest.approx(4.0)
+    gains = compared(other, base)
+    assert gains["gain"] == pytest.approx(2.0)
+    assert gains["gain_to_as_many"] == pytest.approx(4.0)
     assert np.isnan(compared(base, other)["gain_to_as_many"])
 
 

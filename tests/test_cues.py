@@ -175,15 +175,15 @@ def test_a_moving_camera_has_no_background() -> None:
 
 def test_silhouette_of_a_disc() -> None:
     mask = disc(80.0, 58.0, 30.0)
-    found = silhouette_of(mask)
-    offset = found.boundary - (80.0, 58.0)
+    outline = silhouette_of(mask)
+    offset = outline.boundary - (80.0, 58.0)
     radius = np.linalg.norm(offset, axis=-1)
     np.testing.assert_allclose(radius, 30.0, atol=0.6)
     assert abs(radius.mean() - 30.0) < 0.15
-    assert (np.einsum("mi,mi->m", found.normal, offset / radius[:, None]) > np.cos(np.radians(7.0))).all()
-    np.testing.assert_allclose(found.distance, np.hypot(X - 80.0, Y - 58.0) - 30.0, atol=0.8)
-    to_all = np.linalg.norm(np.stack([X, Y], axis=-1)[::7, ::7, None] - found.boundary, axis=-1)
-    chosen = np.take_along_axis(to_all, found.nearest[::7, ::7, None].astype(int), axis=-1)[..., 0]
+    assert (np.einsum("mi,mi->m", outline.normal, offset / radius[:, None]) > np.cos(np.radians(7.0))).all()
+    np.testing.assert_allclose(outline.distance, np.hypot(X - 80.0, Y - 58.0) - 30.0, atol=0.8)
+    to_all = np.linalg.norm(np.stack([X, Y], axis=-1)[::7, ::7, None] - outline.boundary, axis=-1)
+    chosen = np.take_along_axis(to_all, outline.nearest[::7, ::7, None].astype(int), axis=-1)[..., 0]
     assert (chosen - to_all.min(axis=-1)).max() < 1.0
     angle = np.sort(np.arctan2(offset[:, 1], offset[:, 0]))
     assert 30.0 * np.diff(angle).max() < 2.1
@@ -217,10 +217,10 @@ def write_images(folder: Path, images: list[np.ndarray]) -> Path:
 
 
 def same(a: tuple[ImageCues, ...], b: tuple[ImageCues, ...]) -> None:
-    for one, other in zip(a, b, strict=True):
-        assert list(one) == list(other)
-        np.testing.assert_array_equal(one.picture, other.picture)
-        for cue, read in one.items():
+    for ours, other in zip(a, b, strict=True):
+        assert list(ours) == list(other)
+        np.testing.assert_array_equal(ours.picture, other.picture)
+        for cue, read in ours.items():
             for name, value in vars(read).items():
                 np.testing.assert_array_equal(value, getattr(other[cue], name))
 

@@ -55,12 +55,12 @@ class Made:
                     for t, (p, c) in enumerate(zip(self.pixels, seen, strict=True))
                 ]
             )
-            one = np.ones(1)
+            unit = np.ones(1)
             for t, q in enumerate(self.q):
                 covariance, parent = np.eye(body.nv)[None], np.array([0 if t else -1])
                 writer.append(
                     FrameResult(
-                        t, times[t], self.status, q[None], one, one, covariance, parent, 0 * one, 0 * one,
+                        t, times[t], self.status, q[None], unit, unit, covariance, parent, 0 * unit, 0 * unit,
                         (self.association,),
                     ), {},
                 )  # fmt: skip
@@ -72,7 +72,7 @@ def good(body: Body) -> Made:
     """A body that moves a little, inside its limits, with keypoints where its landmarks are."""
     rng = np.random.default_rng(0)
     q = np.array([body.clamp(body.integrate(body.neutral, 0.05 * rng.standard_normal(body.nv))) for _ in range(FRAMES)])
-    places = [[c.project(body.landmarks(body.at(one))) for c in CAMERAS] for one in q]
+    places = [[c.project(body.landmarks(body.at(pose))) for c in CAMERAS] for pose in q]
     return Made(q, np.array(places))
 
 
@@ -82,9 +82,9 @@ def told(made: Made, path: Path, frame: int | None = None, *, limited: bool = Tr
 
 
 def test_a_good_run_is_silent(tmp_path: Path) -> None:
-    found = told(good(body_of("human34")), tmp_path)
-    assert found.sentences == ()
-    assert found == Diagnosis(None, (), (), (), 0.0)
+    diagnosis = told(good(body_of("human34")), tmp_path)
+    assert diagnosis.sentences == ()
+    assert diagnosis == Diagnosis(None, (), (), (), 0.0)
 
 
 def test_joints_on_a_limit_in_most_frames_are_named(tmp_path: Path) -> None:
@@ -93,8 +93,8 @@ def test_joints_on_a_limit_in_most_frames_are_named(tmp_path: Path) -> None:
     q = made.q.copy()
     q[:7, knee], q[:6, elbow], q[:, neck] = body.upper[knee], body.lower[elbow], body.lower[neck] + 1e-3
     made = replace(made, q=q)
-    (found,) = told(made, tmp_path).resting
-    assert (found.joint, found.side, found.limit, found.share) == (
+    (resting,) = told(made, tmp_path).resting
+    assert (resting.joint, resting.side, resting.limit, resting.share) == (
         "left_knee_flexion",
         "upper",
         body.upper[knee],
@@ -114,11 +114,11 @@ def test_landmarks_far_from_their_keypoints_are_named(tmp_path: Path) -> None:
     for times_sd, named in ((FAR - 1.0, False), (FAR + 1.0, True)):
         pixels = made.pixels.copy()
         pixels[: FRAMES // 2 + 1, 1, k, 0] += times_sd * deviation
-        found = told(replace(made, pixels=pixels), tmp_path)
-        assert bool(found.far) == named
-    assert [(f.landmark, f.camera) for f in found.far] == [("left_elbow", CAMERAS[1].name)]
-    assert found.far[0].pixels == pytest.approx(times_sd * deviation, rel=0.05)
-    assert found.far[0].deviations == pytest.approx(times_sd, rel=0.05)
+        diagnosis = told(replace(made, pixels=pixels), tmp_path)
+        assert bool(diagnosis.far) == named
+    assert [(f.landmark, f.camera) for f in diagnosis.far] == [("left_elbow", CAMERAS[1].name)]
+    assert diagnosis.far[0].pixels == pytest.approx(times_sd * deviation, rel=0.05)
+    assert diagnosis.far[0].deviations == pytest.approx(times_sd, rel=0.05)
     assert told(replace(made, pixels=pixels), tmp_path, frame=FRAMES - 1).far == ()
 
 
@@ -132,18 +132,18 @@ def test_a_camera_in_which_most_is_far_is_named_alone(tmp_path: Path) -> None:
     made = good(body_of("human34"))
     pixels = made.pixels.copy()
     pixels[:, 1] += [90.0, 0.0]
-    found = told(replace(made, pixels=pixels), tmp_path)
-    assert [name for name, _ in found.cameras] == [CAMERAS[1].name]
-    assert found.far == ()
-    assert "calibration" in found.sentences[0]
+    diagnosis = told(replace(made, pixels=pixels), tmp_path)
+    assert [name for name, _ in diagnosis.cameras] == [CAMERAS[1].name]
+    assert diagnosis.far == ()
+    assert "calibration" in diagnosis.sentences[0]
 
 
 def test_sides_that_are_exchanged_throughout_are_named(tmp_path: Path) -> None:
     body, made = body_of("human34"), good(body_of("human34"))
     swapped = replace(made, pixels=made.pixels[:, :, mirror_index(body.landmark_names)], association="exchanged")
-    found = told(swapped, tmp_path)
-    assert (found.exchanged, found.far) == (1.0, ())
-    assert "left and right of the keypoints are exchanged in 100% of the frames" in found.sentences[0]
+    diagnosis = told(swapped, tmp_path)
+    assert (diagnosis.exchanged, diagnosis.far) == (1.0, ())
+    assert "left and right of the keypoints are exchanged in 100% of the frames" in diagnosis.sentences[0]
 
 
 def test_frames_without_keypoints_say_nothing(tmp_path: Path) -> None:

@@ -70,9 +70,9 @@ def test_best_of_k_and_missing_modes(truth: np.ndarray) -> None:
     modes = np.full((5, 3, *truth.shape[1:]), np.nan)
     modes[:, 0] = truth + np.linspace(0.0, 1.0, 12)[:, None]
     modes[:3, 2] = truth[:3]
-    found = evaluation.best_of_k(modes, truth, lambda p, r: mpjpe(p, r))
-    np.testing.assert_allclose(found[:3], 0.0, atol=1e-12)
-    np.testing.assert_allclose(found[3:], 0.5 * np.sqrt(3.0))
+    errors = evaluation.best_of_k(modes, truth, lambda p, r: mpjpe(p, r))
+    np.testing.assert_allclose(errors[:3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(errors[3:], 0.5 * np.sqrt(3.0))
 
 
 def test_unknown_reference_points_are_left_out(truth: np.ndarray) -> None:
@@ -81,11 +81,11 @@ def test_unknown_reference_points_are_left_out(truth: np.ndarray) -> None:
     reference = truth.copy()
     reference[0, 2] = np.nan  # the only wrong joint is unknown in frame 0
     reference[1] = np.nan
-    found = evaluate_points(LIMB_JOINTS, points, points[:, None], np.arange(5.0), Reference(LIMB_JOINTS, reference))
-    assert (found["frames_compared"], found["frames_missing"]) == (4, 1)
-    assert found["mpjpe"] == pytest.approx(0.6 * np.sqrt(3.0) / 12 * 3 / 4)
-    assert found["per_joint"]["left_elbow"] == pytest.approx(0.6 * np.sqrt(3.0))
-    assert found["per_joint"]["left_knee"] == pytest.approx(0.0)
+    figures = evaluate_points(LIMB_JOINTS, points, points[:, None], np.arange(5.0), Reference(LIMB_JOINTS, reference))
+    assert (figures["frames_compared"], figures["frames_missing"]) == (4, 1)
+    assert figures["mpjpe"] == pytest.approx(0.6 * np.sqrt(3.0) / 12 * 3 / 4)
+    assert figures["per_joint"]["left_elbow"] == pytest.approx(0.6 * np.sqrt(3.0))
+    assert figures["per_joint"]["left_knee"] == pytest.approx(0.0)
 
 
 def test_names_may_be_in_any_order_and_lengths_differ(truth: np.ndarray) -> None:
@@ -93,17 +93,17 @@ def test_names_may_be_in_any_order_and_lengths_differ(truth: np.ndarray) -> None
     names = ("nose", *(LIMB_JOINTS[i] for i in order))
     points = np.concatenate([np.zeros((5, 1, 3)), truth[:, order]], axis=1)
     longer = np.concatenate([truth, truth[:2]])
-    found = evaluate_points(names, points, points[:, None], np.arange(5) / 30.0, Reference(LIMB_JOINTS, longer))
-    assert found["mpjpe"] == pytest.approx(0.0)
-    assert (found["frames_compared"], found["frames_missing"]) == (5, 2)
+    figures = evaluate_points(names, points, points[:, None], np.arange(5) / 30.0, Reference(LIMB_JOINTS, longer))
+    assert figures["mpjpe"] == pytest.approx(0.0)
+    assert (figures["frames_compared"], figures["frames_missing"]) == (5, 2)
 
 
 def test_frames_meet_by_time() -> None:
     slow, fast = np.arange(6) / 30.0, np.arange(12) / 60.0
     np.testing.assert_array_equal(evaluation.match_frames(fast, slow, 6), np.arange(6) * 2)
-    found = evaluation.match_frames(slow, fast, 12)  # every second frame of the finer reference has a counterpart
-    np.testing.assert_array_equal(found[::2], np.arange(6))
-    assert (found[1::2] == -1).all()
+    matched = evaluation.match_frames(slow, fast, 12)  # every second frame of the finer reference has a counterpart
+    np.testing.assert_array_equal(matched[::2], np.arange(6))
+    assert (matched[1::2] == -1).all()
     late = evaluation.match_frames(slow + 1.0, slow, 6)
     assert (late == -1).all()
     np.testing.assert_array_equal(evaluation.match_frames(slow, None, 8), [0, 1, 2, 3, 4, 5, -1, -1])
@@ -126,18 +126,18 @@ def test_a_foreign_reference_is_refused_by_name(truth: np.ndarray) -> None:
 
 def test_the_best_once_smoothed_is_none_of_the_k_hypotheses(truth: np.ndarray) -> None:
     modes = np.stack([truth * 1.2, truth * 1.1], axis=1)
-    found = evaluate_points(LIMB_JOINTS, truth, modes, np.arange(5.0), Reference(LIMB_JOINTS, truth))
-    assert found["mpjpe"] == 0.0
-    assert found["best_of_k_mpjpe"] == pytest.approx(mpjpe(truth * 1.1, truth, HIPS).mean())
-    assert found["best_of_k_mpjpe"] > 0.01
+    figures = evaluate_points(LIMB_JOINTS, truth, modes, np.arange(5.0), Reference(LIMB_JOINTS, truth))
+    assert figures["mpjpe"] == 0.0
+    assert figures["best_of_k_mpjpe"] == pytest.approx(mpjpe(truth * 1.1, truth, HIPS).mean())
+    assert figures["best_of_k_mpjpe"] > 0.01
 
 
 def test_limb_joints_alone_count_where_there_are_three(truth: np.ndarray) -> None:
     names = (*LIMB_JOINTS, "nose")
     points = np.concatenate([truth, truth[:, :1] + 5.0], axis=1)
     reference = Reference(names, np.concatenate([truth, truth[:, :1]], axis=1))
-    found = evaluate_points(names, points, points[:, None], np.arange(5.0), reference)
-    assert (found["joints"], found["aligned"], found["mpjpe"]) == (LIMB_JOINTS, "hips aligned", 0.0)
+    figures = evaluate_points(names, points, points[:, None], np.arange(5.0), reference)
+    assert (figures["joints"], figures["aligned"], figures["mpjpe"]) == (LIMB_JOINTS, "hips aligned", 0.0)
 
 
 def robot() -> Body:
@@ -155,7 +155,7 @@ def robot() -> Body:
 
 
 def run_of(body: Body, q: np.ndarray) -> Any:
-    points = np.array([body.landmarks(body.at(one)) for one in q])
+    points = np.array([body.landmarks(body.at(pose)) for pose in q])
     time = np.arange(len(q)) / 10.0
     return SimpleNamespace(body=body, q=q, time=time, landmarks=points, mode_landmarks=points[:, None])
 
@@ -172,15 +172,15 @@ def test_a_robot_is_compared_by_its_own_landmarks_and_joints(tmp_path: Path) -> 
     assert exact.mpjpe == pytest.approx(0.0, abs=1e-12)
     assert exact.frames_compared == 6
     off = np.array([pin.integrate(body.model, q, np.array([-0.2, 0.5, 0.03])) for q in true])  # spin: 3 to 3.5 > pi
-    found = evaluate(run_of(body, off), reference)
-    assert found.angle_errors == pytest.approx({"bend": np.rad2deg(0.2), "spin": np.rad2deg(0.5)})
-    assert found.slide_errors == pytest.approx({"lift": 0.03})
-    assert found.mpjpe > 0.01
+    figures = evaluate(run_of(body, off), reference)
+    assert figures.angle_errors == pytest.approx({"bend": np.rad2deg(0.2), "spin": np.rad2deg(0.5)})
+    assert figures.slide_errors == pytest.approx({"lift": 0.03})
+    assert figures.mpjpe > 0.01
     names, values = opensim_coordinates(body, true)
     write_mot(tmp_path / "truth.mot", names, values, np.arange(6) / 10.0, title="truth")
     angles = evaluate(run_of(body, off), Reference.load(tmp_path / "truth.mot"))
-    assert angles.angle_errors == pytest.approx(found.angle_errors, abs=1e-6)
-    assert angles.slide_errors == pytest.approx(found.slide_errors, abs=1e-6)
+    assert angles.angle_errors == pytest.approx(figures.angle_errors, abs=1e-6)
+    assert angles.slide_errors == pytest.approx(figures.slide_errors, abs=1e-6)
     assert (angles.joints, angles.frames_compared, angles.frames_missing) == ((), 6, 0)
     assert np.isnan(angles.mpjpe)
 
@@ -200,10 +200,10 @@ def test_what_was_compared_is_printed(capsys: pytest.CaptureFixture[str]) -> Non
 def test_fewer_than_three_landmarks_are_not_aligned() -> None:
     body = robot()
     run = run_of(body, np.tile(body.neutral, (3, 1)))
-    found = evaluate(run, Reference(("on_d",), run.landmarks[:, 3:] + [0.0, 0.0, 0.01]))
-    assert (found.joints, found.aligned) == (("on_d",), "nothing aligned")
-    assert found.mpjpe == pytest.approx(0.01)
-    assert np.isnan(found.pa_mpjpe)
+    figures = evaluate(run, Reference(("on_d",), run.landmarks[:, 3:] + [0.0, 0.0, 0.01]))
+    assert (figures.joints, figures.aligned) == (("on_d",), "nothing aligned")
+    assert figures.mpjpe == pytest.approx(0.01)
+    assert np.isnan(figures.pa_mpjpe)
 
 
 def test_what_each_side_has_is_said_where_nothing_is_shared(tmp_path: Path) -> None:

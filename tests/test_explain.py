@@ -56,11 +56,11 @@ def test_the_parts_of_a_run_from_keypoints_add_up_to_its_energies(runs: dict[str
     run = runs["keypoints"]
     for t in range(FRAMES):
         for k in range(len(run.result(t).weight)):
-            found = explain(run, t, k)
-            assert found.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
-            assert found.notes == ()
-            assert ("transition" in [p.name for p in found.parts]) == (t > 0)
-            assert all(p.energy >= 0.0 for p in found.parts)
+            explained = explain(run, t, k)
+            assert explained.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
+            assert explained.notes == ()
+            assert ("transition" in [p.name for p in explained.parts]) == (t > 0)
+            assert all(p.energy >= 0.0 for p in explained.parts)
     (keypoints,) = [p for p in explain(run, 1).parts if p.name == "keypoints"]
     assert keypoints.count == np.count_nonzero(run.confidence[1])
     assert 0.0 < keypoints.distance < 3.0
@@ -87,10 +87,10 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     assigned = likelihood.assigned(run.body.at(origins.q_assigned[0]))
     flow = likelihood.followed(run.body.at(before.q[parent]), run.body.at(predicted))
     whole = search.model.cost(search.term(observation, result.association[0]), before.q[parent], dt, [*assigned, *flow])
-    found = explain(run, t, 0)
-    assert found.total == pytest.approx(whole.of(run.body.at(result.q[0])).value, rel=1e-9)
-    assert found.total == pytest.approx(run.mode_energy[t, 0], abs=1e-9)
-    parts = {p.name: p for p in found.parts}
+    explained = explain(run, t, 0)
+    assert explained.total == pytest.approx(whole.of(run.body.at(result.q[0])).value, rel=1e-9)
+    assert explained.total == pytest.approx(run.mode_energy[t, 0], abs=1e-9)
+    parts = {p.name: p for p in explained.parts}
     for name in ("edges", "body to silhouette", "silhouette to body", "flow"):
         assert parts[name].count
         assert 0.0 < parts[name].distance < 5.0
@@ -127,11 +127,11 @@ def test_energies_of_jumped_and_exchanged_hypotheses_add_up(jumping: dict[str, R
     for name, run in jumping.items():
         for t in range(FRAMES) if name == "keypoints" else (0, FRAMES - 1):  # pictures take their time
             for k in range(len(run.result(t).weight)):
-                found = explain(run, t, k)
-                assert found.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
-                assert found.notes == ()
-                assert found.origin is not None
-                kept |= {found.origin.family, found.association}
+                explained = explain(run, t, k)
+                assert explained.total == pytest.approx(run.mode_energy[t, k], abs=1e-9)
+                assert explained.notes == ()
+                assert explained.origin is not None
+                kept |= {explained.origin.family, explained.association}
     assert kept >= {"start", "parent", "sample", "kinematic jump", "limb elsewhere", "as_detected", "exchanged"}
 
 
@@ -166,10 +166,10 @@ def test_a_run_that_does_not_say_what_was_paid(
     old = Run.open(path)
     assert old.result(2).origins is None
     assert np.isnan(old.mode_velocity).all()
-    found = explain(old, 2, 0)
-    assert not {"transition", "flow"} & {p.name for p in found.parts}
-    assert found.total > 0.0
-    assert any("does not say what its hypotheses paid for" in note for note in found.notes)
+    explained = explain(old, 2, 0)
+    assert not {"transition", "flow"} & {p.name for p in explained.parts}
+    assert explained.total > 0.0
+    assert any("does not say what its hypotheses paid for" in note for note in explained.notes)
     assert front.main(["explain", str(path), "--frame", "2"]) == 0
     assert "searched as" not in capsys.readouterr().out
 

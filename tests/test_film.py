@@ -172,9 +172,9 @@ def test_a_browser_plays_it(films: dict[str, Path], browser: Any, ending: str) -
     data = base64.b64encode(films[ending].read_bytes()).decode()
     for frame in (3, 31):
         start = time.monotonic()
-        found = browser.execute_async_script(PLAYED, data, f"video/{ending[1:]}", (frame + 0.5) / NTSC)
-        assert isinstance(found, list), found
-        duration, width, height, pixels = found
+        played = browser.execute_async_script(PLAYED, data, f"video/{ending[1:]}", (frame + 0.5) / NTSC)
+        assert isinstance(played, list), played
+        duration, width, height, pixels = played
         assert duration == pytest.approx(COUNT / NTSC, abs=2e-3)
         assert (width, height) == (192, 96)
         shown = np.array(pixels, np.uint8).reshape(height, width, 4)[..., 2::-1]

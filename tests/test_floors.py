@@ -17,12 +17,12 @@ FLOORS = ("humanoid", "estimator", "viz", "kinemode")
 
 def modules(root: Path) -> dict[str, Path]:
     """Every module of the four packages by its dotted name."""
-    found = {}
+    named = {}
     for floor in FLOORS:
         for path in sorted((root / floor).rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+            named[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return named
 
 
 def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Iterator[str]:
@@ -200,14 +200,14 @@ def repository_files() -> list[Path]:
 
 
 def test_no_file_names_this_machine() -> None:
-    found = []
+    hits = []
     for path in repository_files():
         try:
             text = path.read_text(encoding="utf-8")
         except UnicodeDecodeError:
             continue
-        found += [f"{path.relative_to(ROOT)}: {hit}" for hit in foreign_text(text)]
-    assert found == []
+        hits += [f"{path.relative_to(ROOT)}: {hit}" for hit in foreign_text(text)]
+    assert hits == []
 
 
 def test_a_planted_address_is_found() -> None:

@@ -79,12 +79,12 @@ def test_bad_messages_are_recognised(tmp_path: Path) -> None:
 
 def test_workers_outlive_what_damaged_files_do_to_them() -> None:
     cases = [Damaged(name, 0, i) for i, name in enumerate(("good", "crash", "good", "print", "hang", "good"))]
-    found = {case.number: verdict for case, verdict in verdicts(faulty, "corpus", cases, 1, batch=6, patience=0.5)}
-    outcomes = [found[i].outcome for i in range(len(cases))]
+    by_number = {case.number: verdict for case, verdict in verdicts(faulty, "corpus", cases, 1, batch=6, patience=0.5)}
+    outcomes = [by_number[i].outcome for i in range(len(cases))]
     assert outcomes == ["read", "crash", "read", "printed", "hang", "read"]
-    assert found[0].said == "corpus"
-    assert "3" in found[1].said
-    assert "libfoo" in found[3].said
+    assert by_number[0].said == "corpus"
+    assert "3" in by_number[1].said
+    assert "libfoo" in by_number[3].said
 
 
 def test_equal_seeds_make_equal_damage(valid: Mapping[str, list[Files]], tmp_path: Path) -> None:
@@ -100,14 +100,14 @@ def test_valid_files_are_read(valid: Mapping[str, list[Files]]) -> None:
     """Or the damage would be found in what was damaged before."""
     corpora = {name: valid[CORPUS_OF.get(name, name)] for name in READERS}
     cases = [Damaged(name, 0, i) for name, seeds in corpora.items() for i in range(len(seeds))]
-    found = list(verdicts(judge_undamaged, dict(valid), cases, jobs=1))
-    assert len(found) == len(cases)
-    assert not [(str(case), verdict) for case, verdict in found if verdict.outcome != "read"]
+    judged = list(verdicts(judge_undamaged, dict(valid), cases, jobs=1))
+    assert len(judged) == len(cases)
+    assert not [(str(case), verdict) for case, verdict in judged if verdict.outcome != "read"]
 
 
 def test_damaged_files_give_a_result_or_one_line(valid: Mapping[str, list[Files]]) -> None:
     cases = fuzz.cases(_SLICE, 7)
-    found = list(verdicts(fuzz.judge_case, dict(valid), cases, jobs=1))
-    assert len(found) == len(cases)
+    judged = list(verdicts(fuzz.judge_case, dict(valid), cases, jobs=1))
+    assert len(judged) == len(cases)
     assert {case.reader for case in cases} == set(READERS)
-    assert not [(str(case), verdict) for case, verdict in found if not verdict.good]
+    assert not [(str(case), verdict) for case, verdict in judged if not verdict.good]

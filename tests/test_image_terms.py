@@ -56,13 +56,13 @@ def frame() -> Frame:
     before, now = authored_motion(body, np.array([1.2 - 1.0 / 30.0, 1.2]))
     points = body.landmarks(body.at(now))
     cameras = framing_cameras(points[None], ViewSettings(count=2, image_size=(320, 240), fill=0.8))
-    renderer, found = Renderer(body, cameras, rng), []
+    renderer, cues = Renderer(body, cameras, rng), []
     for k, camera in enumerate(cameras):
         last, picture = (renderer.frame(body.at(q), k, rng) for q in (before, now))
         plate = renderer.plate(k).astype(np.float32)
         background = Background(plate, np.full_like(plate, 2.0), np.ones(plate.shape[:2], dtype=bool))
         outline = silhouette_of(foreground_mask(picture, background, SilhouetteSettings()))
-        found.append(
+        cues.append(
             ImageCues(
                 camera,
                 {
@@ -74,7 +74,7 @@ def frame() -> Frame:
             )
         )
     extents = [image_extent(c.project(points), np.ones(len(points))) for c in cameras]
-    return Frame(body, tuple(found), extents, now, before, body.integrate(now, rng.normal(0.0, 0.05, body.nv)))
+    return Frame(body, tuple(cues), extents, now, before, body.integrate(now, rng.normal(0.0, 0.05, body.nv)))
 
 
 @cache
@@ -105,9 +105,9 @@ def terms(cue: str) -> list[Term]:
 def test_derivatives_while_assignments_are_kept(cue: str) -> None:
     """Gradient against differences through the manifold; the exact Hessian up to the curvature of the projection
     itself, which it leaves out, and Gauss-Newton's as its positive part."""
-    f, found = frame(), terms(cue)
-    assert len(found) == 2
-    for cost in [*(Cost(f.body, [term]) for term in found), Cost(f.body, found)]:
+    f, parts = frame(), terms(cue)
+    assert len(parts) == 2
+    for cost in [*(Cost(f.body, [term]) for term in parts), Cost(f.body, parts)]:
         here, exact = cost.at(f.q_off), cost.at(f.q_off, exact=True)
         assert (exact.value, exact.gradient.tolist()) == (here.value, here.gradient.tolist())
         assert here.gradient.any()
@@ -258,8 +258,8 @@ def test_motion_boundaries_weigh_as_printed() -> None:
     f, curvature = frame(), []
     for potential in (0.0, 1.0):
         flow = replace(f.cues[0]["flow"], boundary=np.full_like(f.cues[0]["flow"].boundary, potential))
-        found = model(EDGES).likelihood([f.cues[0].changed(flow=flow)], f.extents[:1])
-        scaled = Cost(f.body, found.assigned(f.body.at(f.q))).at(f.q)
+        matched = model(EDGES).likelihood([f.cues[0].changed(flow=flow)], f.extents[:1])
+        scaled = Cost(f.body, matched.assigned(f.body.at(f.q))).at(f.q)
         curvature.append(np.trace(scaled.hessian))
     # pulls weaken by 1 - k; the Leclerc potential gives a part of it back to residuals that count as smaller
     assert 1.0 - EDGES.motion_boundary < curvature[1] / curvature[0] < 1.0
@@ -296,9 +296,9 @@ def test_hidden_nodes_cost_what_is_documented() -> None:
     for q in (f.q, q_hidden):
         posed = f.body.at(q)
         seen = predictor.predict(posed)
-        found = Cost(f.body, model(s).likelihood(f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
-        assert not found.gradient.any()
-        values.append(found.value)
+        quadratic = Cost(f.body, model(s).likelihood(f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
+        assert not quadratic.gradient.any()
+        values.append(quadratic.value)
         counts.append((seen.back_facing + s.occluded * seen.occluded) / len(seen.state))
     assert values == pytest.approx([s.visibility_evidence * s.back_facing * c for c in counts])
     assert values[0] != values[1]
@@ -310,11 +310,11 @@ def test_unused_cues_leave_nothing() -> None:
     assert energy(silent, f.q_off) == 0.0
     assert likelihood(silent).followed(f.body.at(f.q_before)) == []
     bare = [ImageCues(c.camera) for c in f.cues]
-    found = model(SETTINGS).likelihood(bare, f.extents)
+    matched = model(SETTINGS).likelihood(bare, f.extents)
     posed = f.body.at(f.q)
-    assert found.followed(posed) == []
-    assert found.agreement(posed) == []
-    assert not Cost(f.body, found.assigned(posed)).of(posed).gradient.any()
+    assert matched.followed(posed) == []
+    assert matched.agreement(posed) == []
+    assert not Cost(f.body, matched.assigned(posed)).of(posed).gradient.any()
 
 
 def test_agreement_is_high_at_the_truth_alone() -> None:

@@ -114,10 +114,10 @@ def told(inputs: Inputs, text: str) -> bool:
 
 
 def test_what_agrees_is_taken_as_it_is(tmp_path: Path) -> None:
-    found = load(tmp_path, SEEN)
-    assert found.notes == ()
-    np.testing.assert_array_equal(found.times, TIME)
-    np.testing.assert_array_equal(stacked(found), np.stack([t.pixels for t in SEEN.values()], axis=1))
+    inputs = load(tmp_path, SEEN)
+    assert inputs.notes == ()
+    np.testing.assert_array_equal(inputs.times, TIME)
+    np.testing.assert_array_equal(stacked(inputs), np.stack([t.pixels for t in SEEN.values()], axis=1))
 
 
 def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
@@ -126,9 +126,9 @@ def test_declared_sizes_are_scaled_and_said(tmp_path: Path) -> None:
     expected = stacked(load(tmp_path, SEEN))
     sizes = {"b": (80, 60), "a": "80x60", "c": "80x60"}
     for tracks, more in ((declared, {}), (unsaid, {"keypoint_size": "80x60"}), (unsaid, {"keypoint_size": sizes})):
-        found = load(tmp_path, tracks, **more)
-        np.testing.assert_allclose(stacked(found), expected, atol=1e-9)
-        assert sum("80 x 60 are scaled to 160 x 120" in note for note in found.notes) == 3
+        inputs = load(tmp_path, tracks, **more)
+        np.testing.assert_allclose(stacked(inputs), expected, atol=1e-9)
+        assert sum("80 x 60 are scaled to 160 x 120" in note for note in inputs.notes) == 3
     with pytest.raises(InputError, match=r"declares pictures of 80 x 60, --keypoint-size says 160 x 120"):
         load(tmp_path, declared, keypoint_size=SIZE)
     alone = load_inputs(
@@ -159,9 +159,9 @@ def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, f
     size = f"{round(160 * factor)}x{round(120 * factor)}"
     with pytest.raises(InputError, match=f"--keypoint-size {size}"):
         load(tmp_path, scaled)
-    one = {**{name: replace(t, image_size=SIZE) for name, t in SEEN.items()}, "b": scaled["b"]}
+    odd = {**{name: replace(t, image_size=SIZE) for name, t in SEEN.items()}, "b": scaled["b"]}
     with pytest.raises(InputError, match=f"--keypoint-size b={size}"):
-        load(tmp_path, one)
+        load(tmp_path, odd)
     wrong = {name: replace(t, image_size=SIZE) for name, t in scaled.items()}
     assert told(load(tmp_path, wrong), "are the sizes that are declared")
 
@@ -169,18 +169,18 @@ def test_cameras_that_only_another_size_reconciles_are_refused(tmp_path: Path, f
 def test_a_calibration_of_another_size_is_scaled(tmp_path: Path, folder_clip: Path) -> None:
     write_cameras(tmp_path / "c.json", [resized_camera(CAMERAS["a"], (320, 240))])
     keypoints = files(tmp_path, {"a": SEEN["a"]})
-    found = load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
-    np.testing.assert_allclose(found.observations[0].cameras[0].K, CAMERAS["a"].K, atol=1e-9)
-    assert told(found, "calibrated at 320 x 240, scaled to 160 x 120")
+    inputs = load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
+    np.testing.assert_allclose(inputs.observations[0].cameras[0].K, CAMERAS["a"].K, atol=1e-9)
+    assert told(inputs, "calibrated at 320 x 240, scaled to 160 x 120")
     write_cameras(tmp_path / "c.json", [replace(CAMERAS["a"], image_size=(160, 100))])
     with pytest.raises(InputError, match=r"c\.json: image sizes of 'a' disagree: camera 160 x 100, pictures 160 x 120"):
         load_inputs(BODY, InputFiles({"a": folder_clip}, keypoints, tmp_path / "c.json"))
 
 
 def test_aspects() -> None:
-    for one, other in (((1920, 1080), (854, 480)), ((1080, 1920), (480, 854)), ((640, 480), (160, 120))):
-        assert same_aspect(one, other)
-        assert same_aspect(other, one)
+    for size, other in (((1920, 1080), (854, 480)), ((1080, 1920), (480, 854)), ((640, 480), (160, 120))):
+        assert same_aspect(size, other)
+        assert same_aspect(other, size)
     assert not same_aspect((1088, 1920), (1080, 1920))
     assert not same_aspect((640, 480), (480, 640))
 
@@ -190,11 +190,11 @@ def test_keypoints_of_another_rate_are_matched_by_time(tmp_path: Path, folder_cl
     expected = full.pixels
     slow = load(tmp_path, {"a": every(full, 2, 15.0)}, {"a": folder_clip}, fps=RATE)
     assert told(slow, "keypoints at 15 frames per second, the clip at 30: matched by time")
-    found = stacked(slow)[:, 0]
-    np.testing.assert_array_equal(found[::2], expected[::2])
+    pixels = stacked(slow)[:, 0]
+    np.testing.assert_array_equal(pixels[::2], expected[::2])
     middle = (expected[:-2:2] + expected[2::2]) / 2.0
-    np.testing.assert_allclose(found[1:-1:2], middle, atol=1e-9)
-    assert np.isnan(found[-1]).all()  # nothing comes after the last keypoint
+    np.testing.assert_allclose(pixels[1:-1:2], middle, atol=1e-9)
+    assert np.isnan(pixels[-1]).all()  # nothing comes after the last keypoint
     unsaid = load(tmp_path, {"a": every(full, 2, None)}, {"a": folder_clip}, fps=RATE)
     assert told(unsaid, "keypoints end after 30 of 60 frames; if they are of every 2nd frame")
     assert told(unsaid, "write their fps into the keypoint file")
@@ -208,9 +208,9 @@ def test_keypoints_of_another_rate_are_matched_by_time(tmp_path: Path, folder_cl
 
 
 def test_pictures_without_a_rate_take_the_keypoints_rate(tmp_path: Path, folder_clip: Path) -> None:
-    found = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip})
-    np.testing.assert_allclose(found.times, np.arange(COUNT) / 60.0)
-    assert told(found, "the pictures have no frame rate: 60, as")
+    inputs = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip})
+    np.testing.assert_allclose(inputs.times, np.arange(COUNT) / 60.0)
+    assert told(inputs, "the pictures have no frame rate: 60, as")
     both = load(tmp_path, {"a": replace(SEEN["a"], fps=60.0)}, {"a": folder_clip}, fps="a=30")
     np.testing.assert_allclose(both.times, TIME)  # as many keypoints as pictures are the pictures' own
     np.testing.assert_array_equal(stacked(both)[:, 0], SEEN["a"].pixels)
@@ -225,12 +225,12 @@ def test_pictures_without_a_rate_take_the_keypoints_rate(tmp_path: Path, folder_
 
 def test_cameras_with_offsets_share_a_clock(tmp_path: Path) -> None:
     shifted = {"a": SEEN["a"], "b": later(SEEN["b"], 4), "c": SEEN["c"]}
-    found = load(tmp_path, shifted, offset={"b": 4 / RATE})
-    assert found.times[0] == pytest.approx(4 / RATE)
+    inputs = load(tmp_path, shifted, offset={"b": 4 / RATE})
+    assert inputs.times[0] == pytest.approx(4 / RATE)
     expected = np.stack([track.pixels[4:] for track in SEEN.values()], axis=1)
-    np.testing.assert_allclose(stacked(found), expected, atol=1e-9)
-    assert told(found, "56 instants from 0.13 to 1.97 s")
-    assert not told(found, "--offset")
+    np.testing.assert_allclose(stacked(inputs), expected, atol=1e-9)
+    assert told(inputs, "56 instants from 0.13 to 1.97 s")
+    assert not told(inputs, "--offset")
     unsaid = load(tmp_path, shifted)
     assert told(unsaid, "--offset b=0.13")
     for wrong, why in (("0.1", "no camera"), ("z=1", "no camera 'z'"), ("b=x", "--offset"), ("b=900", "never run at")):
@@ -241,15 +241,15 @@ def test_cameras_with_offsets_share_a_clock(tmp_path: Path) -> None:
 def test_cameras_of_different_rates(tmp_path: Path, folder_clip: Path) -> None:
     half = pictures(tmp_path / "b", COUNT // 2)
     tracks = {"a": SEEN["a"], "b": every(SEEN["b"], 2, 15.0)}
-    found = load(tmp_path, tracks, {"a": folder_clip, "b": half}, fps=["a=30", "b=15"], offset="b=0.21")
-    assert told(found, "a 30 from 0 s, b 15 from 0.21 s")
-    np.testing.assert_allclose(found.times, TIME[6:])
-    assert found.frames[0] is not None
-    assert found.frames[1] is not None
-    np.testing.assert_array_equal(found.frames[0], np.arange(6, COUNT))
-    np.testing.assert_array_equal(found.frames[1][:6], [0, 0, 1, 1, 2, 2])
+    inputs = load(tmp_path, tracks, {"a": folder_clip, "b": half}, fps=["a=30", "b=15"], offset="b=0.21")
+    assert told(inputs, "a 30 from 0 s, b 15 from 0.21 s")
+    np.testing.assert_allclose(inputs.times, TIME[6:])
+    assert inputs.frames[0] is not None
+    assert inputs.frames[1] is not None
+    np.testing.assert_array_equal(inputs.frames[0], np.arange(6, COUNT))
+    np.testing.assert_array_equal(inputs.frames[1][:6], [0, 0, 1, 1, 2, 2])
     between = 0.65 * tracks["b"].pixels[1] + 0.35 * tracks["b"].pixels[2]  # at 0.3 s, 0.09 s after it began
-    np.testing.assert_allclose(found.observations[3].pixels[1], between, atol=1e-6)
+    np.testing.assert_allclose(inputs.observations[3].pixels[1], between, atol=1e-6)
 
 
 def test_a_part_of_the_clip(tmp_path: Path, folder_clip: Path) -> None:
@@ -269,9 +269,9 @@ def test_interpolation_ends_at_gaps() -> None:
     track = KeypointTrack("x", ("nose",), np.array([[[0.0, 0.0]], [[1.0, 2.0]], [[np.nan] * 2], [[3.0, 6.0]]]),
                           np.array([[1.0], [0.4], [0.0], [1.0]]))  # fmt: skip
     times = np.arange(4) / 30.0
-    found = at_places(track, np.array([0.25, 1.0, 1.5, 2.5, 3.0, np.nan]), times)
-    np.testing.assert_allclose(found.pixels[:, 0, 0], [0.25, 1.0, np.nan, np.nan, 3.0, np.nan])
-    np.testing.assert_allclose(found.confidence[:, 0], [0.4, 0.4, 0.0, 0.0, 1.0, 0.0])
+    placed = at_places(track, np.array([0.25, 1.0, 1.5, 2.5, 3.0, np.nan]), times)
+    np.testing.assert_allclose(placed.pixels[:, 0, 0], [0.25, 1.0, np.nan, np.nan, 3.0, np.nan])
+    np.testing.assert_allclose(placed.confidence[:, 0], [0.4, 0.4, 0.0, 0.0, 1.0, 0.0])
     assert np.isnan(at_places(track, np.array([0.5, 1.0]), times * 10.0).pixels[0]).all()
     assert at_places(track, np.arange(4.0), times) is track
 
@@ -303,8 +303,8 @@ def test_names_that_match_nothing(tmp_path: Path, folder_clip: Path) -> None:
     def loaded(clip: str, points: str, cameras: Path | None = None) -> Inputs:
         return load_inputs(BODY, InputFiles(clip, points, cameras))
 
-    found = loaded(str(folder_clip), str(keypoints))
-    assert told(found, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
+    inputs = loaded(str(folder_clip), str(keypoints))
+    assert told(inputs, f"the keypoints {keypoints} are taken for the clip {folder_clip}")
     assert not told(loaded(str(folder_clip), f"a={keypoints}"), "are taken for")
     for wrong in (f"b={keypoints}", {"b": keypoints}):
         with pytest.raises(InputError, match="no clip 'b' for this keypoint file"):
@@ -325,24 +325,24 @@ def test_somebody_else_in_every_camera_is_no_other_size(seed: int, tmp_path: Pat
     for name, camera in CAMERAS.items():
         q = swinging(TIME)
         q[:, :3] += rng.uniform(-1.2, 1.2, 3)
-        pixels = np.array([camera.project(BODY.landmarks(BODY.at(one))) for one in q])
+        pixels = np.array([camera.project(BODY.landmarks(BODY.at(pose))) for pose in q])
         tracks[name] = replace(SEEN[name], pixels=pixels, image_size=SIZE)
-    found = load(tmp_path, tracks)
-    assert told(found, "the keypoints of the cameras do not fit each other")
-    assert told(found, "and the person right?")
+    inputs = load(tmp_path, tracks)
+    assert told(inputs, "the keypoints of the cameras do not fit each other")
+    assert told(inputs, "and the person right?")
 
 
 def test_the_real_clip_fits_itself(shared_data: Path) -> None:
     folder = shared_data / "beam4cam"
     keypoints = {name: folder / "keypoints" / f"{name}.json" for name in ("cam01", "cam02", "cam03", "cam04")}
-    found = load_inputs(BODY, InputFiles(None, keypoints, folder / "calibration.json"))
-    assert found.notes == ()
-    assert all(frames is None for frames in found.frames)
-    cameras, pixels = found.observations[0].cameras, stacked(found)
+    inputs = load_inputs(BODY, InputFiles(None, keypoints, folder / "calibration.json"))
+    assert inputs.notes == ()
+    assert all(frames is None for frames in inputs.frames)
+    cameras, pixels = inputs.observations[0].cameras, stacked(inputs)
     late = pixels[:94].copy()
     late[:, 1] = pixels[6:, 1]
-    assert likely_offsets(cameras, pixels, found.times) == ()
-    np.testing.assert_allclose(likely_offsets(cameras, late, found.times[:94]), (0.0, 0.1, 0.0, 0.0), atol=0.02)
+    assert likely_offsets(cameras, pixels, inputs.times) == ()
+    np.testing.assert_allclose(likely_offsets(cameras, late, inputs.times[:94]), (0.0, 0.1, 0.0, 0.0), atol=0.02)
     half = agreement(cameras, (pixels + 0.5) / 2.0 - 0.5, [True] * 4)
     assert half is not None
     assert half.factor == 2.0
@@ -354,17 +354,17 @@ def test_a_file_of_every_second_frame_may_number_them(tmp_path: Path, folder_cli
     for i in range(0, COUNT, 2):
         flat = [v for point in SEEN["a"].pixels[i][:17].tolist() for v in (*point, 1.0)]
         (folder / f"a_{i:06d}_keypoints.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": flat}]}))
-    found = load_inputs(BODY, InputFiles({"a": folder_clip}, {"a": folder}, CAMERAS))
-    assert [o.count > 0 for o in found.observations] == [i % 2 == 0 for i in range(COUNT)]
+    inputs = load_inputs(BODY, InputFiles({"a": folder_clip}, {"a": folder}, CAMERAS))
+    assert [o.count > 0 for o in inputs.observations] == [i % 2 == 0 for i in range(COUNT)]
 
 
 def test_a_video_beside_keypoints_without_a_rate(tmp_path: Path) -> None:
     video = write_film(tmp_path / "a.mp4", [np.full((SIZE[1], SIZE[0], 3), i, np.uint8) for i in range(COUNT)], RATE)
     half = {"a": every(SEEN["a"], 2, None)}
     assert told(load(tmp_path, half, {"a": video}), "say the keypoints' rate: --fps a=RATE")
-    found = load(tmp_path, half, {"a": video}, fps="a=15")
-    assert told(found, "matched by time")
-    np.testing.assert_array_equal(stacked(found)[::2, 0], SEEN["a"].pixels[::2])
+    inputs = load(tmp_path, half, {"a": video}, fps="a=15")
+    assert told(inputs, "matched by time")
+    np.testing.assert_array_equal(stacked(inputs)[::2, 0], SEEN["a"].pixels[::2])
     thirds = {"a": replace(later(SEEN["a"], 5), fps=None)}  # cut short, but no fraction of the clip
     assert load(tmp_path, thirds, {"a": video}).notes == ("a: keypoints end after 55 of 60 frames",)
     with pytest.raises(InputError, match="declare their frame rates"):

@@ -45,10 +45,10 @@ def test_a_pose_is_found_again_from_two_cameras(seed: int) -> None:
     model = CostModel(body, BARE)
     cost = model.cost(model.observation_term(observe(body, truth, cameras)))
     start = body.integrate(truth, rng.normal(scale=0.25, size=body.nv))
-    found = Seeker(body).seek(cost, start)
-    assert found.status == "converged"
-    assert found.kkt_residual < 1e-6
-    missed = np.linalg.norm(body.landmarks(body.at(found.q)) - body.landmarks(body.at(truth)), axis=1)
+    solution = Seeker(body).seek(cost, start)
+    assert solution.status == "converged"
+    assert solution.kkt_residual < 1e-6
+    missed = np.linalg.norm(body.landmarks(body.at(solution.q)) - body.landmarks(body.at(truth)), axis=1)
     assert missed.max() < 1e-3
 
 
@@ -160,11 +160,11 @@ def test_solutions_look_alike_and_are_modes(arm: Arm) -> None:
     """Each is a minimum with much the same picture, at the place worked out for it, and no two are the same."""
     pixels = arm.camera.project(limb_points(arm.body, arm.truth))
     shapes = []
-    for name, found in arm.modes().items():
-        assert found.status == "converged", name
-        assert found.kkt_residual < 1e-6
-        assert inside(arm.body, found.q)
-        points = limb_points(arm.body, found.q)
+    for name, solution in arm.modes().items():
+        assert solution.status == "converged", name
+        assert solution.kkt_residual < 1e-6
+        assert inside(arm.body, solution.q)
+        points = limb_points(arm.body, solution.q)
         assert np.abs(arm.camera.project(points) - pixels).max() < 0.05
         assert np.linalg.norm(points - limb_points(arm.body, arm.solutions[name]), axis=1).max() < 0.005
         shapes.append(points)
@@ -192,9 +192,9 @@ def test_sampling_finds_every_solution(arm: Arm) -> None:
         for _ in range(4):
             mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameCase(arm.associations), 8)
             modes = [m.q for m in mixture.modes]
-        found = [limb_points(body, q) for q in modes]
+        points = [limb_points(body, q) for q in modes]
         for name, mode in known.items():
-            nearest = min(np.linalg.norm(f - limb_points(body, mode.q), axis=1).max() for f in found)
+            nearest = min(np.linalg.norm(f - limb_points(body, mode.q), axis=1).max() for f in points)
             assert nearest < 0.1 * same, name
         assert all(m.status == "converged" and m.kkt_residual < 1e-6 for m in mixture.modes)
         assert inside(body, np.array(modes))

@@ -48,10 +48,10 @@ def test_limbs_are_found_on_any_body(name: str) -> None:
     """Left and right, from landmarks and axes alone; what can move is the limb's own joints."""
     body = body_named(name)
     jumps = KinematicJumps(body)
-    found = [" ".join(body.landmark_names[k].split("_", 1)[1] for k in limb.landmarks) for limb in jumps.limbs]
-    assert set(found) == LIMBS[name]
+    limbs = [" ".join(body.landmark_names[k].split("_", 1)[1] for k in limb.landmarks) for limb in jumps.limbs]
+    assert set(limbs) == LIMBS[name]
     both = "left_wrist" in body.landmark_names and "right_wrist" in body.landmark_names
-    assert len(found) == len(LIMBS[name]) * (2 if both else 1)
+    assert len(limbs) == len(LIMBS[name]) * (2 if both else 1)
     assert len(jumps.pairs) == (len(LIMBS[name]) if both else 0)
     used = np.concatenate([limb.dofs for limb in jumps.limbs])
     assert len(used) == len(set(used))
@@ -141,10 +141,10 @@ def test_every_jump_is_another_pose_with_much_the_same_image() -> None:
     body = body_of("human34")
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
     before, jumps = body.landmarks(body.at(q)), KinematicJumps(body)
-    found = list(jumps.of(q, CAMERA))
-    assert len(found) >= 6
+    jumped = list(jumps.of(q, CAMERA))
+    assert len(jumped) >= 6
     outer = np.concatenate([limb.landmarks for limb in jumps.limbs])
-    for other in found:
+    for other in jumped:
         after = body.landmarks(body.at(other))
         assert np.linalg.norm(after - before, axis=1).max() > 0.5 * jumps.anatomy.same
         # a place within REACHED of a ray at 3.5 m is within this many pixels of it; a trunk hands on its own error
@@ -159,13 +159,13 @@ def test_interpretations_combine_limbs_best_first() -> None:
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
     jumps, sight = KinematicJumps(body), sight_of(body, q, CAMERA)
     solutions = [limb_solutions(body, sight, limb) for limb in jumps.limbs]
-    stays = [sum(r.moved <= jumps.anatomy.same for r in found) for found in solutions]
-    found = list(jumps.interpretations(q, CAMERA))
-    assert len({x.tobytes() for x in found}) == len(found)
-    assert inside(body, np.array(found))
+    stays = [sum(r.moved <= jumps.anatomy.same for r in readings) for readings in solutions]
+    poses = list(jumps.interpretations(q, CAMERA))
+    assert len({x.tobytes() for x in poses}) == len(poses)
+    assert inside(body, np.array(poses))
     limbs = np.concatenate([limb.dofs for limb in jumps.limbs])
     trunk = np.setdiff1d(np.arange(body.nv), limbs)
-    held = [x for x in found if np.abs(body.difference(q, x)[trunk]).max() < 1e-12]
+    held = [x for x in poses if np.abs(body.difference(q, x)[trunk]).max() < 1e-12]
     assert len(held) == np.prod([len(r) for r in solutions]) - np.prod(stays)
     outer = np.concatenate([limb.landmarks[1:] for limb in jumps.limbs])
     off = [CAMERA.project(body.landmarks(body.at(x))[outer]) - CAMERA.project(sight.points[outer]) for x in held]

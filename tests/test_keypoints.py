@@ -209,11 +209,11 @@ def test_observations_are_in_the_bodys_order(tmp_path: Path) -> None:
     assert observations[3].time == times[3]
     for c, layout in enumerate(layouts.values()):
         for i, landmark in enumerate(body.landmark_names):
-            found = observations[1].pixels[c, i]
+            pixel = observations[1].pixels[c, i]
             if landmark in FORMATS[layout]:
-                np.testing.assert_allclose(found, person(layout, 1)[FORMATS[layout].index(landmark), :2])
+                np.testing.assert_allclose(pixel, person(layout, 1)[FORMATS[layout].index(landmark), :2])
             else:
-                assert np.isnan(found).all()
+                assert np.isnan(pixel).all()
                 assert observations[1].confidence[c, i] == 0.0
     assert observations[4].count == int((observations[4].confidence[0] > 0).sum()) > 0  # b has ended
     assert [note.split(":")[0] for note in length_notes(tracks, 5)] == ["a", "b"]

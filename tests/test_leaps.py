@@ -33,7 +33,7 @@ def clip(step: float, gap: int = 0) -> tuple[Observation, ...]:
     body, rng = body_of("human34"), np.random.default_rng(7)
     q = authored_motion(body, 0.4 + np.arange(FRAMES) / FPS)
     q[LEAP:] = placed(q[LEAP:], step * np.array([-np.sin(0.52), np.cos(0.52)]), 0.0)
-    seen = [observe(body, one, [CAMERA], noise=1.0, rng=rng, index=i, time=i / FPS) for i, one in enumerate(q)]
+    seen = [observe(body, pose, [CAMERA], noise=1.0, rng=rng, index=i, time=i / FPS) for i, pose in enumerate(q)]
     for i in range(LEAP - gap, LEAP):
         seen[i] = replace(seen[i], pixels=seen[i].pixels * np.nan, confidence=seen[i].confidence * 0.0)
     return tuple(seen)
@@ -91,9 +91,11 @@ def test_a_state_stored_before_leaps_had_their_own_memory_tells_as_much() -> Non
     assert last is not None
     older = state.arrays() | {"unobserved": np.array(1 / FPS)}
     stored = [LastFrame.from_arrays(arrays, body) for arrays in (older, state.arrays() | last.arrays())]
-    for found in stored:
-        assert found is not None
-        assert {n: a.tobytes() for n, a in found.arrays().items()} == {n: a.tobytes() for n, a in last.arrays().items()}
+    for memory in stored:
+        assert memory is not None
+        assert {n: a.tobytes() for n, a in memory.arrays().items()} == {
+            n: a.tobytes() for n, a in last.arrays().items()
+        }
     assert LastFrame.from_arrays({"time": np.array(0.0)}, body) is None
     resumed = next(run(tracker, clip(1.4, gap=1), 3, state=state, first=LEAP, last=stored[0]))[0]
     assert resumed.status == "hard"

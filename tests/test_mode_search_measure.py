@@ -86,20 +86,20 @@ def test_figures_count_what_they_say() -> None:
     def duel(ours: float, in_a_tenth: float) -> Duel:
         return Duel("0.1", 50.0, ours, 10.0, in_a_tenth, 1.0, 12.0, 20.0, 5.0, 10, 20, True)
 
-    found = figures([duel(10.0, 10.0), duel(10.0 + 1e-4, 8.0), duel(9.0, 9.0), duel(11.0, 11.0)])
-    assert found["ratio"] == found["ratio_of_totals"] == pytest.approx(12.0)
-    assert found["ratio_to_the_end"] == pytest.approx(20.0)
-    assert found["ratio_without_residuals"] == pytest.approx(15.0)
-    assert (found["no_higher"], found["scipy_no_higher"], found["no_higher_in_a_tenth"]) == (0.5, 0.75, 0.75)
+    summary = figures([duel(10.0, 10.0), duel(10.0 + 1e-4, 8.0), duel(9.0, 9.0), duel(11.0, 11.0)])
+    assert summary["ratio"] == summary["ratio_of_totals"] == pytest.approx(12.0)
+    assert summary["ratio_to_the_end"] == pytest.approx(20.0)
+    assert summary["ratio_without_residuals"] == pytest.approx(15.0)
+    assert (summary["no_higher"], summary["scipy_no_higher"], summary["no_higher_in_a_tenth"]) == (0.5, 0.75, 0.75)
 
 
 def test_the_trackers_starts_are_what_they_are_called() -> None:
-    found = tracker_starts(3, motions=("reach",), frames=4)
-    frames = sorted({s.observation.time for s in found})
+    starts = tracker_starts(3, motions=("reach",), frames=4)
+    frames = sorted({s.observation.time for s in starts})
     assert len(frames) == 3  # the first frame has no parents
-    assert {s.kind for s in found} == set(KINDS)
+    assert {s.kind for s in starts} == set(KINDS)
     for time in frames:
-        here = [s for s in found if s.observation.time == time]
+        here = [s for s in starts if s.observation.time == time]
         parents = {s.q.tobytes() for s in here if s.kind == KEPT}
         assert all(s.q_previous is not None and s.dt == pytest.approx(1.0 / 30.0) for s in here)
         assert all((s.q.tobytes() in parents) == (s.kind in (KEPT, EXCHANGED)) for s in here)
@@ -108,6 +108,6 @@ def test_the_trackers_starts_are_what_they_are_called() -> None:
         for s in here:
             assert s.kind == JUMP or s.q_previous.tobytes() in parents  # type: ignore[union-attr]
             assert s.kind != EXCHANGED or not np.array_equal(s.observation.pixels, kept[s.q.tobytes()], equal_nan=True)
-    few = drawn(found, 20, np.random.default_rng(0))
+    few = drawn(starts, 20, np.random.default_rng(0))
     assert len({id(s) for s in few}) == 20
-    assert len(drawn(found, 10**6, np.random.default_rng(0))) == len(found)
+    assert len(drawn(starts, 10**6, np.random.default_rng(0))) == len(starts)

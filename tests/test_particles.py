@@ -37,10 +37,10 @@ def test_the_bootstrap_filter_is_kalmans_where_all_is_linear_and_normal() -> Non
             lambda old: old @ F.T + rng.standard_normal(old.shape) @ factor.T,
             lambda new, _, seen=seen: -0.5 * ((seen - new[:, 0]) ** 2 / R + np.log(2.0 * np.pi * R)),
         )
-        found = weights @ states
-        apart = states - found
+        average = weights @ states
+        apart = states - average
         assert ancestor.shape == (count,)
-        assert np.abs(found - mean).max() < 0.03
+        assert np.abs(average - mean).max() < 0.03
         assert np.abs((weights[:, None] * apart).T @ apart - P).max() < 0.03
         assert evidence == pytest.approx(expected_evidence, abs=0.06)
 

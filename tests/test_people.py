@@ -60,10 +60,10 @@ def scene(seed: int, hidden: tuple[int, ...] = ()) -> dict[str, Frames]:
     return crowd(body_of("human34"), people(), list(cameras().values()), rng, hidden={"cam3": hidden})
 
 
-def files(found: Mapping[str, Frames], ids: Mapping[str, Mapping[int, str]] | None = None) -> dict[str, PeopleFile]:
+def files(everybody: Mapping[str, Frames], ids: Mapping[str, Mapping[int, str]] | None = None) -> dict[str, PeopleFile]:
     """Keypoint files as read, with ids by camera and person if given."""
     made = {}
-    for name, frames in found.items():
+    for name, frames in everybody.items():
         reading = Reading(Path(name), "coco17", names=COCO17, count=len(frames), image_size=(640, 480), fps=FPS)
         for t, frame in enumerate(frames):
             reading.add(t, [Person(p.points, (ids or {}).get(name, {}).get(n)) for n, p in frame])
@@ -71,10 +71,10 @@ def files(found: Mapping[str, Frames], ids: Mapping[str, Mapping[int, str]] | No
     return made
 
 
-def alone(found: Frames, number: int) -> np.ndarray:
+def alone(frames: Frames, number: int) -> np.ndarray:
     """Keypoints (T, J, 3) of one person as they would be without the others."""
-    points: np.ndarray = np.full((len(found), len(COCO17), 3), [np.nan, np.nan, 0.0])
-    for t, frame in enumerate(found):
+    points: np.ndarray = np.full((len(frames), len(COCO17), 3), [np.nan, np.nan, 0.0])
+    for t, frame in enumerate(frames):
         for n, person in frame:
             if n == number:
                 points[t] = person.points
@@ -85,12 +85,12 @@ def assert_same(track: KeypointTrack, points: np.ndarray) -> None:
     np.testing.assert_array_equal(np.concatenate([track.pixels, track.confidence[..., None]], axis=-1), points)
 
 
-def chosen_person(tracks: Mapping[str, KeypointTrack], found: Mapping[str, Frames]) -> int:
+def chosen_person(tracks: Mapping[str, KeypointTrack], everybody: Mapping[str, Frames]) -> int:
     """The one person whom all cameras took, each detection of whom was taken."""
     fits = [
         n
         for n in range(len(people()))
-        if all(np.array_equal(t.pixels, alone(found[c], n)[..., :2], equal_nan=True) for c, t in tracks.items())
+        if all(np.array_equal(t.pixels, alone(everybody[c], n)[..., :2], equal_nan=True) for c, t in tracks.items())
     ]
     assert len(fits) == 1
     return fits[0]
@@ -99,33 +99,33 @@ def chosen_person(tracks: Mapping[str, KeypointTrack], found: Mapping[str, Frame
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("names", [("cam0", "cam1"), ("cam1", "cam2", "cam3"), ("cam0", "cam1", "cam2", "cam3")])
 def test_all_cameras_take_the_same_person(names: tuple[str, ...], seed: int) -> None:
-    found = {name: scene(seed)[name] for name in names}
-    tracks, notes = subject_tracks(files(found), cameras(), {})
-    chosen_person(tracks, found)
+    everybody = {name: scene(seed)[name] for name in names}
+    tracks, notes = subject_tracks(files(everybody), cameras(), {})
+    chosen_person(tracks, everybody)
     assert "see the same person" in notes[0]
     assert len(notes) == 1 + len(names)
 
 
 def test_each_file_alone_takes_several() -> None:
     """What the choice across cameras is for."""
-    found = scene(0)
-    taken = {name: file.one() for name, file in files(found).items()}
+    everybody = scene(0)
+    taken = {name: file.one() for name, file in files(everybody).items()}
     best = {
-        max(range(3), key=lambda n, t=track, f=found[name]: np.sum(t.pixels == alone(f, n)[..., :2]))  # type: ignore[misc]
+        max(range(3), key=lambda n, t=track, f=everybody[name]: np.sum(t.pixels == alone(f, n)[..., :2]))  # type: ignore[misc]
         for name, track in taken.items()
     }
     assert len(best) > 1
 
 
 def test_ids_that_change_owners_are_seen_through() -> None:
-    found = scene(2)
-    made = files(found, {name: {0: "7", 1: "8", 2: "9"} for name in found})
+    everybody = scene(2)
+    made = files(everybody, {name: {0: "7", 1: "8", 2: "9"} for name in everybody})
     for name, turn in (("cam0", 12), ("cam2", 25)):
         frames = made[name].reading.frames
         for t in range(turn, FRAMES):
             frames[t] = [Person(p.points, {"7": "8", "8": "7"}.get(str(p.id), p.id)) for p in frames[t]]
     tracks, notes = subject_tracks(made, cameras(), {})
-    who = chosen_person(tracks, found)
+    who = chosen_person(tracks, everybody)
     assert who == 1  # one of the two whose ids changed
     taken = {note.split(":")[0]: note.split(": ")[1].split(" of ")[0] for note in notes[1:]}
     assert taken == {"cam0": "id 7, 8", "cam1": "id 8", "cam2": "id 7, 8", "cam3": "id 8"}
@@ -133,10 +133,10 @@ def test_ids_that_change_owners_are_seen_through() -> None:
 
 @pytest.mark.parametrize("person", [0, 1, 2])
 def test_one_camera_is_told_and_the_others_follow(person: int) -> None:
-    found = scene(3, hidden=(1,))
-    made = files(found, {"cam1": {0: "a", 1: "b", 2: "c"}})
+    everybody = scene(3, hidden=(1,))
+    made = files(everybody, {"cam1": {0: "a", 1: "b", 2: "c"}})
     tracks, notes = subject_tracks(made, cameras(), {"cam1": "abc"[person]})
-    assert chosen_person(tracks, found) == person
+    assert chosen_person(tracks, everybody) == person
     empty = not (tracks["cam3"].confidence > 0.0).any()
     assert empty == (person == 1)  # nobody rather than somebody else
     assert ("cam3: no one in it fits" in notes[-1]) == empty
@@ -148,19 +148,22 @@ def test_one_camera_is_told_and_the_others_follow(person: int) -> None:
 
 
 def test_nobody_fits() -> None:
-    found = {
+    everybody = {
         "cam0": [[x for x in f if x[0] < 2] for f in scene(0)["cam0"]],
         "cam3": [[x for x in f if x[0] == 2] for f in scene(0)["cam3"]],
     }
-    _, notes = subject_tracks(files(found), cameras(), {})  # two who stand close may pass for one, but not unsaid
+    _, notes = subject_tracks(files(everybody), cameras(), {})  # two who stand close may pass for one, but not unsaid
     assert "but their rays miss each other" in notes[0]
     half = [0.5, 0.5, 1.0]  # keypoints of a smaller picture
-    halved = {"cam0": found["cam0"], "cam3": [[(n, Person(p.points * half)) for n, p in f] for f in found["cam3"]]}
+    halved = {
+        "cam0": everybody["cam0"],
+        "cam3": [[(n, Person(p.points * half)) for n, p in f] for f in everybody["cam3"]],
+    }
     with pytest.raises(InputError, match="none is seen by two cameras"):
         subject_tracks(files(halved), cameras(), {})
-    some = {"cam0": [[x for x in f if x[0] == 1] for f in found["cam0"]], "cam3": halved["cam3"]}
+    some = {"cam0": [[x for x in f if x[0] == 1] for f in everybody["cam0"]], "cam3": halved["cam3"]}
     tracks, notes = subject_tracks(files(some), cameras(), {})  # nothing to choose: taken, and told
-    assert_same(tracks["cam0"], alone(found["cam0"], 1))
+    assert_same(tracks["cam0"], alone(everybody["cam0"], 1))
     assert len(notes) == 1
     assert "its person is not where cam3 sees one" in notes[0]
     same = {name: [[x for x in f if x[0] == 1] for f in frames] for name, frames in scene(0).items()}
@@ -169,8 +172,8 @@ def test_nobody_fits() -> None:
 
 def test_frames_are_matched_by_time() -> None:
     """A camera of half the rate that began 0.2 s after the others."""
-    found = scene(1)
-    late = {"cam0": found["cam0"], "cam1": found["cam1"][4::2]}
+    everybody = scene(1)
+    late = {"cam0": everybody["cam0"], "cam1": everybody["cam1"][4::2]}
     times = {"cam0": np.arange(FRAMES) / FPS, "cam1": 0.2 + np.arange(len(late["cam1"])) * 2.0 / FPS}
     tracks, _ = subject_tracks(files(late), cameras(), {}, times)
     chosen_person(tracks, late)
@@ -225,8 +228,8 @@ def test_groups_of_the_strongest_bonds_and_their_exchange() -> None:
     bonds = np.array([[0, 5, -9, 6.0], [5, 0, 1, -9], [-9, 1, 0, 5], [6, -9, 5, 0]])
     greedy = grouped(bonds)
     assert greedy[0] == greedy[3]
-    found = settled(bonds, greedy, int(greedy[0]), np.array([0, 1, 0, 1]), np.zeros(4))
-    assert found[0] == found[1] != found[2] == found[3]
+    labels = settled(bonds, greedy, int(greedy[0]), np.array([0, 1, 0, 1]), np.zeros(4))
+    assert labels[0] == labels[1] != labels[2] == labels[3]
     camera = np.array([-1, -1, -1, -1])
     np.testing.assert_array_equal(settled(bonds, greedy, int(greedy[0]), camera, np.zeros(4)), greedy)
 
@@ -239,9 +242,9 @@ def test_rays_are_what_projects_and_meet_where_they_came_from() -> None:
         exact = points @ camera.R_camera_world.T + camera.t_camera_world
         np.testing.assert_allclose(rays, exact / exact[:, 2:], atol=1e-4)
     directions[1:, 4] = np.nan
-    found = meeting_points(used, directions)
-    np.testing.assert_allclose(np.delete(found, 4, axis=0), np.delete(points, 4, axis=0), atol=1e-3)
-    assert np.isnan(found[4]).all()
+    met = meeting_points(used, directions)
+    np.testing.assert_allclose(np.delete(met, 4, axis=0), np.delete(points, 4, axis=0), atol=1e-3)
+    assert np.isnan(met[4]).all()
     assert np.isnan(used[0].directions(np.array([np.nan, 3.0]))).all()
 
 
@@ -265,10 +268,10 @@ def test_the_person_that_the_user_names() -> None:
 
 def test_tracked_from_several_people_as_from_one(tmp_path: Path) -> None:
     """Files in, observations out: those of the person alone, to the bit, and the notes a user gets."""
-    found = {name: scene(0)[name] for name in ("cam0", "cam1", "cam2")}
-    who = chosen_person(subject_tracks(files(found), cameras(), {})[0], found)
+    everybody = {name: scene(0)[name] for name in ("cam0", "cam1", "cam2")}
+    who = chosen_person(subject_tracks(files(everybody), cameras(), {})[0], everybody)
     body, everyone, lone = body_of("human34"), {}, {}
-    for name, frames in found.items():
+    for name, frames in everybody.items():
         shown = [[p for _, p in frame] for frame in frames]
         everyone[name] = write_openpose(tmp_path / name, shown)
         shown = [[p for n, p in frame if n == who] for frame in frames]

@@ -126,9 +126,9 @@ def test_what_is_wrong_in_its_table_is_refused(name: str, commands: Mapping[str,
 
 
 def test_without_the_variable_there_is_none() -> None:
-    (found,) = told(["settings", *LAZY], plugins="")
-    assert found.code == 2
-    assert "no tracker 'lazy' (one of css, css-paper" in found.error
+    (answer,) = told(["settings", *LAZY], plugins="")
+    assert answer.code == 2
+    assert "no tracker 'lazy' (one of css, css-paper" in answer.error
 
 
 @pytest.mark.parametrize(
@@ -173,9 +173,9 @@ def test_a_name_that_is_taken_is_refused(tmp_path: Path) -> None:
     (tmp_path / "twin.py").write_text(
         "from estimator.tracking.registry import TRACKERS, register\nregister(TRACKERS['css'])\n"
     )
-    (found,) = told(["trackers"], plugins="twin", path=tmp_path)
-    assert (found.code, found.out) == (2, "")
-    assert "module twin cannot be imported: tracker: there is already one named css" in found.error
+    (answer,) = told(["trackers"], plugins="twin", path=tmp_path)
+    assert (answer.code, answer.out) == (2, "")
+    assert "module twin cannot be imported: tracker: there is already one named css" in answer.error
 
 
 @dataclass(frozen=True)

@@ -127,8 +127,8 @@ def test_it_takes_the_place_of_the_stabilisers_in_the_energy() -> None:
         model = CostModel(BODY, CostSettings(pose_prior_weight=share, interpenetration_weight=0.0))
         cost = model.cost(model.observation_term(seen))
         values[share] = cost.at(q).value
-        found = Seeker(BODY).seek(cost, q)
-        assert found.status == "converged"
+        solution = Seeker(BODY).seek(cost, q)
+        assert solution.status == "converged"
     assert values[0.25] == pytest.approx(0.75 * values[0.0] + 0.25 * values[1.0])
 
 
@@ -179,12 +179,14 @@ def test_learning_finds_the_gaussians_that_poses_were_drawn_from() -> None:
     some = rng.random(1000) < 0.5
     angles[some] = truth.mirrored(angles[some])  # which side a pose is on tells nothing
     poses = Poses(angles, np.full((1000, D, D), 1e-6 * np.eye(D)))
-    found = learned(BODY, [poses], LearnSettings(pairs=2, prior_count=0.0, starts=2), rng)
-    order = np.argsort(found.weight)
-    assert np.allclose(found.weight[order], [0.3, 0.7], atol=0.01)
+    mixture = learned(BODY, [poses], LearnSettings(pairs=2, prior_count=0.0, starts=2), rng)
+    order = np.argsort(mixture.weight)
+    assert np.allclose(mixture.weight[order], [0.3, 0.7], atol=0.01)
     for k, true, std in zip(order, truth.mean, (0.1, 0.2), strict=True):
-        assert min(np.abs(m - true).max() for m in (found.mean[k], found.mirrored(found.mean[k]))) < 4.0 * std / 17.0
-        assert np.sqrt(np.diag(found.covariance[k])).mean() == pytest.approx(std, rel=0.05)
+        assert (
+            min(np.abs(m - true).max() for m in (mixture.mean[k], mixture.mirrored(mixture.mean[k]))) < 4.0 * std / 17.0
+        )
+        assert np.sqrt(np.diag(mixture.covariance[k])).mean() == pytest.approx(std, rel=0.05)
 
 
 def test_the_shipped_numbers_are_what_the_script_makes() -> None:

@@ -56,13 +56,13 @@ def test_a_single_gaussian_has_its_closed_forms() -> None:
     marginals = posterior.marginals()
     std = np.sqrt(np.diagonal(posterior.covariance[0]))
     assert np.allclose(marginals.quantile(0.9), std * norm.ppf(0.9), rtol=1e-2)
-    mean, found = marginals.moments()
-    assert np.allclose(found, std, rtol=1e-2)
+    mean, spread = marginals.moments()
+    assert np.allclose(spread, std, rtol=1e-2)
     assert np.allclose(mean / std, 0.0, atol=1e-6)
     for x in (0.3, -1.0, 2.5):
         assert np.allclose(marginals.credible_level(x * std), 2.0 * norm.cdf(abs(x)) - 1.0, atol=0.02)
-    for intervals, one in zip(marginals.credible_regions(0.9), std, strict=True):
-        assert np.allclose(intervals, [(-1.645 * one, 1.645 * one)], rtol=0.05)
+    for intervals, deviation in zip(marginals.credible_regions(0.9), std, strict=True):
+        assert np.allclose(intervals, [(-1.645 * deviation, 1.645 * deviation)], rtol=0.05)
 
 
 def test_the_level_of_a_whole_pose_is_that_of_its_mahalanobis_distance() -> None:
@@ -107,12 +107,12 @@ def levels(truth: Posterior, said: Posterior, count: int) -> tuple[np.ndarray, n
 
 def test_truths_drawn_from_the_posterior_itself_are_covered_as_often_as_it_says() -> None:
     body = body_of("human34")
-    for found in levels(mixture(body), mixture(body), 150):
-        assert calibration_error(found) < 0.06
-        assert coverage(found, 0.9)[0] == pytest.approx(0.9, abs=0.06)
-    for found in levels(mixture(body), mixture(body, 0.25), 60):
-        assert calibration_error(found) > 0.1
-        assert coverage(found, 0.9)[0] < 0.8
+    for reached in levels(mixture(body), mixture(body), 150):
+        assert calibration_error(reached) < 0.06
+        assert coverage(reached, 0.9)[0] == pytest.approx(0.9, abs=0.06)
+    for reached in levels(mixture(body), mixture(body, 0.25), 60):
+        assert calibration_error(reached) > 0.1
+        assert coverage(reached, 0.9)[0] < 0.8
 
 
 def test_a_spread_of_scales_covers_truths_whose_scale_nobody_knew() -> None:
@@ -123,9 +123,9 @@ def test_a_spread_of_scales_covers_truths_whose_scale_nobody_knew() -> None:
     truths = [
         body.integrate(narrow.best, np.exp(0.4 * rng.normal()) * factor @ rng.normal(size=body.nv)) for _ in range(300)
     ]
-    found = [p.credible_levels(rng, np.array(truths), 1000) for p in (spread, narrow)]
-    assert calibration_error(found[0]) < 0.06
-    assert coverage(found[0], 0.9)[0] > coverage(found[1], 0.9)[0] + 0.05
+    reached = [p.credible_levels(rng, np.array(truths), 1000) for p in (spread, narrow)]
+    assert calibration_error(reached[0]) < 0.06
+    assert coverage(reached[0], 0.9)[0] > coverage(reached[1], 0.9)[0] + 0.05
 
 
 def test_samples_and_regions_stay_within_the_limits() -> None:
@@ -194,8 +194,8 @@ def test_the_prior_counts_as_many_times_as_asked_for() -> None:
     q, covariance = random_pose(body, rng, share=0.6), random_covariance(body.nv, rng, 0.3)
     prior = np.zeros((body.nv, body.nv))
     Stabilisers(body).accumulate(body.at(q), np.zeros(body.nv), prior)
-    found = Posterior.of(body, frame([q], [covariance]), replace(AS_IT_IS, prior_weight=3.0)).covariance[0]
-    assert np.allclose(np.linalg.inv(found), np.linalg.inv(covariance) + 2.0 * prior, rtol=1e-6, atol=1e-4)
+    combined = Posterior.of(body, frame([q], [covariance]), replace(AS_IT_IS, prior_weight=3.0)).covariance[0]
+    assert np.allclose(np.linalg.inv(combined), np.linalg.inv(covariance) + 2.0 * prior, rtol=1e-6, atol=1e-4)
 
 
 def test_the_error_of_a_perfect_calibration_is_zero_and_that_of_certainty_a_half() -> None:
@@ -223,5 +223,5 @@ def test_the_fit_of_a_calibration_undoes_a_known_wrong_scale(monkeypatch: pytest
 
     monkeypatch.setattr(credible_levels, "miscoverage", loss)
     monkeypatch.setattr(credible_levels, "_mean_lean", lambda cases: 0.2)
-    found = credible_levels.fitted_calibration([], 1, lambda line: None)
-    assert (found.covariance_scale, found.weight_temperature) == (0.6, 16.0)
+    fitted = credible_levels.fitted_calibration([], 1, lambda line: None)
+    assert (fitted.covariance_scale, fitted.weight_temperature) == (0.6, 16.0)

@@ -76,28 +76,28 @@ def test_it_opens_on_the_body_on_its_picture_in_a_window_of_any_shape(
     camera = odd_camera(scene)
     scene = replace(scene, cameras=(camera,))
     show(scene, "t=2", size)
-    found = browser.execute_script(PLACES)
-    assert (found["view"], found["visible"], found["pictured"]) == (0, True, True)
+    places = browser.execute_script(PLACES)
+    assert (places["view"], places["visible"], places["pictured"]) == (0, True, True)
     # (0, 0) is the middle of the picture's first pixel; its corners tell where the window shows it
-    corners, (width, height) = np.array(found["corners"]), camera.image_size
+    corners, (width, height) = np.array(places["corners"]), camera.image_size
     scale = (corners[2] - corners[0]) / [width, height]
     assert np.abs(corners[[1, 3]] - [[corners[2, 0], corners[0, 1]], [corners[0, 0], corners[2, 1]]]).max() < 0.1
     assert (corners.min(axis=0) > -1.0).all()  # all of the picture is in the window
-    assert (corners.max(axis=0) < np.array(found["size"]) + 1.0).all()
+    assert (corners.max(axis=0) < np.array(places["size"]) + 1.0).all()
     placements = scene.body.at(scene.q[2]).translations
     flat = replace(camera, distortion=np.zeros(5))  # as the picture is shown
-    assert len(found["joints"]) > 10
-    for name, place in found["joints"].items():
+    assert len(places["joints"]) > 10
+    for name, place in places["joints"].items():
         pixel = flat.project(placements[int(name.split("_")[0])])
         assert np.abs(corners[0] + (pixel + 0.5) * scale - place).max() < 0.05, name
 
 
 def rows(browser: Any) -> list[tuple[str, bool, bool]]:
     """Text, whether it is marked and whether it can be seen, of every hypothesis' row."""
-    found = browser.execute_script(
+    drawn = browser.execute_script(
         "return bars.map(b => [b.number.textContent, b.row.classList.contains('drawn'), b.row.offsetHeight > 0])"
     )
-    return [(text, marked, seen) for text, marked, seen in found]
+    return [(text, marked, seen) for text, marked, seen in drawn]
 
 
 def shown(browser: Any) -> list[bool]:

@@ -33,12 +33,12 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
 
 def pictures(path: Path) -> list[np.ndarray]:
     capture = cv2.VideoCapture(str(path))
-    found = []
+    frames = []
     while (read := capture.read())[0]:
-        found.append(read[1])
+        frames.append(read[1])
     assert capture.get(cv2.CAP_PROP_FPS) == 25.0
     capture.release()
-    return found
+    return frames
 
 
 def test_files_agree_with_each_other(clip: RenderedClip) -> None:
@@ -49,7 +49,7 @@ def test_files_agree_with_each_other(clip: RenderedClip) -> None:
         q = truth["q"]
         assert truth["q_names"].tolist() == list(body.q_names)
     assert q.shape == (10, body.nq)
-    np.testing.assert_allclose(reference.points, [body.landmarks(body.at(one)) for one in q], atol=1e-12)
+    np.testing.assert_allclose(reference.points, [body.landmarks(body.at(pose)) for pose in q], atol=1e-12)
     for name, camera in cameras.items():
         track, first = load_keypoints(clip.keypoints[name]), load_keypoints(clip.first_frame[name])
         assert track.image_size == first.image_size == (160, 120)
@@ -90,7 +90,7 @@ def test_the_shutter_is_open_around_the_frame() -> None:
     body = Body(load_subject("arm8"))
     q = body.neutral + 0.01 * np.square(np.arange(5))[:, None]
     scene = SceneSettings(shutter=0.6, sub_frames=3)
-    poses = np.array([one.q for one in while_open(body, q, 2, scene)])
+    poses = np.array([frame.q for frame in while_open(body, q, 2, scene)])
     np.testing.assert_allclose(poses, [0.8 * q[2] + 0.2 * q[1], q[2], 0.8 * q[2] + 0.2 * q[3]], atol=1e-12)
     assert len(while_open(body, q, 0, SceneSettings(shutter=0.0))) == 1
 

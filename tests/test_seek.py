@@ -51,17 +51,17 @@ def test_converged_modes_satisfy_kkt() -> None:
     for seed in range(25):
         # the odd ones ask for joints beyond their limits
         body, cost, start = problem(seed, ("human34", "arm8", "upper13")[seed % 3], share=0.5 + seed % 2)
-        found = Seeker(body).seek(cost, start)
-        assert np.isfinite(found.quadratic.value)
-        assert np.isfinite(found.q).all()
-        if found.status != "converged":
+        solution = Seeker(body).seek(cost, start)
+        assert np.isfinite(solution.quadratic.value)
+        assert np.isfinite(solution.q).all()
+        if solution.status != "converged":
             continue
-        q, gradient = found.q, cost.at(found.q).gradient
+        q, gradient = solution.q, cost.at(solution.q).gradient
         on_low = body.bounded_v[q[body.bounded_q] == body.lower[body.bounded_q]]
         on_high = body.bounded_v[q[body.bounded_q] == body.upper[body.bounded_q]]
         gradient[on_low], gradient[on_high] = np.minimum(gradient[on_low], 0.0), np.maximum(gradient[on_high], 0.0)
         assert np.abs(gradient).max() < 1e-6
-        assert np.abs(gradient).max() == pytest.approx(found.kkt_residual, abs=1e-12)
+        assert np.abs(gradient).max() == pytest.approx(solution.kkt_residual, abs=1e-12)
         converged += 1
         active += len(on_low) + len(on_high)
     assert converged >= 20
@@ -72,9 +72,9 @@ def test_a_perfect_start_stays() -> None:
     body = body_of("human34")
     model = CostModel(body, CostSettings(stabiliser_weight=0.0, interpenetration_weight=0.0))
     truth = random_pose(body, np.random.default_rng(41), share=0.5, turn=0.5)
-    found = Seeker(body).seek(model.cost(model.observation_term(observe(body, truth, TWO))), truth)
-    assert (found.status, found.iterations) == ("converged", 0)
-    assert np.array_equal(found.q, truth)
+    solution = Seeker(body).seek(model.cost(model.observation_term(observe(body, truth, TWO))), truth)
+    assert (solution.status, solution.iterations) == ("converged", 0)
+    assert np.array_equal(solution.q, truth)
 
 
 def test_searches_repeat_and_have_no_memory() -> None:
@@ -113,9 +113,9 @@ def test_starts_outside_the_limits_are_clamped_first() -> None:
 
 def test_no_iterations() -> None:
     body, cost, start = problem(4)
-    found = Seeker(body).seek(cost, start, SeekSettings(max_iterations=0))
-    assert np.array_equal(found.q, body.clamp(start))
-    assert (found.status, found.iterations) == ("iterations", 0)
+    solution = Seeker(body).seek(cost, start, SeekSettings(max_iterations=0))
+    assert np.array_equal(solution.q, body.clamp(start))
+    assert (solution.status, solution.iterations) == ("iterations", 0)
 
 
 def test_statuses_tell_how_a_search_ended() -> None:
@@ -170,10 +170,10 @@ def test_a_search_survives_useless_models() -> None:
     }
     for name, (term, status) in terms.items():
         cost = Cost(body, [term])
-        found = Seeker(body).seek(cost, start)
-        assert found.status == status, name
-        assert found.quadratic.value <= cost.at(start).value
-        assert inside(body, found.q)
+        solution = Seeker(body).seek(cost, start)
+        assert solution.status == status, name
+        assert solution.quadratic.value <= cost.at(start).value
+        assert inside(body, solution.q)
 
 
 # ---- contact
@@ -198,17 +198,17 @@ def overlapping() -> tuple[Body, Seeker, SelfCollision, Cost, Solution]:
 
 
 def test_overlapping_limbs_are_separated() -> None:
-    body, seeker, self_collision, cost, found = overlapping()
+    body, seeker, self_collision, cost, solution = overlapping()
     settings = ContactSettings()
-    before = self_collision.penetration(found.quadratic.posed)
+    before = self_collision.penetration(solution.quadratic.posed)
     assert before > 4.0 * settings.tolerance  # the pictures do ask for an overlap
-    end = separate(seeker, self_collision, cost, found, settings)
+    end = separate(seeker, self_collision, cost, solution, settings)
     after = self_collision.penetration(body.at(end.q))
     assert after <= settings.tolerance
     assert inside(body, end.q)
-    assert end.steps.proxqp > found.steps.proxqp  # rows that bite
-    assert sum(end.steps) - sum(found.steps) >= end.iterations - found.iterations > 0
-    merits = [f.quadratic.value + settings.force * depth for f, depth in ((found, before), (end, after))]
+    assert end.steps.proxqp > solution.steps.proxqp  # rows that bite
+    assert sum(end.steps) - sum(solution.steps) >= end.iterations - solution.iterations > 0
+    merits = [f.quadratic.value + settings.force * depth for f, depth in ((solution, before), (end, after))]
     assert merits[1] <= merits[0]
     assert end.quadratic.value == cost.at(end.q).value
     # near a constrained minimum: the contacts and limits balance all but a little of the gradient
@@ -221,8 +221,8 @@ def test_overlapping_limbs_are_separated() -> None:
 def test_separate_bodies_are_let_be() -> None:
     body, cost, _ = problem(7)
     seeker, self_collision = Seeker(body), SelfCollision(body)
-    found = seeker.seek(cost, body.neutral, SeekSettings(decrease_tolerance=np.inf))
-    assert separate(seeker, self_collision, cost, found, ContactSettings()) is found
+    solution = seeker.seek(cost, body.neutral, SeekSettings(decrease_tolerance=np.inf))
+    assert separate(seeker, self_collision, cost, solution, ContactSettings()) is solution
 
 
 # ---- covariance and proposals

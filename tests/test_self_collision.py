@@ -126,7 +126,7 @@ def test_broad_phase_misses_no_pair(human: Body) -> None:
     rng = np.random.default_rng(5)
     self_collision = SelfCollision(human, include=LOOSE)
     request = coal.DistanceRequest()
-    found = 0
+    contacts = 0
     for _ in range(60):
         posed = human.at(random_pose(human, rng))
         near = self_collision.near(posed, 0.03)
@@ -145,12 +145,12 @@ def test_broad_phase_misses_no_pair(human: Body) -> None:
                 assert m.size == 1, self_collision.pairs[k]
                 assert near.distance[m[0]] == pytest.approx(distance, abs=3e-6)
         assert set(near.pair.tolist()) == expected
-        found += len(expected)
-    assert found > 100
+        contacts += len(expected)
+    assert contacts > 100
 
 
-def _equal(one: Contacts, other: Contacts) -> bool:
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+def _equal(ours: Contacts, other: Contacts) -> bool:
+    return all(np.array_equal(a, b) for a, b in zip(ours, other, strict=True))
 
 
 def test_the_same_pose_gives_the_same_bits_whatever_came_before(human: Body) -> None:

@@ -200,11 +200,11 @@ def test_processes_are_refused_where_they_share_nothing() -> None:
 
 def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
     changes = {"css": {"samples": 3}, "single_mode": {"limits": False}, "cost": {"nu": 5.0}}
-    found = choose_for_all(("single-mode", "css", "condensation"), changes, 4, 2, fits=False)
-    assert found["single-mode"] == ({"single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None, 1)
-    assert found["css"] == ({"css": {"samples": 3}, "cost": {"nu": 5.0}}, 4, 2)
-    assert found["condensation"][1:] == (4, 1)
-    for name, (own, modes, _) in found.items():
+    chosen = choose_for_all(("single-mode", "css", "condensation"), changes, 4, 2, fits=False)
+    assert chosen["single-mode"] == ({"single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None, 1)
+    assert chosen["css"] == ({"css": {"samples": 3}, "cost": {"nu": 5.0}}, 4, 2)
+    assert chosen["condensation"][1:] == (4, 1)
+    for name, (own, modes, _) in chosen.items():
         choose(name, own, modes).check(fits=False)
     for trackers, wrong in (
         (("single-mode", "condensation"), {"given": {"css": {"samples": 3}}}),

@@ -110,11 +110,11 @@ def with_pictures(first: Fit, cues: OneFrame, settings: FleshSettings) -> Fit:
 
 def overlap(subject: Subject, q: np.ndarray, count: int) -> float:
     """Area that the model's and the true mask share, of the area of either; mean of the cameras."""
-    found = []
+    overlaps = []
     for camera in CAMERAS[:count]:
         a, b = (mask(Body(s), pose, camera) for s, pose in ((subject, q), person()))
-        found.append(np.count_nonzero(a & b) / np.count_nonzero(a | b))
-    return float(np.mean(found))
+        overlaps.append(np.count_nonzero(a & b) / np.count_nonzero(a | b))
+    return float(np.mean(overlaps))
 
 
 def mask(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
@@ -192,9 +192,9 @@ def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
     q = bent(body, left_shoulder_elevation=0.0, right_shoulder_elevation=0.0)
     thick = np.where(shaped.shape.kind == 0, shaped.shape.high, 0.0)
     x = Unknowns(q[None], np.ones(len(first.scales)), thick)
-    found = made.apart(x)
-    assert np.array_equal(found.shape, 0.75 * thick)
-    before, after = (SelfCollision(Body(shaped.at(u))).penetration(body.at(q)) for u in (x, found))
+    apart = made.apart(x)
+    assert np.array_equal(apart.shape, 0.75 * thick)
+    before, after = (SelfCollision(Body(shaped.at(u))).penetration(body.at(q)) for u in (x, apart))
     assert after < FleshSettings().overlap < before
 
 
@@ -258,11 +258,11 @@ def test_a_half_axis_varies_by_15_per_cent() -> None:
 def test_derivatives_of_the_parts_are_those_of_differences() -> None:
     shape, rng = ShapeParameters(load_subject("human34")), np.random.default_rng(6)
     here = 0.5 * rng.uniform(shape.low, shape.high)
-    found = shape.derivatives(here)
+    derivatives = shape.derivatives(here)
     for s in rng.choice(len(here), 12, replace=False):
         step = 1e-6 * np.eye(len(here))[s]
         difference = (shape.of_parts(here + step) - shape.of_parts(here - step)) / 2e-6
-        np.testing.assert_allclose(found[:, :, s], difference, atol=1e-9)
+        np.testing.assert_allclose(derivatives[:, :, s], difference, atol=1e-9)
 
 
 def energy_of(count: int) -> tuple[ShapedBody, BodyEnergy, Unknowns]:

@@ -42,12 +42,12 @@ def test_smoothing_brings_noisy_poses_nearer_to_a_smooth_truth() -> None:
     costs, times, truth = noisy(body, 30, 3.0)
     rng = np.random.default_rng(6)
     start = np.array([body.integrate(q, rng.normal(scale=0.08, size=body.nv)) for q in truth])
-    found = smooth(body, costs, times, start, SmoothSettings().motion(CostModel(body)))
-    before, after = (np.linalg.norm(points(body, q) - points(body, truth), axis=2).mean() for q in (start, found))
+    smoothed = smooth(body, costs, times, start, SmoothSettings().motion(CostModel(body)))
+    before, after = (np.linalg.norm(points(body, q) - points(body, truth), axis=2).mean() for q in (start, smoothed))
     assert after < 0.6 * before
-    assert np.all(found >= body.lower)
-    assert np.all(found <= body.upper)
-    jerk = [np.abs(np.diff(points(body, q), 2, axis=0)).mean() for q in (start, found)]
+    assert np.all(smoothed >= body.lower)
+    assert np.all(smoothed <= body.upper)
+    jerk = [np.abs(np.diff(points(body, q), 2, axis=0)).mean() for q in (start, smoothed)]
     assert jerk[1] < 0.2 * jerk[0]
 
 

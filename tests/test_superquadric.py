@@ -114,16 +114,16 @@ def test_volume_by_the_divergence_theorem(seed: int) -> None:
     part = Flesh("part", "superquadric", size, (0, 0, 0), (0, 0, 0)).with_parameters(p)
     u, faces = grid_nodes(part, 120, 120)
     x = points(p, u)[faces]
-    found = np.einsum("fi,fi->f", x[:, 0], np.cross(x[:, 1], x[:, 2])).sum() / 6.0
-    assert found == pytest.approx(volume(p), rel=4e-3)
+    enclosed = np.einsum("fi,fi->f", x[:, 0], np.cross(x[:, 1], x[:, 2])).sum() / 6.0
+    assert enclosed == pytest.approx(volume(p), rel=4e-3)
 
 
 def test_poles_and_edges_of_the_domain_are_finite() -> None:
     u = np.array([[s * np.pi / 2, w] for s in (-1, 0, 1) for w in (-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi)])
     for seed in CASES:
         p = shape(seed)
-        for found in (points(p, u), normals(p, u), derivatives(p, u)):
-            assert np.isfinite(found).all()
+        for arrays in (points(p, u), normals(p, u), derivatives(p, u)):
+            assert np.isfinite(arrays).all()
         assert normals(p, u)[-1] @ (points(p, u)[-1] - points(p, u)[0]) > 0.0
 
 
@@ -143,9 +143,9 @@ def test_faults_are_told(index: int, value: float, told: str) -> None:
     p = np.array([0.1, 0.1, 0.3, 0.8, 1.0, 0.2, 0.2, 0.5, 0.0])
     assert fault(p) is None
     p[index] = value
-    found = fault(p)
-    assert found is not None
-    assert told in found[0]
+    problem = fault(p)
+    assert problem is not None
+    assert told in problem[0]
 
 
 def test_mirror_parameters_give_the_mirror_image() -> None:

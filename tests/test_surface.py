@@ -252,10 +252,10 @@ def test_mirrored_parts_are_each_others_mirror_image() -> None:
     q = body.neutral.copy()
     world = points_in_world(body.at(q), surface.joint, surface.local)
     for k, m in enumerate(mirror):
-        one, other = world[surface.part == k] * [1.0, -1.0, 1.0], world[surface.part == m]
-        apart = np.linalg.norm(one[:, None] - other[None], axis=2).min(axis=1)
+        ours, other = world[surface.part == k] * [1.0, -1.0, 1.0], world[surface.part == m]
+        apart = np.linalg.norm(ours[:, None] - other[None], axis=2).min(axis=1)
         assert apart.max() < 0.02  # nodes lie anywhere on the same surface
-        np.testing.assert_allclose(one.mean(axis=0), other.mean(axis=0), atol=2e-3)
+        np.testing.assert_allclose(ours.mean(axis=0), other.mean(axis=0), atol=2e-3)
 
 
 @pytest.fixture(scope="module")
@@ -288,21 +288,21 @@ def test_shape_and_scales_give_the_surface_of_the_written_subject(shaped: Surfac
     shapes: dict[int | str, list[float]] = {k: list(p) for k, p in enumerate(parameters) if k not in keep}
     written = subject.reshaped(shapes).scaled(shaped._body.scales(scales))
     expected = flesh_surface(Body(written), shaped._nodes)
-    found = shaped.at(parameters, scales)
-    np.testing.assert_allclose(found.local, expected.local, atol=1e-12)
-    np.testing.assert_allclose(found.normal, expected.normal, atol=1e-12)
+    moved = shaped.at(parameters, scales)
+    np.testing.assert_allclose(moved.local, expected.local, atol=1e-12)
+    np.testing.assert_allclose(moved.normal, expected.normal, atol=1e-12)
     np.testing.assert_array_equal(shaped.at().local, shaped.surface.local)
 
 
 def test_shape_derivatives_are_central_differences(shaped: SurfaceShape) -> None:
     parameters, scales = _other(shaped, np.random.default_rng(1))
-    found = shaped.shape_derivatives(parameters, scales)
+    derivatives = shaped.shape_derivatives(parameters, scales)
     for k in range(9):
         ahead, behind = parameters.copy(), parameters.copy()
         ahead[:, k] += 1e-6
         behind[:, k] -= 1e-6
         difference = (shaped.at(ahead, scales).local - shaped.at(behind, scales).local) / 2e-6
-        np.testing.assert_allclose(found[:, :, k], difference, atol=5e-9)
+        np.testing.assert_allclose(derivatives[:, :, k], difference, atol=5e-9)
 
 
 def test_proportion_derivatives_are_central_differences(shaped: SurfaceShape) -> None:
@@ -315,10 +315,10 @@ def test_proportion_derivatives_are_central_differences(shaped: SurfaceShape) ->
         surface = shaped.at(parameters, s)
         return points_in_world(body.at(s).at(q), surface.joint, surface.local)
 
-    found = shaped.proportion_derivatives(body.at(scales).at(q), parameters, scales)
+    derivatives = shaped.proportion_derivatives(body.at(scales).at(q), parameters, scales)
     for k in range(len(scales)):
         ahead, behind = scales.copy(), scales.copy()
         ahead[k] += 1e-6
         behind[k] -= 1e-6
-        np.testing.assert_allclose(found[:, :, k], (world(ahead) - world(behind)) / 2e-6, atol=5e-9)
-        assert np.abs(found[:, :, k]).max() > 0.05
+        np.testing.assert_allclose(derivatives[:, :, k], (world(ahead) - world(behind)) / 2e-6, atol=5e-9)
+        assert np.abs(derivatives[:, :, k]).max() > 0.05

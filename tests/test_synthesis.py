@@ -55,7 +55,7 @@ def test_motions_are_possible(motion) -> None:
     q = authored_motion(body, times, motion)
     assert limit_violations(body, q) == 0
     self_collision = SelfCollision(body)
-    assert max(self_collision.penetration(body.at(one)) for one in q) < 0.003
+    assert max(self_collision.penetration(body.at(pose)) for pose in q) < 0.003
     # nothing jumps: no degree of freedom changes its speed faster than a person can
     speed = np.array([body.difference(a, b) for a, b in pairwise(q)]) * 30.0
     assert np.abs(np.diff(speed, axis=0)).max() * 30.0 < 60.0
@@ -63,7 +63,7 @@ def test_motions_are_possible(motion) -> None:
     if body.has_free_root:
         np.testing.assert_allclose(np.linalg.norm(q[:, 3:7], axis=1), 1.0)
         soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
-        lowest = np.array([body.landmarks(body.at(one))[soles, 2].min() for one in q])
+        lowest = np.array([body.landmarks(body.at(pose))[soles, 2].min() for pose in q])
         assert np.abs(lowest).max() < 0.02
     assert {"pivot": 30, "arm": 8}.get(motion.name, 34) == body.nv
 
@@ -125,10 +125,10 @@ def _cast(
         det = np.einsum("fi,fi->f", e1, h)
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y, t = np.einsum("fi,fi->f", s, h) / det, across @ ray / det, far / det
-        found = np.where((x >= 0.0) & (y >= 0.0) & (x + y <= 1.0) & (t > 0.0), t, np.inf)
-        best = int(np.argmin(found))
-        if np.isfinite(found[best]):
-            depth[i], part[i] = found[best], face_part[best]
+        hits = np.where((x >= 0.0) & (y >= 0.0) & (x + y <= 1.0) & (t > 0.0), t, np.inf)
+        best = int(np.argmin(hits))
+        if np.isfinite(hits[best]):
+            depth[i], part[i] = hits[best], face_part[best]
     return depth, part
 
 
@@ -166,9 +166,9 @@ def test_pictures_show_the_body_where_it_is(body: Body, q: np.ndarray) -> None:
     settings = SceneSettings(shadow=0.0, noise=0.0, ambient=0.4, diffuse=0.4)  # no pixel saturates
     renderer = Renderer(body, cameras, np.random.default_rng(0), settings)
     posed = [body.at(q[0]), body.at(q[60])]
-    frames = [renderer.frame(one, 0, np.random.default_rng(5)) for one in posed]
-    for one, frame in zip(posed, frames, strict=True):
-        mask = renderer.maps(one, 0).mask
+    frames = [renderer.frame(pose, 0, np.random.default_rng(5)) for pose in posed]
+    for pose, frame in zip(posed, frames, strict=True):
+        mask = renderer.maps(pose, 0).mask
         changed = np.abs(frame.astype(int) - renderer.plate(0)).max(axis=2) > 0
         assert not changed[~cv2.dilate(mask.astype(np.uint8), np.ones((3, 3))).astype(bool)].any()
         assert changed[mask].mean() > 0.98
@@ -250,7 +250,7 @@ def test_cameras_see_the_whole_person_at_all_times(body: Body, q: np.ndarray) ->
 def _surfaces(body: Body, q: np.ndarray) -> np.ndarray:
     """Surface points (T, N, 3) of every configuration, in the world."""
     surface = surface_of(body, nodes=500)
-    return np.array([points_in_world(body.at(one), surface.joint, surface.local) for one in q])
+    return np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in q])
 
 
 @pytest.mark.parametrize(
@@ -272,7 +272,7 @@ def test_settings_out_of_range_are_named(make, match: str) -> None:
 def test_keypoints_scatter_as_asked(body: Body, q: np.ndarray) -> None:
     cameras = scene_cameras()
     order = [body.landmark_names.index(name) for name in COCO17]
-    exact = np.array([cameras[1].project(body.landmarks(body.at(one)))[order] for one in q])
+    exact = np.array([cameras[1].project(body.landmarks(body.at(pose)))[order] for pose in q])
     clean = keypoints(body, q, cameras, np.random.default_rng(0), noise_px=0.0, outlier_fraction=0, missing_fraction=0)
     np.testing.assert_allclose(clean[1].pixels, exact)
     assert clean[1].confidence.min() > 0.0

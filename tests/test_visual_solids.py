@@ -72,10 +72,10 @@ def box_stl(path: Path, extents: tuple[float, float, float] = (0.2, 0.4, 0.6)) -
 
 
 def drawn(urdf: Path, *, coarse: bool = False) -> dict[str, list[Solid]]:
-    found: dict[str, list[Solid]] = {}
+    by_name: dict[str, list[Solid]] = {}
     for solid in body_solids(Body(load_subject(urdf, base="fixed")), coarse=coarse):
-        found.setdefault(solid.name, []).append(solid)
-    return found
+        by_name.setdefault(solid.name, []).append(solid)
+    return by_name
 
 
 def test_a_mesh_is_where_and_as_large_as_the_urdf_says(tmp_path: Path) -> None:
@@ -203,9 +203,9 @@ def test_a_robot_keeps_its_shape_and_colours_with_few_triangles() -> None:
         assert all(s.colour is not None for s in solids)
         for link, points in exact.items():
             given = np.concatenate(points)
-            found = np.concatenate([s.vertices for s in solids if s.name == link])
-            assert np.abs(found.min(axis=0) - given.min(axis=0)).max() < off, link
-            assert np.abs(found.max(axis=0) - given.max(axis=0)).max() < off, link
+            vertices = np.concatenate([s.vertices for s in solids if s.name == link])
+            assert np.abs(vertices.min(axis=0) - given.min(axis=0)).max() < off, link
+            assert np.abs(vertices.max(axis=0) - given.max(axis=0)).max() < off, link
 
 
 def sphere(fine: int = 5) -> Triangles:

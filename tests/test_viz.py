@@ -290,8 +290,8 @@ def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None
     def visit(server: LocalServer, address: str) -> None:
         def load() -> None:
             with urllib.request.urlopen(address) as response:
-                found = re.search(r'"status": (\[.*?\])', response.read().decode())
-            counts.append(len(json.loads(found.group(1))) if found else -1)
+                statuses = re.search(r'"status": (\[.*?\])', response.read().decode())
+            counts.append(len(json.loads(statuses.group(1))) if statuses else -1)
 
         def run_through() -> None:
             try:

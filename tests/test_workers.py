@@ -138,22 +138,22 @@ def test_large_arrays_are_shared_not_copied() -> None:
             notice = broadcaster.show(thing)
             assert notice.moved == (factor == 1.0)
             assert len(notice.content) < SMALL
-            found = reader.read(notice, handed)
-            assert found["large"][0] is found["large"][1]
+            shared = reader.read(notice, handed)
+            assert shared["large"][0] is shared["large"][1]
             for name in ("small", "turned", "bytes"):
-                assert np.array_equal(found[name], thing[name])
-                assert found[name].strides == thing[name].strides
-                assert found[name].flags.writeable  # compiled functions tell the kinds apart
-            assert np.array_equal(found["large"][0], factor * large)
-            assert found["large"][0].ctypes.data % 64 == 0
+                assert np.array_equal(shared[name], thing[name])
+                assert shared[name].strides == thing[name].strides
+                assert shared[name].flags.writeable  # compiled functions tell the kinds apart
+            assert np.array_equal(shared["large"][0], factor * large)
+            assert shared["large"][0].ctypes.data % 64 == 0
         broadcaster.show({"large": 5.0 * large})
-        assert np.array_equal(found["large"][0], 5.0 * large)  # it looks at the memory
+        assert np.array_equal(shared["large"][0], 5.0 * large)  # it looks at the memory
         bigger = broadcaster.show(np.zeros((100, SMALL)))
         assert bigger.moved
         assert not reader.read(bigger, handed).any()
-        assert np.array_equal(found["large"][0], 5.0 * large)  # what was read stays
+        assert np.array_equal(shared["large"][0], 5.0 * large)  # what was read stays
         reader.close()
-    del found
+    del shared
     assert len(os.listdir("/dev/fd")) == open_files
 
 

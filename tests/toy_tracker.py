@@ -36,16 +36,16 @@ class ToyTracker:
         return self.step(rng, Middle(observation.time, np.zeros(2)), observation)
 
     def step(self, rng: np.random.Generator, state: Middle, observation: Observation) -> tuple[Middle, FrameResult]:
-        mask, camera, q, one = _mask(observation), observation.cameras[0], self.body.neutral.copy(), np.ones(1)
+        mask, camera, q, unit = _mask(observation), observation.cameras[0], self.body.neutral.copy(), np.ones(1)
         direction = state.direction + NOISE * rng.standard_normal(2)
         if mask.any():
             middle = np.argwhere(mask)[:, ::-1].mean(axis=0)
             direction = direction + GAIN * (observation.cues[0].camera.directions(middle)[:2] - direction)
         q[:3] = camera.R_camera_world.T @ (DEPTH * np.append(direction, 1.0) - camera.t_camera_world)
         status, covariance = "tracked" if mask.any() else "unobserved", 0.01 * np.eye(self.body.nv)
-        head = observation.index, observation.time, status, q[None], one, 0.0 * one, covariance[None]
+        head = observation.index, observation.time, status, q[None], unit, 0.0 * unit, covariance[None]
         told = {"direction": direction, "widths": mask.sum(axis=1)[mask.any(axis=1)]}
-        result = FrameResult(*head, np.array([-1]), 0.0 * one, 0.0 * one, ("as_detected",), extra=told)
+        result = FrameResult(*head, np.array([-1]), 0.0 * unit, 0.0 * unit, ("as_detected",), extra=told)
         return Middle(observation.time, direction), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> Middle:
