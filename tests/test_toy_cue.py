@@ -16,10 +16,9 @@ from benchmarks.resume_kills import Moment, kill_at
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
-from tests.tiny_clip import tiny_clip
+from kinemode.rendering.files import RenderedClip
 
 ROOT = Path(__file__).resolve().parent.parent
-FRAMES = 5
 SETTINGS = """
 [css]
 modes = 2
@@ -40,13 +39,12 @@ def command(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The same track: at one go; with a helper, killed after two frames, and resumed; without the cue."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, "tests.toy_cue")
         patch.setenv("PYTHONPATH", str(ROOT))
         folder = tmp_path_factory.mktemp("toy")
-        clip = tiny_clip(folder / "clip", frames=FRAMES)
         (folder / "settings.toml").write_text(SETTINGS)
         (video,), (keypoints,) = clip.videos.values(), clip.keypoints.values()
         files = [video, "--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"]

@@ -28,16 +28,10 @@ from kinemode.pictures import CUES
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 from tests.builders import body_of, camera_at, observe
-from tests.tiny_clip import tiny_clip
 from tests.toy_tracker import NOISE, Middle, ToyTracker
 
 FRAMES = 5
 NAME = "css"  # the name that it goes by here
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
 
 
 @pytest.fixture(autouse=True)

@@ -13,12 +13,14 @@ QUICK: dict[str, Any] = {"css": {"samples": 2, "jumps": 0, "modes": 2}, "cues": 
 """Changes to the settings that make a search short."""
 
 
-def tiny_clip(folder: Path, *, frames: int = 5) -> RenderedClip:
+FRAMES = 5
+
+
+def tiny_clip(folder: Path) -> RenderedClip:
     """human34 reaching, 160 x 120 pixels, one camera, with masks and the empty scene."""
     view = ViewSettings(image_size=(160, 120))
     detector = DetectorSettings(noise_px=0.6, outlier_fraction=0.0, missing_fraction=0.0)
-    seconds = frames / 5.0
-    return km.render(folder, "reach", view=view, detector=detector, fps=5.0, seconds=seconds, seed=3, masks=True)
+    return km.render(folder, "reach", view=view, detector=detector, fps=5.0, seconds=FRAMES / 5.0, seed=3, masks=True)
 
 
 def named(clip: RenderedClip) -> dict[str, Any]:
