@@ -22,7 +22,7 @@ def silent_names(source: str) -> list[tuple[int, str]]:
     return [(line, name) for line, name in named if name in SAY_NOTHING]
 
 
-@pytest.mark.parametrize("folder", ["tests", "benchmarks"])
+@pytest.mark.parametrize("folder", ["humanoid", "estimator", "viz", "kinemode", "tests", "benchmarks"])
 def test_no_variable_says_nothing(folder: str) -> None:
     files = sorted((ROOT / folder).rglob("*.py"))
     assert len(files) > 20
