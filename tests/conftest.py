@@ -57,6 +57,14 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="session")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The clip of `tests.tiny_clip`; nobody changes its files."""
+    from tests.tiny_clip import tiny_clip  # many tests do without
+
+    return tiny_clip(tmp_path_factory.mktemp("tiny"))
+
+
+@pytest.fixture(scope="session")
 def valid() -> Mapping[str, list[Mapping[str, bytes]]]:
     """Valid files of every kind, see `benchmarks.fuzz_corpus.corpus`; a run of one subject is among them."""
     from benchmarks.fuzz_corpus import corpus  # every other test does without

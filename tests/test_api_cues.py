@@ -21,16 +21,11 @@ from humanoid.support.errors import InputError
 from kinemode import jobs
 from kinemode.pictures import cue_choice
 from kinemode.rendering.clip import RenderedClip
-from tests.tiny_clip import QUICK, named, tiny_clip
+from tests.tiny_clip import QUICK, named
 
 FRAMES = 5
 ARRAYS = ("mode_q", "mode_weight", "mode_energy", "mode_covariance", "mode_velocity", "mode_family", "q", "path")
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
 
 
 @pytest.fixture(scope="module")

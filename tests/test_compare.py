@@ -27,16 +27,11 @@ from kinemode.comparison.scores import courses
 from kinemode.comparison.times import TrackTime
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal.progress import unreported
-from tests.tiny_clip import QUICK, named, tiny_clip
+from tests.tiny_clip import QUICK, named
 from viz.pictures.plot import COLOURS, Curve, Panel, Plot, first_losses, write_plot
 
 NAMES = ("single-mode", "css", "gaussian-single-mode")
 SETTINGS = {"css": QUICK["css"], "cues": QUICK["cues"], "smooth": {"enabled": False}}
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("clip"))
 
 
 def detected(clip: RenderedClip) -> dict[str, Any]:

@@ -19,8 +19,8 @@ from estimator.likelihood.registry import CUES
 from estimator.numerics.robust import LORENTZIAN
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
+from kinemode.rendering.files import RenderedClip
 from kinemode.testing import ContractError, check_cue
-from tests.tiny_clip import tiny_clip
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class Seen:
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
-    clip = tiny_clip(tmp_path_factory.mktemp("clip"), frames=3)
+def seen(clip: RenderedClip) -> Seen:
+    """The first three frames."""
     ((name, video),) = clip.videos.items()
     camera = load_cameras(clip.cameras)[name]
     body = Body(load_subject(clip.subject))
-    q = np.load(clip.truth)["q"]
+    q = np.load(clip.truth)["q"][:3]
     return Seen(body, partial(CameraPictures, video, camera, 160, masks=clip.masks[name]), q)
 
 

@@ -25,23 +25,18 @@ from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.explain import cue_reader, explain, run_settings
 from kinemode.rendering.clip import RenderedClip
-from tests.tiny_clip import QUICK, named, tiny_clip
+from tests.tiny_clip import QUICK, named
 from viz import palette
 from viz.cue_pictures import LONGEST, cue_pictures
 
-FRAMES = 4
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
+FRAMES, END = 4, 0.7  # of five a second
 
 
 @pytest.fixture(scope="module")
 def runs(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
     """One run from keypoints alone, one from the pictures."""
     folder = tmp_path_factory.mktemp("runs")
-    both = {"settings": {**QUICK, "smooth": {"enabled": False}}, "fit": "off"}
+    both = {"settings": {**QUICK, "smooth": {"enabled": False}}, "fit": "off", "end": END}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return {
@@ -117,7 +112,7 @@ def jumping(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> dic
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return {
-            name: km.track("human34", **how, settings=JUMPING, fit="off", out=folder / f"{name}.run")
+            name: km.track("human34", **how, settings=JUMPING, fit="off", end=END, out=folder / f"{name}.run")
             for name, how in seen.items()
         }
 
@@ -227,7 +222,14 @@ def test_frames_without_an_observation_of_their_own(clip: RenderedClip, tmp_path
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         run = km.track(
-            "human34", None, cameras=clip.cameras, keypoints=late, fit="off", settings=QUICK, out=tmp_path / "l.run"
+            "human34",
+            None,
+            cameras=clip.cameras,
+            keypoints=late,
+            fit="off",
+            settings=QUICK,
+            end=END,
+            out=tmp_path / "l.run",
         )
     assert run.status.tolist() == ["unobserved", "tracked", "unobserved", "tracked"]
     with pytest.raises(InputError, match=r"before the first pose.*--frame 1"):

@@ -25,9 +25,10 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
+from kinemode.rendering.files import RenderedClip
 from tests.conftest import ROOT
 from tests.test_run_file import header, state_of, walk
-from tests.tiny_clip import QUICK, tiny_clip
+from tests.tiny_clip import QUICK
 
 FULL = "cannot be written: File too large (make room, or name a file on another disk)"
 
@@ -44,17 +45,17 @@ def files_of_at_most(size: int) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Keypoints, cameras and a run of two frames."""
     folder: Path = tmp_path_factory.mktemp("made")
-    clip = tiny_clip(folder, frames=2)
     (keypoints,) = clip.keypoints.values()
-    keypoints.rename(folder / "keypoints.json")
+    shutil.copy(keypoints, folder / "keypoints.json")
+    shutil.copy(clip.cameras, folder / "cameras.json")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         km.track(
             "human34", None, cameras=clip.cameras, keypoints=folder / "keypoints.json", out=folder / "a.run",
-            settings=QUICK, fit="off",
+            settings=QUICK, fit="off", end=0.3,
         )  # fmt: skip
     return folder
 

@@ -1,8 +1,7 @@
-"""The contract of every tracker, what each is known for, and settings by name."""
+"""What every tracker does over a longer clip, what each is known for, and settings by name."""
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe
 
+from estimator.formats.packing import pack, unpack
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
@@ -98,32 +98,11 @@ def noise(request: pytest.FixtureRequest) -> float:
     return float(request.param)
 
 
-def test_results_are_well_formed(name: str, noise: float) -> None:
-    body = body_of("human34")
+def test_as_many_hypotheses_as_asked_for_and_no_parts_in_each_other(name: str, noise: float) -> None:
     results = [r for r, _ in track(name, noise)]
-    assert [r.index for r in results] == list(range(FRAMES))
-    assert [r.time for r in results] == [o.time for o in clip(noise)]
-    for r, before in zip(results, [None, *results[:-1]], strict=True):
-        count = len(r.weight)
-        assert 1 <= count <= MODES
-        shapes = (
-            r.q.shape,
-            r.covariance.shape,
-            r.energy.shape,
-            r.parent.shape,
-            r.kkt_residual.shape,
-            r.penetration.shape,
-        )
-        assert shapes == ((count, body.nq), (count, body.nv, body.nv), (count,), (count,), (count,), (count,))
-        assert len(r.association) == count
-        assert r.weight.sum() == pytest.approx(1.0, abs=1e-12)
-        assert np.all(np.diff(r.weight) <= 0.0)
-        assert inside(body, r.q) or (name in UNCONSTRAINED and before is not None)
-        assert np.allclose(np.linalg.norm(r.q[:, 3:7], axis=1), 1.0, atol=1e-9)
-        assert all(np.isfinite(x).all() for x in (r.q, r.weight, r.energy, r.covariance))
-        assert min(np.linalg.eigvalsh(c)[0] for c in r.covariance) > -1e-9
+    for r in results:
+        assert 1 <= len(r.weight) <= MODES
         assert r.penetration.max() <= 0.01 or name in (*UNCONSTRAINED, *PARTICLES)
-        assert np.all(r.parent == -1) if before is None else np.all(r.parent < len(before.weight))
     statuses = [r.status for r in results]
     assert statuses.count("unobserved") == 1
     assert set(statuses) <= {"tracked", "hard", "unobserved"}
@@ -141,25 +120,13 @@ def test_the_person_is_followed(name: str) -> None:
     assert np.nanmax(fits) < (20.0 if name in PARTICLES else 6.0)
 
 
-def test_equal_seeds_give_equal_tracks(name: str) -> None:
-    again = [r for r, _ in run(tracker(name), clip(NOISE[1]), SEED)]
-    assert all(same_result(a, b) for (a, _), b in zip(track(name, NOISE[1]), again, strict=True))
-
-
-def test_states_survive_as_arrays(name: str) -> None:
-    """Whatever frame a run is broken off at, its stored state continues to the same result, to the last bit."""
+def test_a_track_goes_on_after_and_before_an_unseen_frame(name: str) -> None:
+    """From the stored state, to the same result, to the last bit."""
     whole = track(name, NOISE[1])
-    for broken in (0, MISSING - 1, MISSING):
-        arrays = whole[broken][1].arrays()
-        file = io.BytesIO()
-        np.savez(file, **arrays)
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as stored:
-            back = tracker(name).state_from(stored).arrays()
-        assert set(back) == set(arrays)
-        assert all(np.array_equal(arrays[k], back[k]) and arrays[k].dtype == back[k].dtype for k in arrays)
+    for broken in (MISSING - 1, MISSING):
         goes_on = tracker(name)
-        resumed = run(goes_on, clip(NOISE[1]), SEED, state=goes_on.state_from(back), first=broken + 1)
+        state = goes_on.state_from(unpack(pack(whole[broken][1].arrays())))
+        resumed = run(goes_on, clip(NOISE[1]), SEED, state=state, first=broken + 1)
         assert all(same_result(a, b) for (a, _), (b, _) in zip(whole[broken + 1 :], resumed, strict=True))
 
 

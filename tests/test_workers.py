@@ -35,16 +35,10 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.rendering.clip import RenderedClip
 from tests.builders import body_of, camera_at, observe
-from tests.tiny_clip import tiny_clip
 
 FRAMES = 3
 QUICK = {"css": {"budget": {"searches": 9}}}
 ARRAYS = ("q", "weight", "energy", "covariance", "parent", "kkt_residual", "penetration", "velocity")
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("tiny"), frames=FRAMES)
 
 
 def tracked(
