@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cues.assigned import assignments, nothing
+from estimator.cues.assigned import Assignments, nothing
 from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
 from estimator.cues.cue_picture import CONTOUR_LEGEND, CuePicture, contour_dots, links
 from estimator.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
-from estimator.cues.edges.matching import search_edges, take_candidates
+from estimator.cues.edges.matching import edge_assignments
 from estimator.cues.edges.settings import IDLE, EdgeLikelihoodSettings
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.numerics.robust import LECLERC
 from estimator.prediction.prediction import Prediction
-from estimator.prediction.visibility import HIDDEN
 
 _NONE = np.zeros((0, 0), dtype=np.float32)
 
@@ -58,25 +57,15 @@ class EdgeMatcher(Matcher):
         count = len(contours.state)
         if not count:
             return [_match()]
-        size = (count, s.edge_candidates)
-        target, share, trust = np.empty((*size, 2)), np.zeros(size), np.empty(size)
         sigma = view.sigma(s.edge_noise)
-        search_edges(
+        each = view.weight * s.edge_evidence / count
+        *group, share = edge_assignments(
             contours.pixels, contours.normals, contours.state, edges.strength, edges.direction, self._boundary,
             self._distance, max(2.0, s.edge_window * view.extent), 2.0 * sigma, s.edge_candidates, 2.0 * sigma,
-            s.motion_boundary, target, share, trust,
+            s.motion_boundary, each, 1.0 / sigma**2, LECLERC, float(s.edge_nu),
         )  # fmt: skip
-        each, most = view.weight * s.edge_evidence / count, share.size
-        point, place, shares = np.empty(most, dtype=np.int64), np.empty((most, 2)), np.empty(most)
-        weights = np.empty((most, 3))
-        taken = take_candidates(
-            target, share, trust, contours.normals, each, 1.0 / sigma**2, point, place, weights, shares
-        )
-        group = assignments(point[:taken], place[:taken], weights[:taken], shares[:taken], LECLERC, s.edge_nu)
-        seen = contours.state != HIDDEN
-        missing = np.count_nonzero(seen) - share[seen].sum()
-        hidden = count - np.count_nonzero(seen)
-        return [_match(group, each * (0.5 * s.edge_nu * missing + s.occluded * s.back_facing * hidden))]
+        missing, hidden = len(share) - share.sum(), count - len(share)
+        return [_match(Assignments(*group), each * (0.5 * s.edge_nu * missing + s.occluded * s.back_facing * hidden))]
 
     @cached_property
     def _boundary(self) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.prediction.visibility import INNER, OUTER
+from estimator.prediction.visibility import HIDDEN, INNER, OUTER
 from humanoid.support.compiled import jit
 
 _STRAIGHT = 0.6  # cosine between contour normal and image gradient from which an edge may belong to the contour
@@ -42,25 +42,24 @@ def search_edges(  # type: ignore[no-untyped-def]
     height, width = strength.shape
     reach = int(window)
     profile = np.zeros(2 * reach + 3)
+    one = np.uint32(1)  # indices without a sign need no look at whether they count from the end
     for i in range(pixels.shape[0]):
         share[i] = 0.0
         if state[i] != OUTER and state[i] != INNER:
             continue
+        nx, ny = normals[i, 0], normals[i, 1]
         for k in range(2 * reach + 3):
-            u = pixels[i, 0] + (k - reach - 1) * normals[i, 0]
-            v = pixels[i, 1] + (k - reach - 1) * normals[i, 1]
+            u, v = pixels[i, 0] + (k - reach - 1) * nx, pixels[i, 1] + (k - reach - 1) * ny
             profile[k] = 0.0
             if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
                 continue
-            x, y = int(u + 0.5), int(v + 0.5)
-            if strength[y, x] < 0.5 * _WEAK:  # most of a picture
-                continue
-            along = abs(direction[y, x, 0] * normals[i, 0] + direction[y, x, 1] * normals[i, 1])
-            if along > _STRAIGHT:
-                x, y = int(u), int(v)
+            column, row = np.uint32(u + 0.5), np.uint32(v + 0.5)
+            along = abs(direction[row, column, 0] * nx + direction[row, column, 1] * ny)
+            if (along > _STRAIGHT) & (strength[row, column] >= 0.5 * _WEAK):
+                x, y = np.uint32(u), np.uint32(v)
                 a, b = u - x, v - y
-                upper = (1.0 - a) * strength[y, x] + a * strength[y, x + 1]
-                lower = (1.0 - a) * strength[y + 1, x] + a * strength[y + 1, x + 1]
+                upper = (1.0 - a) * strength[y, x] + a * strength[y, x + one]
+                lower = (1.0 - a) * strength[y + one, x] + a * strength[y + one, x + one]
                 profile[k] = ((1.0 - b) * upper + b * lower) * along
         total = _UNSURE
         for k in range(1, 2 * reach + 2):
@@ -69,12 +68,12 @@ def search_edges(  # type: ignore[no-untyped-def]
                 continue
             bend = profile[k - 1] - 2.0 * s + profile[k + 1]
             offset = k - reach - 1 + (0.5 * (profile[k - 1] - profile[k + 1]) / bend if bend < -1e-6 else 0.0)
-            u, v = pixels[i, 0] + offset * normals[i, 0], pixels[i, 1] + offset * normals[i, 1]
-            x, y = min(max(int(u + 0.5), 0), width - 1), min(max(int(v + 0.5), 0), height - 1)
+            u, v = pixels[i, 0] + offset * nx, pixels[i, 1] + offset * ny
+            at, line = min(max(int(u + 0.5), 0), width - 1), min(max(int(v + 0.5), 0), height - 1)
             if distance.shape[0] > 0:
-                d = distance[y, x] if state[i] == INNER else abs(distance[y, x])
+                d = distance[line, at] if state[i] == INNER else abs(distance[line, at])
                 s /= 1.0 + max(d / near, 0.0) ** 2
-            w = 1.0 - emphasis * boundary[y, x] if boundary.shape[0] > 0 else 1.0
+            w = 1.0 - emphasis * boundary[line, at] if boundary.shape[0] > 0 else 1.0
             s /= 1.0 + (offset / wide) ** 2
             total += s
             for c in range(most):
@@ -108,3 +107,25 @@ def take_candidates(target, share, trust, normals, each, precision, point, place
             shares[count] = each * share[i, c]
             count += 1
     return count
+
+
+@jit
+def edge_assignments(  # type: ignore[no-untyped-def]
+    pixels, normals, state, strength, direction, boundary, distance, window, wide, most, near, emphasis, each,
+    precision, kind, nu,
+):  # fmt: skip
+    """`take_candidates` of `search_edges`: point (A,), target (A, 2), precision (A, 3), weight, kind and nu (A,) as in
+    `Assignments`; and the shares (S, most) of the contour points that are not hidden."""
+    count = len(state)
+    target, share, trust = np.empty((count, most, 2)), np.empty((count, most)), np.empty((count, most))
+    search_edges(
+        pixels, normals, state, strength, direction, boundary, distance, window, wide, most, near, emphasis, target,
+        share, trust,
+    )  # fmt: skip
+    point, place = np.empty(share.size, np.int64), np.empty((share.size, 2))
+    weights, shares = np.empty((share.size, 3)), np.empty(share.size)
+    taken = take_candidates(target, share, trust, normals, each, precision, point, place, weights, shares)
+    return (
+        point[:taken], place[:taken], weights[:taken], shares[:taken], np.full(taken, kind), np.full(taken, nu),
+        share[state != HIDDEN],
+    )  # fmt: skip
