@@ -42,7 +42,7 @@ def search_edges(  # type: ignore[no-untyped-def]
     height, width = strength.shape
     reach = int(window)
     profile = np.zeros(2 * reach + 3)
-    one = np.uint32(1)  # indices without a sign need no look at whether they count from the end
+    step = np.uint32(1)  # indices without a sign need no look at whether they count from the end
     for i in range(pixels.shape[0]):
         share[i] = 0.0
         if state[i] != OUTER and state[i] != INNER:
@@ -58,8 +58,8 @@ def search_edges(  # type: ignore[no-untyped-def]
             if (along > _STRAIGHT) & (strength[row, column] >= 0.5 * _WEAK):
                 x, y = np.uint32(u), np.uint32(v)
                 a, b = u - x, v - y
-                upper = (1.0 - a) * strength[y, x] + a * strength[y, x + one]
-                lower = (1.0 - a) * strength[y + one, x] + a * strength[y + one, x + one]
+                upper = (1.0 - a) * strength[y, x] + a * strength[y, x + step]
+                lower = (1.0 - a) * strength[y + step, x] + a * strength[y + step, x + step]
                 profile[k] = ((1.0 - b) * upper + b * lower) * along
         total = _UNSURE
         for k in range(1, 2 * reach + 2):
