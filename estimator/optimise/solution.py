@@ -42,7 +42,7 @@ class StepCounts(NamedTuple):
 
     def plus(self, other: StepCounts) -> StepCounts:
         """The steps of both."""
-        return StepCounts(*(a + b for a, b in zip(self, other, strict=True)))
+        return StepCounts(self[0] + other[0], self[1] + other[1], self[2] + other[2], self[3] + other[3])
 
 
 class Solution(NamedTuple):

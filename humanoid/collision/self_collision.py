@@ -114,7 +114,13 @@ class SelfCollision:
         count = self._measure(posed, self.margin if margin is None else margin)
         if count == 0:
             return self._nothing
-        pair, distance, point_a, point_b, normal = (buffer[:count].copy() for buffer in self._contacts)
+        buffers = self._contacts  # copied by name: a loop over them costs as much again
+        pair, distance, normal = (
+            buffers.near[:count].copy(),
+            buffers.distance[:count].copy(),
+            buffers.normal[:count].copy(),
+        )
+        point_a, point_b = buffers.point_a[:count].copy(), buffers.point_b[:count].copy()
         tree = self._body.tree
         gradient = witness.gradients(
             posed.spatial_jacobian, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal
