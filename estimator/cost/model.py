@@ -153,11 +153,13 @@ class CostModel:
         if observed is not None and self._has_upright:
             terms.append(self._upright(observed.cameras))
         if q_previous is not None:
-            s = self.settings
-            terms.append(
-                Transition(self.body, q_previous, self.transition_std(dt), s.transition_potential, s.transition_nu)
-            )
+            terms.append(self.transition(q_previous, dt))
         return Cost(self.body, terms)
+
+    def transition(self, q_previous: np.ndarray, dt: float) -> Transition:
+        """What the change since `q_previous` (nq,), `dt` seconds ago, costs: the last term of `cost`."""
+        s = self.settings
+        return Transition(self.body, q_previous, self.transition_std(dt), s.transition_potential, s.transition_nu)
 
     def transition_std(self, dt: float) -> np.ndarray:
         """Standard deviation (nv,) of the change in `dt` seconds."""

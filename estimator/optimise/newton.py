@@ -116,18 +116,19 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
     """Descend from a model; the energy never rises, but for trials that the problem calls as good."""
     schedule, accepted, unsolved = settings.damping, settings.accepted, settings.unsolved
     damping, growth = schedule.first, schedule.growth
+    converged, solved, evaluated = problem.converged, problem.step, problem.at  # looked up once: this is a hot loop
     for tried in range(settings.iterations):
-        if problem.converged(model):
+        if converged(model):
             return Descent(model, CONVERGED, tried)
-        step = problem.step(model, damping)
+        step = solved(model, damping)
         while step is None and unsolved == "retry" and damping < schedule.most:
             damping = max(RETRIED[0] * damping, RETRIED[1])
-            step = problem.step(model, damping)
+            step = solved(model, damping)
         if step is not None:
             promised = step[1]
             if promised is not None and promised < settings.least_promise:
                 return Descent(model, STALLED, tried)
-            trial = problem.at(model, step)
+            trial = evaluated(model, step)
             gain = float(model.value - trial.value)
             ratio = float(gain > 0.0) if promised is None else gain / max(promised, LEAST_PROMISE)
             if ratio > accepted or problem.as_good(model, trial):
@@ -142,4 +143,4 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
             growth *= 2.0
         if damping > schedule.most:
             return Descent(model, STALLED, tried + 1)
-    return Descent(model, CONVERGED if problem.converged(model) else ITERATIONS, settings.iterations)
+    return Descent(model, CONVERGED if converged(model) else ITERATIONS, settings.iterations)

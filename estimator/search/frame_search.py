@@ -22,6 +22,7 @@ from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.terms.term import Cost, QuadraticModel, Term
+from humanoid.kinematics.body import PlacedBodies
 
 
 class FrameCase(NamedTuple):
@@ -60,9 +61,22 @@ class FrameSearch:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
         return self._looked(h, self._assigned(h.q))
 
-    def look_at_keypoints(self, h: Hypothesis) -> float:
-        """Log-weight of a hypothesis as it is, pictures left out."""
-        return self._looked(h, [])
+    def look_at_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
+        """Log-weights of hypotheses as they are, pictures left out; all are placed at once."""
+        if not hypotheses:
+            return []
+        energies, placed = np.empty(len(hypotheses)), self._body.placed(np.array([h.q for h in hypotheses]))
+        for k, association in enumerate(self.case.associations):
+            own = np.array([h.association == k for h in hypotheses])
+            if own.any():
+                chosen = PlacedBodies(placed.q[own], placed.placements[own])
+                energies[own] = self._model.cost(association.term).values(chosen)
+        for n, h in enumerate(hypotheses):
+            if h.origin.q_paid is not None:
+                alone = PlacedBodies(placed.q[n : n + 1], placed.placements[n : n + 1])
+                energies[n] += self._model.transition(h.origin.q_paid, self.case.dt).values(alone)[0]
+        penalties = (self.case.associations[h.association].penalty for h in hypotheses)
+        return [h.prior_score - float(e) - p for h, e, p in zip(hypotheses, energies, penalties, strict=True)]
 
     def explore(self, h: Hypothesis) -> Candidate:
         """Work: a short search."""

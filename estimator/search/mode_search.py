@@ -100,10 +100,8 @@ class ModeSearch:
         """The `count` hypotheses of lowest energy as they are, the pictures' included or not: many cheap looks before a
         few searches."""
         frame = self.frame(case)
-        if pictures:
-            scores = self.workers.each(FrameSearch.look, hypotheses)
-        else:
-            scores = [frame.look_at_keypoints(h) for h in hypotheses]  # sharing it would take longer
+        # without pictures sharing it would take longer
+        scores = self.workers.each(FrameSearch.look, hypotheses) if pictures else frame.look_at_keypoints(hypotheses)
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
 
     def frame(self, case: FrameCase) -> FrameSearch:

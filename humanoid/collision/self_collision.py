@@ -165,6 +165,8 @@ class SelfCollision:
         candidates = broad_phase.candidates(
             self._world, self._segment, self._radius, self._radii, self._solid_pairs, margin, self._candidates
         )
+        if candidates == 0:
+            return 0
         count = self._ask(self._candidates[:candidates].tolist(), margin, self._contacts, 0, every_point=True)
         if count:
             solids = (self._world, self._segment, self._radius, self._radii)
