@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from benchmarks.common import Changes, Several, beam_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
-from estimator.results.evaluation import Reference
+from estimator.results.reference_motion import Reference
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 

@@ -16,7 +16,8 @@ from estimator.formats.keypoints import load_keypoints, load_people, write_keypo
 from estimator.formats.keypoints_people import Person
 from estimator.media.clip import DEFAULT_FPS as FPS
 from estimator.people.across_cameras import subject_tracks
-from estimator.results.evaluation import Reference, evaluate
+from estimator.results.evaluation import evaluate
+from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.crowd import crowd, placed

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from benchmarks.common import Several, save, start
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
-from estimator.results.evaluation import Reference
+from estimator.results.reference_motion import Reference
 from kinemode import demo
 from kinemode.terminal import report
 from kinemode.terminal.progress import unreported

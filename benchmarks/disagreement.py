@@ -16,7 +16,8 @@ from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import beam_folder, save, start, tell, work_folder
 from estimator.media.clip import Clip
 from estimator.media.film import write_film
-from estimator.results.evaluation import Reference, evaluate_points
+from estimator.results.evaluation import evaluate_points
+from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -21,7 +21,7 @@ from estimator.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.media.clip import Clip
-from estimator.results.evaluation import Reference
+from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
 from estimator.tracking.registry import make_tracker

@@ -10,7 +10,7 @@ from benchmarks.common import tell
 from benchmarks.mocap import DETECTOR, FPS, person
 from benchmarks.scores import TrackErrors, trajectories
 from benchmarks.tracking import timed_track
-from estimator.results.evaluation import Reference
+from estimator.results.reference_motion import Reference
 from estimator.synthesis.mocap import load_mocap
 
 

@@ -1,1 +1,1 @@
-"""How a body is estimated: images, cost, search, filtering, trackers, formats."""
+"""How a body is estimated: pictures, energies, searches, trackers, results. `docs/design.md` has the floors."""

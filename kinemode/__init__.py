@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from estimator.cameras.camera import Camera
     from estimator.formats.cameras import load_cameras, write_cameras
     from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-    from estimator.results.evaluation import Evaluation, Reference
+    from estimator.results.evaluation import Evaluation
+    from estimator.results.reference_motion import Reference
     from estimator.results.run_file import Run
     from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
     from humanoid.kinematics.body import Body
@@ -41,7 +42,7 @@ _MODULES = {
     "InputError": "humanoid.support.errors",
     "InputWarning": "kinemode.notices",
     "KeypointTrack": "estimator.formats.keypoints",
-    "Reference": "estimator.results.evaluation",
+    "Reference": "estimator.results.reference_motion",
     "Run": "estimator.results.run_file",
     "SceneSettings": "estimator.synthesis.settings",
     "Subject": "humanoid.subject.subject",

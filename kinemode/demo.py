@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
-from estimator.results.evaluation import Evaluation, Reference, evaluate
+from estimator.results.evaluation import Evaluation, evaluate
+from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject

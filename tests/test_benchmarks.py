@@ -13,7 +13,8 @@ from benchmarks import mocap, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
 from estimator.cameras.camera import guessed_camera
-from estimator.results.evaluation import LIMB_JOINTS, Reference
+from estimator.results.evaluation import LIMB_JOINTS
+from estimator.results.reference_motion import Reference
 from estimator.synthesis.motion_keys import MOTIONS
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.results.evaluation import HIPS, LIMB_JOINTS, Reference, mpjpe
+from estimator.results.evaluation import HIPS, LIMB_JOINTS, mpjpe
+from estimator.results.reference_motion import Reference
 from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError

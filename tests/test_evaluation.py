@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from estimator.formats.opensim import Coordinates, read_mot, write_mot
 from estimator.results import evaluation
 from estimator.results.coordinates import opensim_coordinates
-from estimator.results.evaluation import LIMB_JOINTS, Reference, evaluate, evaluate_points, mpjpe, pa_mpjpe
+from estimator.results.evaluation import LIMB_JOINTS, evaluate, evaluate_points, mpjpe, pa_mpjpe
+from estimator.results.reference_motion import Reference
 from estimator.synthesis import write_truth
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text

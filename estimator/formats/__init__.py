@@ -1,1 +1,1 @@
-"""Files that others read and write: runs, keypoints, cameras, exports."""
+"""Files that others read and write: keypoints, cameras, motions, settings; checked JSON."""

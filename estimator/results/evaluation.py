@@ -9,16 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from estimator.formats.opensim import Coordinates
-from estimator.formats.reference import load_reference
 from estimator.numerics.alignment import similarity_onto
 from estimator.results.coordinate_errors import coordinate_errors, joint_coordinates
 from estimator.results.pairs import Pairs, match_frames, paired
+from estimator.results.reference_motion import Reference
 from estimator.results.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
@@ -32,27 +30,6 @@ __all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "Shared", "best_of_
     "procrustes", "shared_landmarks"]  # fmt: skip
 
 _LIMIT_TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Where the points of a person, or of any body, were, and how its joints were turned.
-
-    names (L): landmark names, COCO's where COCO has one. points (T, L, 3): world frame [m], NaN where unknown.
-    time (T,): seconds since the clip's start, or None where only the frame numbers count.
-    coordinates: joint angles (T), None where they are not known.
-    """
-
-    names: tuple[str, ...]
-    points: np.ndarray
-    time: np.ndarray | None = None
-    coordinates: Coordinates | None = None
-
-    @staticmethod
-    def load(path: str | Path) -> Reference:
-        """The reference in a file; see `estimator.formats.reference.load_reference` for kinds and errors."""
-        stored = load_reference(path)
-        return Reference(stored.names, stored.points, stored.time, stored.coordinates)
 
 
 @dataclass(frozen=True)

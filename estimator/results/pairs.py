@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from estimator.results.reference_motion import Reference
 from estimator.results.shared_landmarks import Shared, shared_landmarks
-
-if TYPE_CHECKING:
-    from estimator.results.evaluation import Reference
 
 
 class Pairs(NamedTuple):

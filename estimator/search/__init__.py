@@ -1,1 +1,1 @@
-"""Mode seeking in a frame: starts, proposals, kinematic jumps, and the searches of all of them in worker processes."""
+"""From hypotheses to the modes of a frame: starts, proposals, kinematic jumps, and their searches in a worker pool."""

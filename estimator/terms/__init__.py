@@ -1,1 +1,1 @@
-"""One term of the energy a file: value, gradient and Hessian in the tangent space; their sum."""
+"""One term of the energy a file: value, gradient and Hessian in the tangent space, values of many poses; their sum."""

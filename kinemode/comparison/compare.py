@@ -10,7 +10,7 @@ from typing import cast
 
 from threadpoolctl import threadpool_limits
 
-from estimator.results.evaluation import Reference
+from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from estimator.tracking.registry import common_settings
 from humanoid.subject.subject import Subject

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.imaging.observation import Observation
-from estimator.results.evaluation import Reference, evaluate_points
+from estimator.results.evaluation import evaluate_points
 from estimator.results.pairs import paired
+from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from estimator.results.trajectory_errors import trajectory_errors
 from estimator.search.mode_search import ModeSearch

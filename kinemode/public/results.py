@@ -15,7 +15,8 @@ from kinemode.public.arguments import check_arguments
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
-    from estimator.results.evaluation import Evaluation, Reference
+    from estimator.results.evaluation import Evaluation
+    from estimator.results.reference_motion import Reference
     from estimator.results.run_reader import Run
 
     RunLike = Run | PathLike
