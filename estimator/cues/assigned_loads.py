@@ -59,6 +59,18 @@ def assigned_loads(  # type: ignore[no-untyped-def]
 
 
 @jit
+def charge(a, visible, u, v, target, precision, weight, kind, nu):  # type: ignore[no-untyped-def]
+    """What assignment a of target (A, 2), precision (A, 3), weight, kind, nu (A,) costs where its point is at u, v."""
+    square = BEHIND
+    if visible:
+        ex, ey = target[a, 0] - u, target[a, 1] - v
+        px = precision[a, 0] * ex + precision[a, 1] * ey
+        py = precision[a, 1] * ex + precision[a, 2] * ey
+        square = ex * px + ey * py
+    return 0.5 * weight[a] * rho(kind[a], square, nu[a])[0]
+
+
+@jit
 def assigned_values(  # type: ignore[no-untyped-def]
     placements, joints, local, intrinsics, distortion, R, t, first, target, precision, weight, kind, nu, values
 ):
@@ -70,13 +82,7 @@ def assigned_values(  # type: ignore[no-untyped-def]
             to_world(placements[s, joints[n]], local[n], p)
             u, v, visible = project_point(p, intrinsics, distortion, R, t)
             for a in range(first[n], first[n + 1]):
-                square = BEHIND
-                if visible:
-                    ex, ey = target[a, 0] - u, target[a, 1] - v
-                    px = precision[a, 0] * ex + precision[a, 1] * ey
-                    py = precision[a, 1] * ex + precision[a, 2] * ey
-                    square = ex * px + ey * py
-                value += 0.5 * weight[a] * rho(kind[a], square, nu[a])[0]
+                value += charge(a, visible, u, v, target, precision, weight, kind, nu)
         values[s] = value
 
 
@@ -116,14 +122,7 @@ def value_here(  # type: ignore[no-untyped-def]
         to_world(placements[joints[used[n]]], local[used[n]], p)
         u, v, visible = project_point(p, intrinsics, distortion, R, t)
         for k in range(first[n], first[n + 1]):
-            a = order[k]
-            square = BEHIND
-            if visible:
-                ex, ey = target[a, 0] - u, target[a, 1] - v
-                px = precision[a, 0] * ex + precision[a, 1] * ey
-                py = precision[a, 1] * ex + precision[a, 2] * ey
-                square = ex * px + ey * py
-            value += 0.5 * weight[a] * rho(kind[a], square, nu[a])[0]
+            value += charge(order[k], visible, u, v, target, precision, weight, kind, nu)
     return value
 
 

@@ -22,7 +22,6 @@ from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.terms.term import Cost, QuadraticModel, Term
-from humanoid.kinematics.body import PlacedBodies
 
 
 class FrameCase(NamedTuple):
@@ -69,12 +68,11 @@ class FrameSearch:
         for k, association in enumerate(self.case.associations):
             own = np.array([h.association == k for h in hypotheses])
             if own.any():
-                chosen = PlacedBodies(placed.q[own], placed.placements[own])
-                energies[own] = self._model.cost(association.term).values(chosen)
+                energies[own] = self._model.cost(association.term).values(placed.of(own))
         for n, h in enumerate(hypotheses):
             if h.origin.q_paid is not None:
-                alone = PlacedBodies(placed.q[n : n + 1], placed.placements[n : n + 1])
-                energies[n] += self._model.transition(h.origin.q_paid, self.case.dt).values(alone)[0]
+                change = self._model.transition(h.origin.q_paid, self.case.dt)
+                energies[n] += change.values(placed.of(slice(n, n + 1)))[0]
         penalties = (self.case.associations[h.association].penalty for h in hypotheses)
         return [h.prior_score - float(e) - p for h, e, p in zip(hypotheses, energies, penalties, strict=True)]
 

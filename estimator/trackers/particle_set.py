@@ -72,7 +72,7 @@ class FrameEnergy:
         for k, flow in enumerate(self._flows):
             own = owner == k
             if flow and own.any():
-                values[own] = self._added(values[own], flow, PlacedBodies(q[own], placed.placements[own]))
+                values[own] = self._added(values[own], flow, placed.of(own))
         if self._likelihood is not None:
             for n, each in enumerate(q):
                 for value in self._likelihood.assigned_values(self.body.at(each)):

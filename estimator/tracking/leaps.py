@@ -81,6 +81,13 @@ class LeapCheck:
         self._free = body.has_free_root
         self._speed = FASTEST * body_size(body)  # [m/s]
 
+    def leapt_since(self, last: LastFrame | None, result: FrameResult) -> bool:
+        """`leapt` from the frame before to this one; never to one without hypotheses, nor from none."""
+        if last is None or not len(result.q):
+            return False
+        elapsed = result.time - last.time + last.unobserved
+        return self.leapt(last.root, last.covariance, result.q[0], result.covariance[0], elapsed)
+
     def leapt(
         self, before: np.ndarray, covariance_before: np.ndarray, q: np.ndarray, covariance: np.ndarray, elapsed: float
     ) -> bool:
@@ -107,18 +114,11 @@ def _placed(q: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def leaps(body: Body, results: Iterable[FrameResult]) -> list[int]:
     """Indices of the frames in which the root leapt; unobserved frames lengthen the time there was."""
     check, leapt = LeapCheck(body), []
-    before: FrameResult | None = None
-    seen = 0.0
+    last: LastFrame | None = None
     for result in results:
-        observed = len(result.q) > 0 and result.status != "unobserved"
-        if observed and before is not None:
-            elapsed = result.time - seen
-            if check.leapt(before.q, before.covariance, result.q[0], result.covariance[0], elapsed):
-                leapt.append(result.index)
-        if len(result.q):
-            before = result
-        if observed:
-            seen = result.time
+        if result.status != "unobserved" and check.leapt_since(last, result):
+            leapt.append(result.index)
+        last = LastFrame.after(last, result)
     return leapt
 
 

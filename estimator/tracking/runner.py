@@ -50,6 +50,20 @@ def run(
     same as an uninterrupted one. Frames before the first that the tracker can start from are "unobserved" and have no
     hypotheses. A frame in which the root leapt is "hard", see `estimator.tracking.leaps`.
     """
+    for result, after, _ in _frames(tracker, observations, seed, state, first, cues, last):
+        yield result, after
+
+
+def _frames(
+    tracker: Tracker[S],
+    observations: Sequence[Observation],
+    seed: int,
+    state: S | None,
+    first: int,
+    cues: Cues | None,
+    last: LastFrame | None,
+) -> Iterator[tuple[FrameResult, S | None, LastFrame | None]]:
+    """`run`, with what tells leaps from each frame on."""
     check = LeapCheck(tracker.body)
     for observation, following in _with_following(observations[first:], cues, frames_ahead(tracker)):
         rng = np.random.default_rng((seed, observation.index))
@@ -58,14 +72,14 @@ def run(
                 state, result = tracker.step(rng, state, observation, following)
             else:
                 state, result = tracker.step(rng, state, observation)
-            if result.status == "tracked" and _leapt(check, last, result):
+            if result.status == "tracked" and check.leapt_since(last, result):
                 result = replace(result, status="hard")
         elif tracker.can_start(observation):
             state, result = tracker.init(rng, observation)
         else:
             result = _empty(observation, tracker.body.nq, tracker.body.nv)
         last = LastFrame.after(last, result)
-        yield result, state
+        yield result, state, last
 
 
 def _with_following(
@@ -79,13 +93,6 @@ def _with_following(
         yield waiting.popleft(), tuple(waiting)
     while waiting:
         yield waiting.popleft(), tuple(waiting)
-
-
-def _leapt(check: LeapCheck, last: LastFrame | None, result: FrameResult) -> bool:
-    if last is None or not len(result.q):
-        return False
-    elapsed = result.time - last.time + last.unobserved
-    return check.leapt(last.root, last.covariance, result.q[0], result.covariance[0], elapsed)
 
 
 def run_into(
@@ -102,9 +109,8 @@ def run_into(
 ) -> None:
     """`run`, each frame stored as soon as it is done; `progress` is told how many of how many are."""
     done = first
-    for result, after in run(tracker, observations, seed, state=state, first=first, cues=cues, last=last):
-        last = LastFrame.after(last, result)
-        writer.append(result, _stored(after, last))
+    for result, after, told in _frames(tracker, observations, seed, state, first, cues, last):
+        writer.append(result, _stored(after, told))
         done += 1
         if progress is not None:
             progress(done, len(observations))

@@ -63,6 +63,10 @@ class PlacedBodies(NamedTuple):
     q: np.ndarray
     placements: np.ndarray
 
+    def of(self, rows: np.ndarray | slice) -> PlacedBodies:
+        """Some of them: an index of rows."""
+        return PlacedBodies(self.q[rows], self.placements[rows])
+
 
 @dataclass(frozen=True)
 class Tree:

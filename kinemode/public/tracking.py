@@ -14,8 +14,8 @@ from kinemode.target import Target, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
-    from estimator.fitting.lengths import Fit
-    from estimator.results.run_reader import Run
+    from estimator.fitting.fit import Fit
+    from estimator.results.run_file import Run
     from humanoid.subject.subject import Subject
     from kinemode.comparison.compare import Comparison
     from kinemode.inputs.files import Cameras
