@@ -114,11 +114,15 @@ class FrameSearch:
         pose = None if previous is None else previous.key
         key = h.association, q_paid is not None, pose
         if key not in self._bases:
-            term, likelihood = self.case.associations[h.association].term, self.case.likelihood
-            followed = None if pose is None else self.flows.get(pose)
-            flow = [] if followed is None or likelihood is None else likelihood.terms_since(followed)
-            self._bases[key] = self._model.cost(term, q_paid, self.case.dt, flow)
+            term = self.case.associations[h.association].term
+            self._bases[key] = self._model.cost(term, q_paid, self.case.dt, self._flow(h))
         return self._bases[key]
+
+    def _flow(self, h: Hypothesis) -> list[Term]:
+        """What the pictures say of the movement since a hypothesis' previous pose."""
+        previous, likelihood = h.origin.previous, self.case.likelihood
+        followed = None if previous is None else self.flows.get(previous.key)
+        return [] if followed is None or likelihood is None else list(likelihood.terms_since(followed))
 
     def _assigned(self, q: np.ndarray) -> list[Term]:
         """What the pictures say around q (nq,)."""
@@ -163,8 +167,9 @@ class FrameSearch:
     ) -> Mode:
         association, dt, body = self.case.associations[h.association], self.case.dt, self._body
         posed, previous = solution.quadratic.posed, h.origin.previous
-        # what one frame and the priors know: sampling by it must not be narrowed by the temporal term (CSS footnote 5)
-        static = self._model.cost(association.term, image_terms=assigned).of(posed)
+        # the pictures, flow included, and the priors (eq. 12); not the transition, which would narrow the samples of a
+        # search that is static (CSS footnote 5)
+        static = self._model.cost(association.term, image_terms=[*self._flow(h), *assigned]).of(posed)
         return Mode(
             q=posed.q,
             velocity=np.zeros(body.nv) if previous is None else body.velocity(previous.q, posed.q, dt),
