@@ -34,7 +34,7 @@ Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=Tr
 
 def start(main: Callable[..., None]) -> None:
     """Run a measure with the command line as its arguments; bad input is one line and exit code 2."""
-    _quiet()
+    quiet()
     try:
         cyclopts.run(main)
     except InputError as error:
@@ -42,7 +42,8 @@ def start(main: Callable[..., None]) -> None:
         sys.exit(2)
 
 
-def _quiet() -> None:
+def quiet() -> None:
+    """No warnings of input, in this process."""
     warnings.simplefilter("ignore", km.InputWarning)
 
 
@@ -58,7 +59,7 @@ def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: in
     if min(jobs, len(tasks)) < 2:
         return [work(task) for task in tasks]
     spawn = multiprocessing.get_context("spawn")  # a forked child would inherit threads that stand still
-    with ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _quiet) as pool:
+    with ProcessPoolExecutor(min(jobs, len(tasks)), spawn, quiet) as pool:
         return list(pool.map(work, tasks))
 
 

@@ -1,17 +1,22 @@
-"""Runs of the failure table: CSS as it is, every other tracker with as much processor time a frame."""
+"""Runs of the failure table: CSS as it is, every other tracker with as much processor time a frame, all smoothed alike."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from operator import attrgetter
 from typing import Any
 
-from benchmarks.common import tell
-from benchmarks.scores import Outcome, outcome
+import numpy as np
+
+from benchmarks.kept_runs import Figures, Kept
+from benchmarks.scores import Outcome, TrackErrors, outcome
 from benchmarks.sequences import Task, rendered, track_clip
-from estimator.tracking.registry import TRACKERS, changes_for, settings_for
+from estimator.trackers.capabilities import HasEnergy
+from estimator.tracking.registry import TRACKERS, changes_for, make_tracker, settings_for
+from estimator.tracking.settings import Settings
+from humanoid.support.errors import InputError
 from kinemode.rendering.files import RenderedClip
 from kinemode.settings import choose
 
@@ -33,49 +38,157 @@ FARTHEST = 3.0  # a line through two short trials is not followed further, in te
 class Attempt:
     """One tracker on one clip.
 
-    size: its setting of `SIZES`, None where it has none. cpu: seconds of processor time a frame. times: `cpu` in
-    terms of CSS's. frames, fps: of the clip.
+    size: its setting of `SIZES`, None where that was left to it. cpu: seconds of processor time a frame, of tracking
+    alone. frames: of the clip. smooths: whether its hypotheses have energies that smoothing can go by; where not, the
+    smoothed trajectory is the filtered path.
     """
 
     tracker: str
+    motion: str
+    clip_seed: int
+    seed: int
     size: int | None
     cpu: float
-    times: float
     frames: int
+    smooths: bool
     outcome: Outcome
+
+    @staticmethod
+    def of(figures: Figures) -> Attempt:
+        """From JSON."""
+        scored = figures["outcome"]
+        errors = {name: TrackErrors(**e) for name, e in scored["errors"].items()}
+        return Attempt(**figures | {"outcome": Outcome(errors, scored["fps"], tuple(scored["notes"]))})
+
+    @property
+    def clip(self) -> tuple[str, int]:
+        """Which of all clips."""
+        return self.motion, self.clip_seed
+
+    @property
+    def key(self) -> tuple[str, int, int]:
+        """What another tracker's run must share to be compared with it."""
+        return self.motion, self.clip_seed, self.seed
 
 
 @dataclass(frozen=True)
-class Race:
-    """A tracker on a rendered clip with a budget of processor time a frame [s]; `trial` frames decide its size."""
+class Tracking:
+    """A piece of work: a tracker on a rendered clip.
+
+    The task's `how` has the cues, the modes that css and css-paper keep, and changes to the settings. size: see
+    `Attempt`.
+    """
 
     task: Task
-    clip: RenderedClip
     tracker: str
-    budget: float
+    seed: int
+    size: int | None = None
+
+    @property
+    def name(self) -> str:
+        """See `benchmarks.kept_runs.Piece`."""
+        return f"{self.task.motion}_{self.task.clip_seed}_{self.tracker}_{self.seed}"
+
+    @property
+    def what(self) -> dict[str, Any]:
+        """See `benchmarks.kept_runs.Piece`."""
+        t = self.task
+        return {
+            "motion": t.motion, "clip_seed": t.clip_seed, "seconds": t.seconds, "plate": t.plate,
+            "detected": t.detected, "cues": t.how["cues"], "tracker": self.tracker, "seed": self.seed,
+            "settings": self.settings.to_dict(),
+        }  # fmt: skip
+
+    @property
+    def settings(self) -> Settings:
+        """All of them."""
+        return settings_for(self.tracker, modes=self._modes, changes=self._changes)
+
+    def prepare(self) -> RenderedClip:
+        """Render the clip unless it is there."""
+        return rendered(self.task)
+
+    def work(self, kept: Kept) -> Figures:
+        """The `Attempt`; the run itself is not kept."""
+        out, clip = kept.scratch(self, ".run"), self.prepare()
+        run, times = track_clip(self.task, clip, out, **self.how)
+        smooths = isinstance(make_tracker(self.tracker, run.body, self.settings), HasEnergy)
+        scored = outcome(run, times, clip.truth)
+        t, cpu = self.task, times.cpu_tracking
+        attempt = Attempt(self.tracker, t.motion, t.clip_seed, self.seed, self.size, cpu, len(run), smooths, scored)
+        for path in out.parent.glob(f"{out.name}*"):
+            path.unlink()
+        return asdict(attempt)
+
+    def tried(self, kept: Kept, frames: int) -> float:
+        """Processor time a frame [s] of the first frames alone."""
+        out = kept.scratch(self, "_trial.run")
+        _, times = track_clip(self.task, self.prepare(), out, frames=frames, **self.how)
+        return times.cpu_tracking
+
+    @property
+    def how(self) -> dict[str, Any]:
+        """Arguments of `timed_track` beside the task's."""
+        return {"tracker": self.tracker, "seed": self.seed, "settings": self._changes, "modes": self._modes}
+
+    @property
+    def _modes(self) -> int | None:
+        """They are asked for of CSS alone, the others keep their own number."""
+        return self.task.how["modes"] if TRACKERS[self.tracker].group == TRACKERS[CSS].group else None
+
+    @property
+    def _changes(self) -> dict[str, Any]:
+        """Those that have an effect, and smoothing switched on for all."""
+        changes = resized(self.tracker, changes_for(self.tracker, self.task.how["settings"]), self.size)
+        changes["smooth"] = {"enabled": True} | changes.get("smooth", {})
+        return choose(self.tracker, changes).used(fits=False)
+
+
+@dataclass(frozen=True)
+class Sizing:
+    """A piece of work: the size of a tracker for which a frame takes as long as CSS's on this clip.
+
+    rival: its run without a size. css: the runs of CSS whose mean time it is, done before. trial: frames of the short
+    runs that it is guessed from.
+    """
+
+    rival: Tracking
+    css: tuple[Tracking, ...]
     trial: int
 
+    @property
+    def name(self) -> str:
+        """See `benchmarks.kept_runs.Piece`."""
+        return f"{self.rival.name}_size"
 
-def css_run(task: Task) -> tuple[RenderedClip, Attempt]:
-    """Render the clip and track it with CSS, whose time is everybody's."""
-    clip = rendered(task)
-    attempt = _attempt(task, clip, CSS, None, None)
-    return clip, attempt
+    @property
+    def what(self) -> dict[str, Any]:
+        """See `benchmarks.kept_runs.Piece`."""
+        return {"size of": self.rival.what, "in the time of": [run.what for run in self.css], "trial": self.trial}
+
+    def work(self, kept: Kept) -> Figures:
+        """The size, from trials, and from a run over the whole clip where that takes other time."""
+        own = own_size(self.rival.tracker, self.rival.task.how["settings"])
+        assert own is not None
+        budget = mean_time([Attempt.of(kept.of(run)) for run in self.css])
+        sizes = [max(1, round(share * own)) for share in TRIAL]
+        times = [self._sized(size).tried(kept, self.trial) for size in sizes]
+        size = size_for(budget, sizes, times)
+        cpu = Attempt.of(kept.of(self._sized(size))).cpu
+        if not 1.0 / EQUAL <= cpu / budget <= EQUAL:
+            size = size_for(budget, [sizes[0], size], [times[0], cpu])
+        return {"size": size}
+
+    def _sized(self, size: int) -> Tracking:
+        return Tracking(self.rival.task, self.rival.tracker, self.rival.seed, size)
 
 
-def race(r: Race) -> Attempt:
-    """Track with the size that takes about the budget: by trial, and once more where the whole clip took other time."""
-    own = own_size(r.tracker, r.task.how["settings"])
-    if own is None:
-        return _attempt(r.task, r.clip, r.tracker, None, r.budget)
-    sizes = [max(1, round(share * own)) for share in TRIAL]
-    times = [_tried(r, size) for size in sizes]
-    size = size_for(r.budget, sizes, times)
-    attempt = _attempt(r.task, r.clip, r.tracker, size, r.budget)
-    if 1.0 / EQUAL <= attempt.times <= EQUAL:
-        return attempt
-    better = size_for(r.budget, [sizes[0], size], [times[0], attempt.cpu])
-    return _attempt(r.task, r.clip, r.tracker, better, r.budget)
+def mean_time(attempts: Sequence[Attempt]) -> float:
+    """Processor time a frame [s]. Raises InputError where the clips are too short to tell."""
+    mean = float(np.mean([attempt.cpu for attempt in attempts]))
+    if not np.isfinite(mean):
+        raise InputError("--seconds", "leaves too few frames to tell what a frame takes", remedy="5 frames or more")
+    return mean
 
 
 def own_size(tracker: str, changes: Mapping[str, Any]) -> int | None:
@@ -107,29 +220,3 @@ def size_for(budget: float, sizes: list[int], times: list[float]) -> int:
         return max(1, round(proportional))
     on_line = small + (budget - quick) * (large - small) / (slow - quick)
     return max(1, round(min(on_line, FARTHEST * proportional)))
-
-
-def _tried(r: Race, size: int) -> float:
-    """Processor time a frame [s] with this size."""
-    _, times = track_clip(r.task, r.clip, f"{r.tracker}-trial", frames=r.trial, **_how(r.task, r.tracker, size))
-    return times.cpu
-
-
-def _attempt(task: Task, clip: RenderedClip, tracker: str, size: int | None, budget: float | None) -> Attempt:
-    run, times = track_clip(task, clip, tracker, **_how(task, tracker, size))
-    scored = outcome(run, times, clip.truth)
-    share = times.cpu / budget if budget else 1.0
-    sized = "" if size is None else f" of size {size}"
-    lost = scored.errors["smoothed"].lost
-    ending = "to the end" if lost is None else f"lost in frame {lost}"
-    tell(f"{task.label}: {tracker}{sized}, {1e3 * times.cpu:.0f} ms a frame, {share:.2f} of CSS's, {ending}")
-    return Attempt(tracker, size, times.cpu, share, len(run), scored)
-
-
-def _how(task: Task, tracker: str, size: int | None) -> dict[str, Any]:
-    """Arguments of `timed_track` beside the task's: the settings that have an effect; modes are asked for of CSS alone,
-    the others keep their own."""
-    modes = task.how["modes"] if TRACKERS[tracker].group == TRACKERS[CSS].group else None
-    changes = resized(tracker, changes_for(tracker, task.how["settings"]), size)
-    settings = choose(tracker, changes).used(fits=False)
-    return {"tracker": tracker, "settings": settings, "modes": modes}

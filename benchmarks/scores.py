@@ -23,13 +23,17 @@ from estimator.results.evaluation import (
 )
 from estimator.results.pairs import paired
 from estimator.results.run_file import Run
-from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
+from estimator.results.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
 from estimator.smoothing import FixedLag
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker
 from kinemode.explain import run_settings
 
 FAR_MM = 1e3 * FAR
+LOST = (
+    f"a joint error over {FAR_MM:.0f} mm or a distance in the image over {FAR_PX:.0f} px of {FAR_PX_SIZE[0]} x"
+    f" {FAR_PX_SIZE[1]}, in larger pictures as much of the diagonal"
+)
 TRAJECTORIES = ("smoothed", "filtered", "best of K")
 
 
@@ -145,15 +149,17 @@ class TrackErrors:
 
     mean, worst: of the mean joint error, over the frames and in the worst one [mm], in the world: nothing is aligned.
     pixels: mean distance of the joints from the true ones in the image, in the worst frame [px].
-    lost: the first frame where the joint error is above 250 mm or that distance above 15 px, or that has no pose; None
-    where every frame is within. aligned, pa: mean error with the hips aligned, NaN for a body without hips, and after
-    the best similarity of each frame [mm].
+    lost: the first lost frame, see `estimator.results.trajectory_errors.TrajectoryErrors`, None without any. of_limits:
+    the largest error of any frame in terms of the limit from which it is lost, infinite where a frame has no pose or
+    none in the image. aligned, pa: mean error with the hips aligned, NaN for a body without hips, and after the best
+    similarity of each frame [mm].
     """
 
     mean: float
     worst: float
     pixels: float
     lost: int | None
+    of_limits: float
     aligned: float
     pa: float
 
@@ -168,6 +174,7 @@ def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, 
         worst=1e3 * float(errors.world.max()),
         pixels=float(errors.pixels.max()),
         lost=int(lost[0]) if len(lost) else None,
+        of_limits=float(np.nan_to_num(errors.of_limits, nan=np.inf).max()),
         aligned=1e3 * float(errors.aligned.mean()) if hips else float("nan"),
         pa=1e3 * float(pa_mpjpe(points, truth).mean()),
     )
@@ -213,7 +220,6 @@ TRACK_LEGEND = (
     "[mm] mean over the limb joints, in the world: nothing is aligned.\n"
     "smoothed: best hypothesis, along the path back and smoothed; filtered: best of each frame as tracked; best of K:"
     " of each frame's K hypotheses the nearest.\n"
-    f"first lost: the first frame with a joint error over {FAR_MM:.0f} mm or a distance over {FAR_PX:.0f} px in the"
-    " image.\n"
+    f"first lost: the first frame with {LOST}.\n"
     "fps: tracking and smoothing, without start and fit."
 )

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, start, tell, work_folder
+from benchmarks.kept_runs import kept_clip
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
@@ -26,10 +27,11 @@ Motion = Literal["arm", "pivot", "turn_reach"]
 
 @dataclass(frozen=True)
 class Task:
-    """One clip to render and track: the motion, the clip's seed, where to, and how.
+    """One clip to render and track: the motion, the clip's seed, and how.
 
-    seconds: only so much of the motion. plate: whether the empty scene is given. how: arguments of `timed_track`.
-    detected: track from a detector's keypoints in every frame instead of the first frame's and the pictures.
+    seconds: only so much of the motion. plate: whether the empty scene is given. folder: of all clips, which are kept
+    there, a folder each. how: arguments of `timed_track`. detected: track from a detector's keypoints in every frame
+    instead of the first frame's and the pictures.
     """
 
     motion: str
@@ -44,20 +46,34 @@ class Task:
     def label(self) -> str:
         return f"{self.motion}, clip seed {self.clip_seed}"
 
+    @property
+    def clip_folder(self) -> Path:
+        """Where its clip is."""
+        return clip_folder(self.folder, self.motion, self.clip_seed, self.seconds, not self.detected)
+
+
+def clip_folder(folder: Path, name: str, seed: int, seconds: float | None, videos: bool = True) -> Path:
+    """Where a clip of some motion and seed is among all."""
+    shortened = "" if seconds is None else f"_{seconds:g}s"
+    return folder / f"{name}_{seed}{shortened}{'' if videos else '_keypoints'}"
+
 
 def rendered(task: Task) -> RenderedClip:
+    """The task's clip, rendered unless it is there."""
     longest = motion_named(task.motion).seconds
     seconds = None if task.seconds is None else min(task.seconds, longest)
-    clip = km.render(
-        task.folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected
-    )
-    tell(f"{task.label}: rendered")
-    return clip
+
+    def render(folder: Path) -> None:
+        km.render(
+            folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected
+        )
+        tell(f"{task.label}: rendered")
+
+    return kept_clip(task.clip_folder, render)
 
 
-def track_clip(task: Task, clip: RenderedClip, name: str = "track", **more: Any) -> tuple[Run, Times]:
-    """Track a task's clip into a run of this name; the subject is the body in the pictures."""
-    out = task.folder / f"{name}.run"
+def track_clip(task: Task, clip: RenderedClip, out: Path, **more: Any) -> tuple[Run, Times]:
+    """Track a task's clip into a run file; the subject is the body in the pictures."""
     how: dict[str, Any] = {"subject": clip.subject, "fit": "off"} | task.how | more
     if task.detected:
         return timed_track(clip.keypoints, clip.cameras, out, **how)
@@ -68,7 +84,7 @@ def track_clip(task: Task, clip: RenderedClip, name: str = "track", **more: Any)
 def tracked(task: Task) -> Outcome:
     """Render and track."""
     clip = rendered(task)
-    run, times = track_clip(task, clip)
+    run, times = track_clip(task, clip, task.clip_folder / "track.run")
     scored = outcome(run, times, clip.truth)
     tell(
         f"{task.label}: {len(run)} frames tracked at {scored.fps:.1f} a second, {scored.errors['smoothed'].mean:.1f} mm"
@@ -121,7 +137,7 @@ def main(
     how = {"cues": ",".join(chosen) or "off", "seed": seed, "modes": modes, "settings": nested(changes)}
     plate = background == "plate" and "silhouette" in chosen
     with work_folder(work) as folder:
-        tasks = [Task(m, s, seconds, plate, folder / f"{m}_{s}", how) for m in motions for s in seeds]
+        tasks = [Task(m, s, seconds, plate, folder, how) for m in motions for s in seeds]
         outcomes = in_processes(tracked, tasks, jobs)
     by_motion: dict[str, dict[int, Outcome]] = {}
     for task, scored in zip(tasks, outcomes, strict=True):

@@ -20,7 +20,7 @@ class Times:
     """Seconds: until the first frame is done (files, fit, start), the other frames, what follows them (smoothing).
 
     count: frames. cpu: seconds of processor time a frame, of tracking and smoothing, without the first two frames, in
-    which kernels are loaded; NaN where there are no others.
+    which kernels are loaded; NaN where there are no others. cpu_tracking: that of tracking alone.
     """
 
     before: float
@@ -28,6 +28,7 @@ class Times:
     after: float
     count: int
     cpu: float
+    cpu_tracking: float
 
     @property
     def rate(self) -> float:
@@ -84,7 +85,9 @@ def timed_track(
     marks.append(_now())
     run = km.open_run(out)
     clock = [mark[0] for mark in marks]
-    return run, Times(clock[1] - clock[0], clock[-2] - clock[1], clock[-1] - clock[-2], len(run), _cpu(marks))
+    tracking, smoothing = _cpu(marks)
+    seconds = clock[1] - clock[0], clock[-2] - clock[1], clock[-1] - clock[-2]
+    return run, Times(*seconds, len(run), tracking + smoothing, tracking)
 
 
 class _Enough(Exception):  # noqa: N818, it is none
@@ -96,8 +99,10 @@ def _now() -> tuple[float, float]:
     return time.perf_counter(), time.process_time()
 
 
-def _cpu(marks: list[tuple[float, float]]) -> float:
-    """See `Times`; marks: at the start, after each frame, at the end."""
+def _cpu(marks: list[tuple[float, float]]) -> tuple[float, float]:
+    """Of tracking and of smoothing a frame, see `Times`; marks: at the start, after each frame, at the end."""
     spent = [mark[1] for mark in marks]
     frames = len(marks) - 2
-    return (spent[-2] - spent[2]) / (frames - 2) + (spent[-1] - spent[-2]) / frames if frames > 2 else float("nan")
+    if frames < 3:
+        return float("nan"), float("nan")
+    return (spent[-2] - spent[2]) / (frames - 2), (spent[-1] - spent[-2]) / frames

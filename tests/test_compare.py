@@ -17,7 +17,7 @@ import pytest
 import kinemode
 from estimator.results.evaluation import HIPS, LIMB_JOINTS, mpjpe
 from estimator.results.reference_motion import Reference
-from estimator.results.trajectory_errors import FAR, FAR_PX, trajectory_errors
+from estimator.results.trajectory_errors import FAR, far_px, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
@@ -183,7 +183,8 @@ def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: 
 
 def test_what_is_plotted(compared: Comparison) -> None:
     plot = plotted(compared.scores, compared.courses)
-    assert [(panel.label[-4:], panel.limit) for panel in plot.panels] == [("[mm]", 1e3 * FAR), ("[px]", FAR_PX)]
+    limit = far_px(compared.runs["css"].header.cameras[0].image_size)
+    assert [(panel.label[-4:], panel.limit) for panel in plot.panels] == [("[mm]", 1e3 * FAR), ("[px]", limit)]
     assert all([curve.name for curve in panel.curves] == list(NAMES) for panel in plot.panels)
     assert not first_losses(plot)
     nothing = np.full(5, np.nan)
@@ -197,8 +198,8 @@ def test_what_is_plotted(compared: Comparison) -> None:
 def test_a_loss_is_marked_by_the_measure_that_it_broke(compared: Comparison) -> None:
     """In the image in frame 1, without a pose in frame 2, in the world in frames 3 and 4."""
     world, pixels = np.array([0.1, 0.1, np.nan, 0.3, 0.3]), np.array([1.0, 20.0, np.nan, 5.0, 5.0])
-    lost = ~((world <= FAR) & (pixels <= FAR_PX))
-    course = replace(compared.courses["css"], world_error=world, pixel_error=pixels, lost=lost)
+    lost = ~((world <= FAR) & (pixels <= 15.0))
+    course = replace(compared.courses["css"], world_error=world, pixel_error=pixels, lost=lost, pixel_limit=15.0)
     plot = plotted([s for s in compared.scores if s.tracker == "css"], {"css": course})
     in_world, in_image = (panel.curves[0] for panel in plot.panels)
     assert in_world.lost == (course.time[2],)  # and not found again

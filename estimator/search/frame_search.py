@@ -169,7 +169,8 @@ class FrameSearch:
         posed, previous = solution.quadratic.posed, h.origin.previous
         # the pictures, flow included, and the priors (eq. 12); not the transition, which would narrow the samples of a
         # search that is static (CSS footnote 5)
-        static = self._model.cost(association.term, image_terms=[*self._flow(h), *assigned]).of(posed)
+        flow = self._flow(h) if self._settings.flow_in_covariance else []
+        static = self._model.cost(association.term, image_terms=[*flow, *assigned]).of(posed)
         return Mode(
             q=posed.q,
             velocity=np.zeros(body.nv) if previous is None else body.velocity(previous.q, posed.q, dt),

@@ -22,6 +22,7 @@ class ModeSearchSettings:
     exchange: also search every frame with left and right of its keypoints exchanged (detectors do take one for the
     other).
     contact: what is done with modes whose parts overlap.
+    flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
     weigh: what a mode's weight is: "height", its probability density (CSS Figure 6, step 3); "volume", its probability
     by the second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS
     section 8). Raises InputError for another word.
@@ -35,6 +36,7 @@ class ModeSearchSettings:
     settled: float = setting(0.01, at_least=0)
     exchange: bool = True
     contact: ContactSettings = field(default_factory=ContactSettings)
+    flow_in_covariance: bool = True
     weigh: str = setting(BY_HEIGHT, one_of=WEIGHINGS)
     weigh_samples: int = setting(60, at_least=1)
 

@@ -27,6 +27,7 @@ from humanoid.support.idle import idle_where
 DYNAMICS_ALONE = (
     idle_where("search.follow", "no search begins where its parent was"),
     idle_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
+    idle_where("search.flow_in_covariance", "covariances are those of the particles"),
 )
 """What has no effect on a particle tracker (`estimator.trackers.spec.Spec.idle`)."""
 

@@ -23,5 +23,5 @@ RULES = (
         " smooth.tolerance smooth.window",
         smooth__enabled=False,
     ),
-    idle_without(PICTURES, "cost.image cues search.follow search.settled"),
+    idle_without(PICTURES, "cost.image cues search.follow search.settled search.flow_in_covariance"),
 )  # fmt: skip

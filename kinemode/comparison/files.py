@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.results.trajectory_errors import FAR, FAR_PX
+from estimator.results.trajectory_errors import FAR
 from humanoid.support.atomic import replacing
 from kinemode.comparison.scores import Course, TrackerScore
 from viz.pictures.plot import Curve, Panel, Plot, write_plot
@@ -44,9 +44,10 @@ def plotted(scores: Sequence[TrackerScore], courses: Mapping[str, Course]) -> Pl
     courses = {score.tracker: courses[score.tracker] for score in scores}
     residuals = np.concatenate([course.residual for course in courses.values()])
     if any(course.placed for course in courses.values()):
+        limit = min(course.pixel_limit for course in courses.values())
         panels = [
             _panel("mean error in the world [mm]", courses, lambda c: 1e3 * c.world_error, 1e3 * FAR),
-            _panel("mean error in the image [px]", courses, lambda c: c.pixel_error, FAR_PX),
+            _panel("mean error in the image [px]", courses, lambda c: c.pixel_error, limit),
         ]
     elif any(np.isfinite(course.error).any() for course in courses.values()):
         aligned = next(iter(courses.values())).aligned

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.results.trajectory_errors import FAR, FAR_PX
+from estimator.results.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE
 from kinemode.comparison.compare import Comparison
 from kinemode.comparison.scores import TrackerScore
 from kinemode.findings import status_meanings
@@ -19,8 +19,9 @@ LEGEND = (
 )
 LEGEND_OF_ERRORS = (
     "final: the trajectory the run ends with, which css smooths. lost: frames with the joints on average over"
-    f" {1e3 * FAR:.0f} mm, or {FAR_PX:.0f} px in the image, from the reference; with a guessed camera over the former,"
-    " hips aligned. best of K: the nearest of each frame's K hypotheses."
+    f" {1e3 * FAR:.0f} mm from the reference, or {FAR_PX:.0f} px in a picture of {FAR_PX_SIZE[0]} x {FAR_PX_SIZE[1]},"
+    " as much of the diagonal of others; with a guessed camera over the former, hips aligned. best of K: the nearest of"
+    " each frame's K hypotheses."
 )
 
 

@@ -13,7 +13,7 @@ from estimator.results.evaluation import evaluate_points
 from estimator.results.pairs import paired
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
-from estimator.results.trajectory_errors import trajectory_errors
+from estimator.results.trajectory_errors import far_px, trajectory_errors
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.beginning import observable
 from estimator.trackers.spec import mode_search
@@ -35,7 +35,8 @@ class Course:
     [m]. world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
     camera where it is largest [px]; NaN unless reference and cameras share one world.
     lost (T,) bool: see `estimator.results.trajectory_errors.TrajectoryErrors`. Without a reference, or where it knows
-    nothing, all errors are NaN and no frame is lost. aligned: what is, in words.
+    nothing, all errors are NaN and no frame is lost. aligned: what is, in words. pixel_limit: pixel_error from which a
+    frame is lost, in the smallest picture.
     """
 
     time: np.ndarray
@@ -46,6 +47,7 @@ class Course:
     pixel_error: np.ndarray
     lost: np.ndarray
     aligned: str = ""
+    pixel_limit: float = float("nan")
 
     @property
     def placed(self) -> bool:
@@ -123,9 +125,11 @@ def _course(run: Run, energy: np.ndarray, reference: Reference | None, placed: b
     pairs = paired(run.body.landmark_names, run.time, reference)
     points, truth = run.mode_landmarks[:, 0][:, pairs.shared.ours], pairs.truth_of_frames(len(run))
     errors = trajectory_errors(points, truth, pairs.shared.root, run.header.cameras if placed else None)
+    limit = min(far_px(camera.image_size) for camera in run.header.cameras)
     return Course(
-        run.time, energy, _residual(run), errors.aligned, errors.world, errors.pixels, errors.lost, pairs.shared.aligned
-    )
+        run.time, energy, _residual(run), errors.aligned, errors.world, errors.pixels, errors.lost,
+        pairs.shared.aligned, limit,
+    )  # fmt: skip
 
 
 def _residual(run: Run) -> np.ndarray:
