@@ -39,8 +39,8 @@ RIVALS = ("no samples", "spherical samples")
 LEAST = 0.10
 """By how much samples by the covariance have to beat these, in error or in runs lost."""
 LEGEND = (
-    "filtered: best hypothesis of each frame as tracked; smoothed: the final trajectory; [mm] over the limb joints, with"
-    " pictures alone in the world, from keypoints with the hips aligned. Mean over the runs ± standard error"
+    "filtered: best hypothesis of each frame as tracked; smoothed: the final trajectory; [mm] over the limb joints,"
+    " with pictures alone in the world, from keypoints with the hips aligned. Mean over the runs ± standard error"
     " (deviation); the error is that of independent runs, or of independent clips where it is larger.\n"
     "more: than the whole on the same clips with the same seeds, mean ± standard error.\n"
     f"lost: runs with a lost frame: {LOST}.\n"
@@ -80,8 +80,8 @@ def main(
     figures: Path | None = None,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Track with CSS without one of its parts at a time: stand-ins and motion capture from pictures alone, motion capture
-    and beam4cam from keypoints.
+    """Track with CSS without one of its parts at a time: stand-ins and motion capture from pictures alone, motion
+    capture and beam4cam from keypoints.
 
     All of it is 636 runs, six to eight hours of one core. An interrupted measure goes on if its --work is given again;
     runs of css on the stand-ins are shared with `benchmarks.failures` in the same folder.

@@ -12,7 +12,7 @@ from benchmarks import mocap
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import CUES, beam_folder
 from benchmarks.failure_runs import CSS, Tracking
-from benchmarks.kept_runs import Figures, Kept, Piece, kept_clip
+from benchmarks.kept_runs import Figures, Kept, Piece, kept_clip, removed
 from benchmarks.scores import TrackErrors, outcome
 from benchmarks.sequences import FPS, Task, clip_folder
 from benchmarks.tracking import Times, timed_track
@@ -171,8 +171,7 @@ class Filmed:
 
 def _measured(run: Run, times: Times, truth: Path, out: Path) -> Figures:
     scored = outcome(run, times, truth)
-    for path in out.parent.glob(f"{out.name}*"):
-        path.unlink()
+    removed(out)
     return {"frames": len(run), "cpu": times.cpu_tracking, "outcome": asdict(scored)}
 
 

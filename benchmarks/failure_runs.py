@@ -1,4 +1,4 @@
-"""Runs of the failure table: CSS as it is, every other tracker with as much processor time a frame, all smoothed alike."""
+"""Runs of the failure table: CSS, and every other tracker with as much processor time a frame, all smoothed alike."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.kept_runs import Figures, Kept
+from benchmarks.kept_runs import Figures, Kept, removed
 from benchmarks.scores import Outcome, TrackErrors, outcome
 from benchmarks.sequences import Task, rendered, track_clip
 from estimator.trackers.capabilities import HasEnergy
@@ -116,14 +116,14 @@ class Tracking:
         scored = outcome(run, times, clip.truth)
         t, cpu = self.task, times.cpu_tracking
         attempt = Attempt(self.tracker, t.motion, t.clip_seed, self.seed, self.size, cpu, len(run), smooths, scored)
-        for path in out.parent.glob(f"{out.name}*"):
-            path.unlink()
+        removed(out)
         return asdict(attempt)
 
     def tried(self, kept: Kept, frames: int) -> float:
         """Processor time a frame [s] of the first frames alone."""
         out = kept.scratch(self, "_trial.run")
         _, times = track_clip(self.task, self.prepare(), out, frames=frames, **self.how)
+        removed(out)
         return times.cpu_tracking
 
     @property

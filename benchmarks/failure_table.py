@@ -1,4 +1,4 @@
-"""What the failure table says of all its runs: a row for each tracker and sequence, and whether the order is the paper's."""
+"""What the failure table says of all its runs: a row for each tracker and sequence, and the paper's order."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ COLUMNS = (
 )  # fmt: skip
 LEGEND = (
     "size: samples, starts or particles (of each layer) a frame, chosen once for each sequence so that a frame takes as"
-    " long as CSS's; single modes have none. ms a frame: of processor time of tracking; smoothing is the same for all"
-    " and left out. of css's: in terms of CSS's on the same clip.\n"
-    "filtered: best hypothesis of each frame as tracked; smoothed: the final trajectory, every tracker's smoothed alike,"
+    " long as CSS's; single modes have none. ms a frame: of processor time of tracking; smoothing is the same for"
+    " all, left out. of css's: in terms of CSS's on the same clip.\n"
+    "filtered: best hypothesis of each frame as tracked; smoothed: the final trajectory, all trackers' smoothed alike,"
     " a dash where its hypotheses have no energy to smooth by; best of K: the nearest hypothesis of each frame. Mean"
     " over the limb joints and frames, in the world: nothing is aligned. Mean over the runs ± standard error"
     " (deviation); the error is that of independent runs, or of independent clips where it is larger.\n"

@@ -19,6 +19,7 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode.rendering.files import RenderedClip
 from kinemode.target import made_folder
+from kinemode.terminal.interruption import is_interruption
 from kinemode.terminal.progress import reported
 
 Figures = dict[str, Any]
@@ -104,7 +105,9 @@ def all_done(label: str, kept: Kept, pieces: Sequence[Piece], jobs: int) -> list
     try:
         with reported(label) as progress:
             _do(kept, left, jobs, lambda done: progress(done, len(left)))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as stop:
+        if not is_interruption(stop):
+            raise
         tell("interrupted: the same command with the same --work goes on")
         sys.exit(INTERRUPTED)
     return [kept.of(piece) for piece in pieces]
@@ -125,6 +128,12 @@ def _do(kept: Kept, pieces: Sequence[Piece], jobs: int, progress: Callable[[int]
             progress(i + 1)
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def removed(run: Path) -> None:
+    """Remove a run file and what stands beside it."""
+    for path in run.parent.glob(f"{run.name}*"):
+        path.unlink()
 
 
 def kept_clip(folder: Path, render: Callable[[Path], object]) -> RenderedClip:

@@ -9,7 +9,6 @@ import numpy as np
 
 from benchmarks.scores import FAR_MM, FAR_PX, TrackErrors
 
-
 Key = TypeVar("Key", bound=Hashable)
 
 
