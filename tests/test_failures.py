@@ -1,23 +1,48 @@
-"""The failure table: every tracker gets CSS's time, and what is said of them is so."""
+"""The failure table and the ablation: all trackers get CSS's time and are judged alike, and what is said of them is so."""
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from benchmarks.failure_runs import CSS, Attempt, Race, css_run, own_size, race, resized, size_for
-from benchmarks.failures import PAPER, verdict
+from benchmarks import ablation, failure_table
+from benchmarks.ablation_runs import STAND_INS, Measured, Wanted, parts
+from benchmarks.common import CUES
+from benchmarks.failure_runs import CSS, Attempt, Sizing, Tracking, own_size, resized, size_for
+from benchmarks.failure_table import PAPER, in_markdown, order, summed
+from benchmarks.kept_runs import INTERRUPTED, Figures, Kept, all_done
+from benchmarks.runs_plot import write_differences, write_runs
 from benchmarks.scores import TRAJECTORIES, Outcome, TrackErrors
 from benchmarks.sequences import FPS, Task
+from benchmarks.summaries import gain, judged, paired, spread_of
+from estimator.search.budget import Source, allocated
 from estimator.tracking.registry import TRACKERS
 
 
-def attempt(tracker: str, mean: float, lost: int | None = None) -> Attempt:
-    errors = TrackErrors(mean, mean, 1.0, lost, mean, mean)
-    return Attempt(tracker, None, 0.1, 1.0, 10, Outcome(dict.fromkeys(TRAJECTORIES, errors), 10.0, ()))
+def errors_of(mean: float, lost: int | None = None, of_limits: float = 0.5) -> TrackErrors:
+    return TrackErrors(mean, mean, 1.0, lost, of_limits, mean, mean)
+
+
+def attempt(tracker: str, mean: float, lost: int | None = None, motion: str = "arm", clip: int = 1, seed: int = 0,
+            cpu: float = 0.1, smooths: bool = True) -> Attempt:  # fmt: skip
+    errors = errors_of(mean, lost)
+    return Attempt(
+        tracker, motion, clip, seed, None, cpu, 10, smooths, Outcome(dict.fromkeys(TRAJECTORIES, errors), 10.0, ())
+    )
+
+
+def field(tracker: str, means: Mapping[tuple[int, int], float], lost: int = 0, motion: str = "arm") -> list[Attempt]:
+    """Attempts on one motion by clip and seed, the first so many of them lost in frame 5."""
+    return [
+        attempt(tracker, mean, 5 if i < lost else None, motion, *key) for i, (key, mean) in enumerate(means.items())
+    ]
 
 
 def test_time_grows_in_a_straight_line() -> None:
@@ -41,30 +66,218 @@ def test_a_tracker_is_given_its_size(tracker: str) -> None:
     assert changes == {"css": {"modes": 3}}
 
 
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_all_trackers_are_smoothed_alike(tracker: str, tmp_path: Path) -> None:
+    how = {"cues": "off", "modes": 2, "settings": {"smooth": {"window": 100}}}
+    task = Task("arm", 1, 0.2, False, tmp_path, how, detected=True)
+    settings = Tracking(task, tracker, 0).settings
+    assert settings.smooth == replace(settings.smooth, enabled=True, window=100)
+    assert Tracking(task, tracker, 0).what != Tracking(task, tracker, 1).what
+    off = replace(task, how=how | {"settings": {"smooth": {"enabled": False}}})
+    assert not Tracking(off, tracker, 0).settings.smooth.enabled
+
+
 def test_the_paper_is_about_known_trackers_and_sequences() -> None:
     assert {tracker for _, tracker in PAPER} <= set(TRACKERS)
     assert {motion for motion, _ in PAPER} == set(FPS)
 
 
-def test_the_verdict() -> None:
-    css, near, far = attempt(CSS, 30.0), attempt("condensation", 29.0), attempt("annealed", 80.0, lost=4)
-    assert "final: none; filtered: none" in verdict([css, far, attempt("css-paper", 1.0)])
-    assert "final: condensation; filtered: condensation" in verdict([css, near, far])
-    assert verdict([css, near, far]).endswith("to the end: css, condensation")
-    assert "annealed" in verdict([css, replace(attempt("annealed", math.nan))])  # unknown is not further away
+def test_a_spread_is_the_textbooks() -> None:
+    values = [1.0, 2.0, 3.0, 4.0]
+    alone = spread_of(values, range(4))
+    assert alone.mean == 2.5
+    assert alone.deviation == pytest.approx(math.sqrt(5.0 / 3.0))
+    assert alone.error == pytest.approx(math.sqrt(5.0 / 3.0) / 2.0)
+    # runs of a clip are one measurement if they are equal: standard error of the two clips' means, 0 and 2
+    clustered = spread_of([0.0, 0.0, 2.0, 2.0], ["a", "a", "b", "b"])
+    assert clustered.error == pytest.approx(1.0)
+    # where the clips do not differ, that of independent runs
+    assert spread_of([0.0, 2.0, 0.0, 2.0], ["a", "a", "b", "b"]).error == pytest.approx(math.sqrt(4.0 / 3.0) / 2.0)
+    assert spread_of([3.0], ["a"])[0] == 3.0
+    assert math.isnan(spread_of([3.0], ["a"]).error)
+    drawn = np.random.default_rng(0).normal(5.0, 2.0, (2000, 9))
+    inside = [abs(s.mean - 5.0) < 2.0 * s.error for s in (spread_of(row, range(9)) for row in drawn)]
+    assert np.mean(inside) == pytest.approx(0.919, abs=0.02)  # Student's t of 8 degrees within 2
+
+
+def test_differences_are_those_of_pairs() -> None:
+    ours = {("a", 0): 1.0, ("a", 1): 2.0, ("b", 0): 3.0, ("c", 0): 100.0}
+    theirs = {("a", 0): 2.0, ("a", 1): 3.0, ("b", 0): 4.0, ("d", 0): -100.0}
+    clips = {key: key[0] for key in (*ours, *theirs)}
+    assert paired(theirs, ours, clips)[:2] == (1.0, 0.0)  # the same everywhere, though the runs are apart
+    better = gain(ours, theirs, clips)
+    assert better.share == pytest.approx(1.0 / 3.0)
+    assert better.shown(0.33)
+    assert not better.shown(0.34)
+    noisy = gain({0: 1.0, 1: 1.0, 2: 1.0}, {0: 1.0, 1: 1.0, 2: 4.0}, {0: 0, 1: 1, 2: 2})
+    assert noisy.share == pytest.approx(0.5)
+    assert not noisy.shown(0.1)  # one standard error
+
+
+def test_runs_are_judged() -> None:
+    runs = [errors_of(10.0, None, 0.4), errors_of(20.0, 7, 1.5), errors_of(60.0, 3, math.inf)]
+    j = judged(runs, ["a", "b", "c"])
+    assert (j.error.mean, j.lost, j.runs, j.lost_at) == (30.0, 2, 3, 5.0)
+    assert j.of_limits == pytest.approx(0.95)
+    assert j.worst_of_limits == math.inf
+    assert j.unscaled == 0
+    assert judged([replace(runs[0], pixels=15.1), replace(runs[0], worst=math.nan)], "ab").unscaled == 2
+
+
+KEYS = {(clip, seed): 30.0 + clip + 0.1 * seed for clip in (1, 2, 3) for seed in (0, 1, 2)}
+
+
+def field_of(css_lost: int, paper_lost: int, single_lost: int, css_mean: float) -> list[Attempt]:
+    """All trackers but one kind on one motion, 9 runs each."""
+    return [
+        *field(CSS, {k: css_mean + v for k, v in KEYS.items()}, css_lost),
+        *field("css-paper", {k: v - 20.0 for k, v in KEYS.items()}, paper_lost),
+        *field("condensation", {k: 30.0 + v for k, v in KEYS.items()}),
+        *field("annealed", {k: 90.0 + v for k, v in KEYS.items()}),
+        *field("single-mode", {k: 95.0 + v for k, v in KEYS.items()}, single_lost),
+    ]
+
+
+def said(attempts: list[Attempt]) -> dict[str, str]:
+    return {line.split(":")[0]: line for line in order(attempts, summed(attempts))}
+
+
+def test_the_papers_order() -> None:
+    good = said(field_of(0, 1, 6, 0.0))
+    assert len(good) == 4
+    assert all(": reached" in line for line in good.values())
+    assert "the next is condensation" in good["arm"]  # css-paper, nearer, is a variation of css
+    bad = said(field_of(1, 2, 5, 25.0))  # 1 of 9 is 3 of 27, 2 of 9 are 6, 5 of 9 are 15; 5 of 62 mm are 8 %
+    assert len(bad) == 4
+    assert all(": not reached" in line for line in bad.values())
+
+
+def test_rows_are_of_a_motion_and_of_all() -> None:
+    runs = [
+        *field(CSS, KEYS), *field(CSS, {k: 3.0 * v for k, v in KEYS.items()}, 3, "pivot"),
+        *(replace(a, cpu=0.3, smooths=False) for a in field("annealed", KEYS)),
+        *(replace(a, cpu=0.1) for a in field("annealed", KEYS, 0, "pivot")),
+    ]  # fmt: skip
+    rows = {(row.tracker, row.motion): row for row in summed(runs)}
+    mean = float(np.mean(list(KEYS.values())))
+    assert rows[CSS, failure_table.ALL].filtered.error.mean == pytest.approx(2.0 * mean)
+    assert rows[CSS, failure_table.ALL].filtered.lost == 3
+    assert rows["annealed", "arm"].times == pytest.approx(3.0)
+    assert rows["annealed", failure_table.ALL].times == pytest.approx(2.0)
+    assert rows["annealed", "arm"].smoothed is None  # nothing to smooth by
+    assert rows["annealed", "pivot"].smoothed is not None
+    lines = in_markdown(list(rows.values())).splitlines()
+    assert [line.count("|") for line in lines] == [8] * 4
+    assert "| - |" in lines[3]
+
+
+def test_what_is_left_of_the_budget_goes_to_the_others() -> None:
+    """So the rows of the ablation have as many searches, whichever source is off."""
+
+    def source(share: float, there: int = 1000) -> Source:
+        return Source(share, lambda count: [None] * min(count, there))  # type: ignore[list-item]
+
+    for off in range(5):
+        shares = [7.0, 5.0, 5.0, 4.0, 14.0]
+        shares[off] = 0.0
+        assert len(allocated(33, [source(share) for share in shares])) == 33
+    assert len(allocated(33, [source(7.0, there=0), source(14.0)])) == 33
+
+
+@dataclass(frozen=True)
+class Doubled:
+    """A piece that leaves a trace of its work, and is interrupted where a file says so."""
+
+    number: int
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        return f"doubled_{self.number}"
+
+    @property
+    def what(self) -> dict[str, Any]:
+        return {"number": self.number}
+
+    def work(self, kept: Kept) -> Figures:
+        if (self.folder / f"stop_{self.number}").exists():
+            raise KeyboardInterrupt
+        with (self.folder / "worked").open("a") as file:
+            file.write(f"{self.number}\n")
+        return {"doubled": 2 * self.number, "share": self.number / 3.0, "far": math.inf}
+
+
+def test_an_interrupted_measure_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pieces = [Doubled(number, tmp_path) for number in range(5)]
+    whole = all_done("whole", Kept(tmp_path / "whole"), pieces, 1)
+    (tmp_path / "worked").unlink()
+    (tmp_path / "stop_3").touch()
+    kept = Kept(tmp_path / "kept")
+    with pytest.raises(SystemExit) as stop:
+        all_done("interrupted", kept, pieces, 1)
+    assert stop.value.code == INTERRUPTED
+    (tmp_path / "stop_3").unlink()
+    capsys.readouterr()
+    assert all_done("again", kept, pieces, 1) == whole
+    assert "3 of 5 are kept" in capsys.readouterr().err
+    assert (tmp_path / "worked").read_text().split() == ["0", "1", "2", "3", "4"]  # none twice
+    assert len(kept.codes(pieces)) == 1
+    other = kept.path(pieces[0])
+    other.write_text(json.dumps(json.loads(other.read_text()) | {"code": "another"}))
+    assert len(kept.codes(pieces)) == 2
+
+
+def test_the_ablation_shares_the_runs_of_css(tmp_path: Path) -> None:
+    how = {"cues": ",".join(CUES), "modes": 7, "settings": {}}
+    ours = Tracking(Task("arm", 2, None, False, tmp_path, how), CSS, 1)
+    wanted = Wanted(tmp_path, None, ("arm",), (1, 2), (0, 1), None, {})
+    kept = Kept(tmp_path)
+    by_row = {name: parts(STAND_INS, name, changes, wanted) for name, changes in ablation.ROWS.items()}
+    assert kept.path(ours) in [kept.path(part.piece) for part in by_row[ablation.WHOLE]]
+    paths = {kept.path(part.piece) for of in by_row.values() for part in of}
+    assert len(paths) == 4 * len(ablation.ROWS)  # every row is another setting
+
+
+def measured(row: str, mean: float, lost: int | None, clip: int, seed: int) -> Measured:
+    return Measured(STAND_INS, row, f"{clip}", seed, 10, 0.1, dict.fromkeys(TRAJECTORIES, errors_of(mean, lost)))
+
+
+def test_what_the_ablation_says(tmp_path: Path) -> None:
+    done = [
+        measured(row, mean + more, 4 if clip <= lost else None, clip, seed)
+        for row, more, lost in (("css", 0.0, 0), ("no samples", 2.0, 3), ("spherical samples", 2.0, 0))
+        for (clip, seed), mean in KEYS.items()
+    ]
+    rows = {row.name: row for row in ablation.summed(done)}
+    assert rows["no samples"].more.filtered.mean == pytest.approx(2.0)
+    assert rows["no samples"].more.smoothed.error == pytest.approx(0.0, abs=1e-9)
+    assert rows["no samples"].lost_more.filtered.mean == 1.0
+    none, spherical = ablation.verdicts(done)
+    assert none.endswith(": reached")  # 6 %, but lost always
+    assert spherical.endswith("not reached")
+    lines = ablation.in_markdown(list(rows.values())).splitlines()
+    assert [line.count("|") for line in lines] == [4] * 5
+    assert "+2.0 ± 0.0; 9 of 9" in lines[3]
+    write_differences(tmp_path / "a.png", ablation.differences(list(rows.values())))
+    write_runs(tmp_path / "b.png", failure_table.by_tracker(field_of(1, 2, 5, 3.0)))
+    assert min((tmp_path / name).stat().st_size for name in ("a.png", "b.png")) > 5000
 
 
 def test_a_short_race(tmp_path: Path) -> None:
-    how = {"cues": "off", "seed": 0, "modes": 2, "settings": {"css": {"samples": 2, "jumps": 0}}}
-    task = Task("arm", 1, 0.24, False, tmp_path, how, detected=True)
-    clip, css = css_run(task)
-    assert css.times == 1.0
-    assert css.frames == 6
-    single = race(Race(task, clip, "single-mode", css.cpu, 4))
-    assert single.size is None
-    assert single.times == pytest.approx(single.cpu / css.cpu)
-    budget = 5.0 * css.cpu
-    rival = race(Race(task, clip, "condensation", budget, 4))
-    assert rival.size is not None
+    how = {"cues": "off", "modes": 2, "settings": {"css": {"samples": 2, "jumps": 0}}}
+    task, kept = Task("arm", 1, 0.24, False, tmp_path, how, detected=True), Kept(tmp_path)
+    runs = [Tracking(task, CSS, 0), Tracking(task, "single-mode", 0)]
+    css, single = (Attempt.of(result) for result in all_done("short", kept, runs, 1))
+    assert css.frames == single.frames == 6
+    assert css.smooths
+    assert single.smooths
+    filtered, smoothed = (single.outcome.errors[name].mean for name in ("filtered", "smoothed"))
+    assert filtered != smoothed  # a baseline is smoothed too
+    assert max(filtered, smoothed) < 250.0
+    assert asdict(Attempt.of(kept.of(runs[0]))) == asdict(css)
+    sized = Sizing(Tracking(task, "condensation", 0), (runs[0],), 4)
+    (size,) = (result["size"] for result in all_done("size", kept, [sized], 1))
+    rival = Attempt.of(kept.of(Tracking(task, "condensation", 0, size)))
+    assert rival.size == size
     assert rival.outcome.errors["filtered"].mean < 250.0
-    assert rival.times == pytest.approx(rival.cpu / budget)
+    assert not list((tmp_path / "scratch").iterdir())
