@@ -83,7 +83,7 @@ def main(
     """Track with CSS without one of its parts at a time: stand-ins and motion capture from pictures alone, motion
     capture and beam4cam from keypoints.
 
-    All of it is 636 runs, six to eight hours of one core. An interrupted measure goes on if its --work is given again;
+    All of it is 540 runs, about six hours of one core. An interrupted measure goes on if its --work is given again;
     runs of css on the stand-ins are shared with `benchmarks.failures` in the same folder.
 
     Parameters

@@ -35,9 +35,8 @@ def write_runs(path: Path, by_tracker: Mapping[str, Sequence[Attempt]]) -> None:
         axes.set_xlim(left=0.0)
         _rows(axes, list(by_tracker))
     for name, colour, marker in (("filtered", _FILTERED, "o"), ("smoothed", _SMOOTHED, "o"), ("lost", "0.4", "x")):
-        panels[-1].plot([], [], marker, color=colour, label=name, markersize=5)
-    panels[-1].legend(loc="lower right", fontsize=8, frameon=False)
-    _write(path, figure)
+        panels[-1].plot([], [], marker, color=colour, label=name, markersize=5, linestyle="none")
+    _finish(path, figure, panels)
 
 
 def _row_of_runs(axes: Axes, row: float, runs: Sequence[Attempt], trajectory: str, colour: str) -> None:
@@ -75,8 +74,7 @@ def write_differences(path: Path, by_panel: Mapping[str, Mapping[str, Difference
                     )
         axes.set(title=title, xlabel="error more than the whole [mm]")
         _rows(axes, names)
-    panels[-1].legend(loc="lower right", fontsize=8, frameon=False)
-    _write(path, figure)
+    _finish(path, figure, panels)
 
 
 def _panels(count: int, rows: int) -> tuple[Figure, list[Axes]]:
@@ -95,7 +93,11 @@ def _rows(axes: Axes, names: Sequence[str]) -> None:
     axes.set_axisbelow(True)
 
 
-def _write(path: Path, figure: Figure) -> None:
+def _finish(path: Path, figure: Figure, panels: Sequence[Axes]) -> None:
+    """Name the colours below the panels, and write the picture."""
+    figure.legend(
+        *panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8, frameon=False
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110, format="png")

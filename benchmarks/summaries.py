@@ -66,7 +66,7 @@ class Gain(NamedTuple):
 
     def __str__(self) -> str:
         errors = self.difference.mean / self.difference.error if self.difference.error else float("inf")
-        return f"{self.share:.0%} lower, {errors:.1f} standard errors"
+        return f"lower by {self.share:.0%}, {errors:.1f} standard errors"
 
 
 def gain(ours: Mapping[Key, float], theirs: Mapping[Key, float], groups: Mapping[Key, Hashable]) -> Gain:

@@ -1,4 +1,4 @@
-"""The failure table and the ablation: all trackers get CSS's time and are judged alike, and what is said of them is so."""
+"""Failure table and ablation: all trackers get CSS's time and are judged alike, and what is said of them is so."""
 
 from __future__ import annotations
 
