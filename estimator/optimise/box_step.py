@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from estimator.numerics.linear import eliminate, solve_definite
+from estimator.numerics.linear import solve_definite
 from humanoid.support.compiled import jit
 
 NOT_CONVEX, UNSETTLED, FREE, BOUNDED = -1, 0, 1, 2  # verdicts on a step; FREE: no bound is active
@@ -68,90 +70,24 @@ def solve_box(M, g, lower, upper, active, rounds, step):  # type: ignore[no-unty
 
 
 @jit
-def solve_sets(M, g, lower, upper, A, b, active, held, step):  # type: ignore[no-untyped-def]
-    """Minimise 1/2 x'Mx + g'x with given sets: x on its `active` (n,) bounds, rows A x = b where `held` (m,) is true.
+def free_minimum(M, g, step):  # type: ignore[no-untyped-def]
+    """Fill `step` (n,) with the minimum of 1/2 x'Mx + g'x, M (n, n), g (n,); False if M is not positive definite.
 
-    M (n, n); g, lower, upper (n,): as in `solve_box`. A (m, n), b (m,).
-    Fills `step` (n,) and returns whether it solves the problem with all bounds and all rows A x >= b: a solver's sets
-    become a solution exact to rounding, the same on every machine state, or are found wanting.
+    To the last bit what `solve_box` does where no bound is active.
     """
-    n, m = g.shape[0], b.shape[0]
-    f, r = 0, 0
-    free, rows = np.zeros(n, dtype=np.int64), np.zeros(m, dtype=np.int64)
+    n = g.shape[0]
+    rows, L = np.arange(n), np.zeros((n, n))
     for i in range(n):
-        step[i] = 0.0
-        if active[i] == 0:
-            free[f] = i
-            f += 1
-        else:
-            step[i] = lower[i] if active[i] < 0 else upper[i]
-    for k in range(m):
-        if held[k]:
-            rows[r] = k
-            r += 1
-    size = f + r
-    K, x = np.zeros((size, size)), np.zeros(size)
-    for a in range(f):
-        x[a] = -g[free[a]]
-        for k in range(n):
-            x[a] -= M[free[a], k] * step[k]
-        for c in range(f):
-            K[a, c] = M[free[a], free[c]]
-        for c in range(r):
-            K[a, f + c] = -A[rows[c], free[a]]
-            K[f + c, a] = A[rows[c], free[a]]
-    for c in range(r):
-        x[f + c] = b[rows[c]]
-        for k in range(n):
-            x[f + c] -= A[rows[c], k] * step[k]
-    if not eliminate(K, x):
-        return False
-    for a in range(f):
-        step[free[a]] = x[a]
-    multipliers = np.zeros(m)
-    for c in range(r):
-        multipliers[rows[c]] = x[f + c]
-    return _certified(M, g, lower, upper, A, b, active, multipliers, step)
+        step[i] = -g[i]
+    return solve_definite(M, rows, n, 0.0, L, step)
 
 
 @jit
-def _certified(M, g, lower, upper, A, b, active, multipliers, step):  # type: ignore[no-untyped-def]
-    """KKT conditions of min 1/2 x'Mx + g'x, lower <= x <= upper, A x >= b, at x = step, to rounding;
-    multipliers (m,). The arrays: see `solve_sets`."""
-    n, m = g.shape[0], b.shape[0]
-    scale = 1e-30
-    for i in range(n):
-        scale = max(scale, abs(g[i]))
-    for k in range(m):
-        value = 0.0
-        for i in range(n):
-            value += A[k, i] * step[i]
-        if value < b[k] - 1e-10 or multipliers[k] < -1e-9 * scale:
-            return False
-    for i in range(n):
-        if active[i] == 0:
-            if step[i] < lower[i] or step[i] > upper[i]:
-                return False
-            continue
-        slope = g[i]
-        for k in range(n):
-            slope += M[i, k] * step[k]
-        for k in range(m):
-            slope -= A[k, i] * multipliers[k]
-        if slope * active[i] > 1e-9 * scale:
-            return False
-    return True
-
-
-@jit
-def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bounds, step):  # type: ignore[no-untyped-def]
-    """The step from q (nq,) that minimises the damped model within joint limits and a trust box.
+def damped_model(H, g, damping, radius, q, places, limits, M, bounds):  # type: ignore[no-untyped-def]
+    """Fill M (nv, nv) with the damped matrix H + damping diag(H), bounds (2, nv) with those of the step from q (nq,).
 
     H (nv, nv), g (nv,): the model. radius (nv,): half-width of the trust box. places (B, 2) int: where a bounded joint
-    stands in q and in the tangent. limits (2, B): its lower and upper limit. active (nv,), rounds, step (nv,): see
-    `solve_box`. M (nv, nv), bounds (2, nv): filled with the damped matrix H + damping diag(H) and the step's bounds.
-    Returns a verdict, NOT_CONVEX, UNSETTLED, FREE or BOUNDED, `step` being the solution in the last two, and then the
-    decrease that the undamped model promises of it, else 0.
+    stands in q and in the tangent. limits (2, B): its lower and upper limit.
     """
     n = g.shape[0]
     lower, upper = bounds[0], bounds[1]
@@ -168,14 +104,64 @@ def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bou
         k, i = places[b, 0], places[b, 1]
         lower[i] = max(lower[i], limits[0, b] - q[k])
         upper[i] = min(upper[i], limits[1, b] - q[k])
-    settled = solve_box(M, g, lower, upper, active, rounds, step)
+
+
+@jit
+def damped_step(H, g, damping, radius, q, places, limits, active, rounds, M, bounds, step):  # type: ignore[no-untyped-def]
+    """The step from q (nq,) that minimises the damped model within joint limits and a trust box, by `solve_box`.
+
+    active (nv,), rounds, step (nv,): see there; the others: see `damped_model`. Returns a verdict, NOT_CONVEX,
+    UNSETTLED, FREE or BOUNDED, `step` being the solution in the last two, and then the decrease that the undamped model
+    promises of it, else 0.
+    """
+    damped_model(H, g, damping, radius, q, places, limits, M, bounds)
+    settled = solve_box(M, g, bounds[0], bounds[1], active, rounds, step)
     if settled <= 0:
         return (NOT_CONVEX if settled < 0 else UNSETTLED), 0.0
     verdict = FREE
-    for i in range(n):
+    for i in range(active.shape[0]):
         if active[i] != 0:
             verdict = BOUNDED
     return verdict, model_decrease(H, g, step)
+
+
+@jit
+def free_or_scaled(H, g, damping, radius, q, places, limits, active, rounds, M, bounds, step, scaled, start):  # type: ignore[no-untyped-def]
+    """As `damped_step`, but a convex step that bounds stop is not solved: it is UNSETTLED, made ready for a solver.
+
+    FREE: the free minimum lies within the bounds, `active` is all 0. UNSETTLED: it does not; `scaled` and `start` are
+    filled, see `scale`. Where M is not positive definite, as there may be a free block of it that is: as `damped_step`.
+    """
+    damped_model(H, g, damping, radius, q, places, limits, M, bounds)
+    if not free_minimum(M, g, step):
+        settled = solve_box(M, g, bounds[0], bounds[1], active, rounds, step)
+        return (BOUNDED, model_decrease(H, g, step)) if settled > 0 else (NOT_CONVEX, 0.0)
+    for i in range(g.shape[0]):
+        if step[i] < bounds[0, i] or step[i] > bounds[1, i]:
+            scale(M, g, bounds, step, scaled, start)
+            return UNSETTLED, 0.0
+    for i in range(g.shape[0]):
+        active[i] = 0
+    return FREE, model_decrease(H, g, step)
+
+
+@jit
+def scale(M, g, bounds, x, scaled, start):  # type: ignore[no-untyped-def]
+    """The problem in the variables s x, s the root of the diagonal of M (n, n), where the matrix has a diagonal of 1.
+
+    g (n,), bounds (2, n): see `solve_box`. scaled (n + 4, n): filled with the matrix, then the gradient, the lower and
+    the upper bounds, and s. start (n,): filled with x (n,) cut to the bounds.
+    """
+    n = g.shape[0]
+    s = scaled[n + 3]
+    for i in range(n):
+        s[i] = math.sqrt(M[i, i])
+    for i in range(n):
+        for k in range(n):
+            scaled[i, k] = M[i, k] / (s[i] * s[k])
+        scaled[n, i] = g[i] / s[i]
+        scaled[n + 1, i], scaled[n + 2, i] = bounds[0, i] * s[i], bounds[1, i] * s[i]
+        start[i] = min(max(x[i], bounds[0, i]), bounds[1, i]) * s[i]
 
 
 @jit

@@ -1,40 +1,64 @@
-"""The quadratic programme of one step: ProxQP wherever the guessed active set does not settle it."""
+"""The quadratic programme of one step, by ProxQP or by the compiled active set, certified by its KKT conditions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from proxsuite import proxqp
 
-from estimator.optimise.box_step import FREE, NOT_CONVEX, UNSETTLED, damped_step, model_decrease, solve_sets
+from estimator.optimise.active_sets import settle
+from estimator.optimise.box_step import (
+    FREE,
+    NOT_CONVEX,
+    UNSETTLED,
+    damped_step,
+    free_minimum,
+    free_or_scaled,
+    model_decrease,
+    scale,
+    solve_box,
+)
 from estimator.optimise.newton import Step
+from estimator.optimise.proxqp import ProxQP, Rows
 from estimator.optimise.solution import StepCounts
 from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
 
-ACCURACY = 1e-8
+PROXQP, ACTIVE_SET, PROXQP_ALWAYS = STEP_SOLVERS = ("proxqp", "active-set", "proxqp-always")
+ROUNDS = 6  # of the compiled active set
 _FREE, _ACTIVE_SET, _PROXQP, _FAILED = range(4)  # see `StepCounts`
-UNBOUNDED = 1e20  # what ProxQP takes for infinity
 
 
 @dataclass
 class StepSolver:
     """min 1/2 x'(H + damping diag H)x + g'x  s.t. joint limits, trust box, rows A x >= b  (CSS eq. 13 as a QP).
 
-    One persistent solver object for each number of rows; equal problems have equal solutions, regardless of what was
-    solved before (`_exact`). places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and
-    their lower and upper limits. tally: how many steps each solver solved, in the order of `StepCounts`.
+    step_solver: "proxqp": the free minimum where it satisfies all constraints, else ProxQP; "active-set": a compiled
+    active set iteration from a guess, and ProxQP for what it does not settle or rows stop; "proxqp-always": ProxQP for
+    every convex step. A matrix that is not positive definite is no convex QP: the active set takes it all the same, as
+    long as its free block is. Raises InputError for another word.
+
+    What ProxQP names as active is solved anew by the operations that end the active set (`settle`): equal problems have
+    equal solutions to the last bit, whoever solved them and whatever was solved before. Where ProxQP's answer is not
+    certified it is asked for a sharper one; then the active set is tried.
+
+    places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their lower and upper
+    limit. tally: how many steps each solver solved, in the order of `StepCounts`. uncertified: how many of
+    ProxQP's answers were not certified, the first and the sharper one of a step both counted.
     """
 
     body: Body
-    active_set_rounds: int = 6
+    step_solver: str = PROXQP
 
     def __post_init__(self) -> None:
+        if self.step_solver not in STEP_SOLVERS:
+            raise InputError("step solver", f"is {self.step_solver!r}", remedy="one of " + ", ".join(STEP_SOLVERS))
         body, n = self.body, self.body.nv
         self._M, self._bounds = np.zeros((n, n)), np.zeros((2, n))
-        self._lower, self._upper = self._bounds
-        self._solvers: dict[int, proxqp.dense.QP] = {}
+        self._sets, self._proxqp = np.zeros(n, dtype=np.int8), ProxQP(n)
+        self._no_rows = np.zeros((0, n)), np.zeros(0)
         self.tally = [0, 0, 0, 0]
+        self.uncertified = 0
         self.places = np.stack((body.bounded_q, body.bounded_v), axis=1)
         self.limits = np.stack((body.lower[body.bounded_q], body.upper[body.bounded_q]))
 
@@ -51,85 +75,64 @@ class StepSolver:
         radius: np.ndarray,
         q: np.ndarray,
         active: np.ndarray,
-        rows: tuple[np.ndarray, np.ndarray] | None = None,
+        rows: Rows | None = None,
     ) -> Step | None:
         """The step (nv,) and the decrease that the undamped model promises of it.
 
-        None if the damped model is not convex or the solver failed.
+        None if the damped model is not convex or nobody solved it.
 
         hessian (nv, nv), gradient (nv,): the model at q (nq,). radius (nv,): half-width of the trust box.
         active (nv,) int8: guess of the active bounds, updated in place. rows: A (m, nv) and b (m,).
         """
-        step = np.empty(self.body.nv)
-        verdict, promised = damped_step(
-            hessian, gradient, damping, radius, q, self.places, self.limits, active, self.active_set_rounds, self._M,
-            self._bounds, step,
-        )  # fmt: skip
-        if verdict > UNSETTLED and (rows is None or np.all(rows[0] @ step >= rows[1])):
-            self.tally[_FREE if verdict == FREE else _ACTIVE_SET] += 1
-            return step, promised
-        if verdict == NOT_CONVEX or not _convex(self._M):  # the rounds look only at the variables they left free
-            return None
-        solved = self._proxqp(gradient, active, rows)
-        return None if solved is None else (solved, model_decrease(hessian, gradient, solved))
-
-    def _proxqp(
-        self, gradient: np.ndarray, active: np.ndarray, rows: tuple[np.ndarray, np.ndarray] | None
-    ) -> np.ndarray | None:
-        n, m = self.body.nv, 0 if rows is None else len(rows[1])
-        solver = self._solvers.get(m)
-        C, low, high = (None, None, None) if rows is None else (rows[0], rows[1], np.full(m, UNBOUNDED))
-        if solver is None:
-            solver = proxqp.dense.QP(n, 0, m, True)
-            solver.settings.eps_abs = ACCURACY
-            solver.settings.eps_rel = 0.0
-            solver.settings.max_iter = 25
-            solver.settings.max_iter_in = 50
-            solver.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
-            solver.init(self._M, gradient, None, None, C, low, high, self._lower, self._upper)
-            self._solvers[m] = solver
+        step, proxqp = np.empty(self.body.nv), self._proxqp
+        if self.step_solver == ACTIVE_SET:
+            verdict, promised = damped_step(
+                hessian, gradient, damping, radius, q, self.places, self.limits, active, ROUNDS, self._M,
+                self._bounds, step,
+            )  # fmt: skip
+            ready = False
         else:
-            solver.update(self._M, gradient, None, None, C, low, high, self._lower, self._upper, True)
-        solver.solve()
-        x = np.array(solver.results.x)
-        if not np.all(np.isfinite(x)):
-            self.tally[_FAILED] += 1
+            verdict, promised = free_or_scaled(
+                hessian, gradient, damping, radius, q, self.places, self.limits, active, ROUNDS, self._M,
+                self._bounds, step, proxqp.scaled, proxqp.start,
+            )  # fmt: skip
+            ready = verdict == UNSETTLED
+        if verdict == NOT_CONVEX:
             return None
-        self.tally[_PROXQP] += 1
-        return self._exact(x, np.array(solver.results.z), gradient, active, rows)
+        if not ready:
+            asked = verdict == FREE and self.step_solver == PROXQP_ALWAYS
+            if verdict > UNSETTLED and not asked and (rows is None or np.all(rows[0] @ step >= rows[1])):
+                self.tally[_FREE if verdict == FREE else _ACTIVE_SET] += 1
+                return step, promised
+            if not self._scaled(gradient, step):  # the active set looks only at what it leaves free
+                return None
+        return self._by_proxqp(hessian, gradient, active, rows, step)
 
-    def _exact(
-        self,
-        x: np.ndarray,
-        multipliers: np.ndarray,
-        gradient: np.ndarray,
-        active: np.ndarray,
-        rows: tuple[np.ndarray, np.ndarray] | None,
-    ) -> np.ndarray:
-        """The vertex that ProxQP's answer stands for.
+    def _scaled(self, gradient: np.ndarray, x: np.ndarray) -> bool:
+        """Make the problem ready for ProxQP; False where it is not convex. x (nv,): overwritten."""
+        if not free_minimum(self._M, gradient, x):
+            return False
+        scale(self._M, gradient, self._bounds, x, self._proxqp.scaled, self._proxqp.start)
+        return True
 
-        Its last digits depend on what the solver did before and on where its memory lies; the sets of active bounds
-        and rows do not, so the step is solved anew from them. Where they do not certify, it is cut to the digits that
-        ProxQP guarantees.
-        """
-        A, b = (np.zeros((0, self.body.nv)), np.zeros(0)) if rows is None else rows
-        m = len(b)
-        near = 1e-7
-        at_low, at_high = x <= self._lower + near, x >= self._upper - near
-        active[:] = np.where(at_low, -1, np.where(at_high, 1, 0))
-        step = np.empty(self.body.nv)
-        held = np.abs(multipliers[:m]) > 1e-7
-        if solve_sets(self._M, gradient, self._lower, self._upper, A, b, active, held, step):
-            return step
-        step = np.round(x, 6)
-        step = np.where(at_low, self._lower, np.where(at_high, self._upper, step))
-        return np.minimum(np.maximum(step, self._lower), self._upper)
-
-
-def _convex(M: np.ndarray) -> bool:
-    """Whether M (n, n) is positive definite."""
-    try:
-        np.linalg.cholesky(M)
-    except np.linalg.LinAlgError:
-        return False
-    return True
+    def _by_proxqp(
+        self, hessian: np.ndarray, gradient: np.ndarray, active: np.ndarray, rows: Rows | None, step: np.ndarray
+    ) -> Step | None:
+        """The step of the problem that is ready, counted; `step` (nv,) is overwritten."""
+        A, b = self._no_rows if rows is None else rows
+        proxqp = self._proxqp
+        for ask in (proxqp.multipliers, proxqp.sharper):
+            certified, promised = settle(
+                hessian, self._M, gradient, self._bounds, A, b, ask(rows), self._sets, step
+            )  # fmt: skip
+            if certified:
+                active[:] = self._sets
+                self.tally[_PROXQP] += 1
+                return step, promised
+            self.uncertified += 1
+        lower, upper = self._bounds
+        if solve_box(self._M, gradient, lower, upper, active, ROUNDS, step) > 0 and np.all(A @ step >= b):
+            self.tally[_ACTIVE_SET] += 1
+            return step, model_decrease(hessian, gradient, step)
+        self.tally[_FAILED] += 1
+        return None

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.optimise.box_step import projected_gradient
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
-from estimator.optimise.qp import StepSolver
+from estimator.optimise.qp import PROXQP, StepSolver
 from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
@@ -53,12 +53,15 @@ class SeekSettings:
 
 
 class Seeker:
-    """Searches on one body; holds the workspace, no state that outlives a search but counts."""
+    """Searches on one body; holds the workspace, no state that outlives a search but counts.
 
-    def __init__(self, body: Body, settings: SeekSettings | None = None) -> None:
+    step_solver: who solves a constrained step, see `StepSolver`.
+    """
+
+    def __init__(self, body: Body, settings: SeekSettings | None = None, step_solver: str = PROXQP) -> None:
         self.body = body
         self.settings = settings or SeekSettings()
-        self.solver = StepSolver(body)
+        self.solver = StepSolver(body, step_solver)
         self._residual = np.zeros(body.nv)
         self._boxes: dict[tuple[float, float], np.ndarray] = {}
 

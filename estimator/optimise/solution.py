@@ -19,8 +19,9 @@ SEPARATED, SAMPLED = "separated", "sampled"
 class StepCounts(NamedTuple):
     """How many steps of a search each solver solved.
 
-    free: no bound was active. active_set: on a guessed set of active bounds. proxqp: by ProxQP. failed: by none, as
-    ProxQP's answer was not finite. A model that is not convex has no step and is not counted.
+    free: no bound was active, by Cholesky decomposition. active_set: by the compiled active set. proxqp: by ProxQP.
+    failed: by none, as no answer was certified. A model that is not convex has a step only where the active set leaves
+    a convex part of it free; elsewhere it has none and is not counted.
     """
 
     free: int = 0

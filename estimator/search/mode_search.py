@@ -40,7 +40,7 @@ class ModeSearch:
         self.model = model
         self.body = model.body
         self.settings = settings or ModeSearchSettings()
-        self.seeker = Seeker(self.body, self.settings.refine)
+        self.seeker = Seeker(self.body, self.settings.refine, self.settings.step_solver)
         self.self_collision: SelfCollision | None = model.self_collision
         self.mirror = mirror_index(self.body.landmark_names)
         self.jumps = KinematicJumps(self.body)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from estimator.optimise.contact import ContactSettings
+from estimator.optimise.qp import PROXQP, STEP_SOLVERS
 from estimator.optimise.seek import SeekSettings
 from humanoid.support.settings import check, setting
 
@@ -16,7 +17,9 @@ class ModeSearchSettings:
     """How modes are found.
 
     explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
-    refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
+    refine: search given to those kept. step_solver: who solves their steps within limits and clearance: "proxqp",
+    ProxQP wherever the free minimum is outside; "active-set", a compiled active set, with the same steps; or
+    "proxqp-always", ProxQP everywhere, for checking. spare: how many more than asked for are refined, since refined modes may
     coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
     distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
     exchange: also search every frame with left and right of its keypoints exchanged (detectors do take one for the
@@ -31,6 +34,7 @@ class ModeSearchSettings:
     explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
     refine: SeekSettings = field(default_factory=SeekSettings)
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
+    step_solver: str = setting(PROXQP, one_of=STEP_SOLVERS)
     spare: int = setting(3, at_least=0)
     distinct: float = setting(0.03, at_least=0)
     settled: float = setting(0.01, at_least=0)
