@@ -19,7 +19,7 @@ from estimator.fitting.person import fit_person
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import write_keypoints
 from estimator.imaging.observation import Observation
-from estimator.optimise.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS, STEP_SOLVERS, StepSolver
+from estimator.optimise.qp import ACTIVE_SET, PROXQP, STEP_SOLVERS, StepSolver
 from estimator.optimise.solution import StepCounts
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
@@ -115,17 +115,18 @@ def made(clip: str, folder: Path, data: Path | None, frames: int | None, seed: i
     return Job(clip, subject, observations[:frames])
 
 
-def crossing(folder: Path, count: int = 20) -> dict[str, Any]:
-    """Keypoint files of two cameras that see the left hand go into the trunk and out of it again."""
+def crossing(folder: Path, count: int = 12) -> dict[str, Any]:
+    """Keypoint files of four cameras that see the left hand go into the trunk and out of it again."""
     body, rng = Body(load_subject("human34")), np.random.default_rng(1)
     end = body.neutral.copy()
     for name, angle in CROSSED.items():
         end[body.model.idx_qs[body.model.getJointId(name)]] = angle
     move, share = body.difference(body.neutral, end), 0.5 - 0.5 * np.cos(np.linspace(0.0, 2.0 * np.pi, count))
     q = np.array([body.integrate(body.neutral, s * move) for s in share])
-    cameras = synthesis.framing_cameras(np.array([body.landmarks(body.at(each)) for each in q]))[:2]
+    points = np.array([body.landmarks(body.at(each)) for each in q])
+    cameras = synthesis.framing_cameras(points, synthesis.ViewSettings(count=4))
     files = {camera.name: folder / f"{camera.name}.json" for camera in cameras}
-    for camera, track in zip(cameras, synthesis.keypoints(body, q, cameras, rng, fps=FPS), strict=True):
+    for camera, track in zip(cameras, synthesis.keypoints(body, q, cameras, rng, noise_px=1.0, fps=FPS), strict=True):
         write_keypoints(files[camera.name], track)
     write_cameras(folder / "cameras.json", cameras)
     return {"keypoints": files, "cameras": folder / "cameras.json"}
@@ -195,7 +196,9 @@ def show(figures: dict[str, Any]) -> None:
     out.print(made)
     if not figures["repeats"]:
         return
-    made = report.table("processor time of a frame", "clip", "frames", "active-set [ms]", "proxqp [ms]", "ratio of pairs")
+    made = report.table(
+        "processor time of a frame", "clip", "frames", "active-set [ms]", "proxqp [ms]", "ratio of pairs"
+    )
     for clip, f in figures["clips"].items():
         ms, ratio = f["ms_per_frame"], f["ratio"]
         pairs = f"{np.median(ratio):.2f} ({min(ratio):.2f} to {max(ratio):.2f})"

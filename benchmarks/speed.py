@@ -207,9 +207,8 @@ def searched(job: Job, make: Callable[[], Tracker[Any]], seed: int) -> dict[str,
             str(b): {"searches_per_frame": n / frames, "steps_per_search": tally.steps[b] / n}
             for b, n in sorted(tally.searches.items())
         },
-        "steps_by_active_set": steps.guessed,
-        "steps_by_proxqp": steps.proxqp,
-        "steps_failed": steps.failed,
+        "steps": steps._asdict(),
+        "step_solver": counted.step_solver,
     }
 
 
@@ -285,9 +284,8 @@ def show(f: dict[str, Any], repeats: int) -> None:
         made.add_row(budget, f"{spent['searches_per_frame']:.1f}", f"{spent['steps_per_search']:.2f}")
     made.add_row("all", f"{f['searches_per_frame']:.1f}", f"{f['steps_per_search']:.2f}")
     out.print(made)
-    steps = f["steps_by_active_set"] + f["steps_by_proxqp"]
-    settled = f["steps_by_active_set"] / max(1, steps)
-    out.print(f"steps settled on a guessed active set: {settled:.1%} of {steps}, by ProxQP: {f['steps_by_proxqp']}")
+    steps = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in f["steps"].items())
+    out.print(f"steps by solver, search.step_solver being {f['step_solver']}: {steps}")
     out.print(
         f"a wrapper costs {f['wrapper_us']['around']:.2f} us, taken away;"
         f" metered and unmetered time then agree to a factor of {f['metered_over_plain']:.2f}"

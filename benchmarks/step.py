@@ -23,7 +23,7 @@ from pink.tasks import FrameTask
 from benchmarks.common import save, start
 from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
-from estimator.optimise.qp import StepSolver
+from estimator.optimise.qp import PROXQP, STEP_SOLVERS, StepSolver
 from estimator.optimise.seek import trust_box
 from estimator.synthesis import scene_cameras
 from estimator.terms.point_targets import PointTargets
@@ -39,6 +39,7 @@ TARGET = 0.2
 DAMPING = 1e-6
 WIDE = 1e3  # a trust box that never binds: pink has none
 STANDING = np.array([0.0, 0.0, 1.0])  # m, from the room's floor, which its cameras look at, to the pelvis
+OURS, PINK, STRAIGHT = "kinemode", "pink", "pink, errors linear in the world"
 OFFSET = 0.15  # standard deviation of the joints between start and target [rad]; root moved by as many metres
 
 
@@ -50,6 +51,17 @@ class Problem:
     targets: np.ndarray
 
 
+class StraightTask(FrameTask):
+    """The same error, a point's place less its target in the frame's axes, with the derivative of the point alone.
+
+    pink's is the logarithm of a placement: as the frame turns its axes turn too, half of which its derivative has.
+    """
+
+    def compute_jacobian(self, configuration: pink.Configuration) -> np.ndarray:
+        """Of the error (6,), as the frame moves: (6, nv)."""
+        return np.asarray(-configuration.get_frame_jacobian(self.frame))
+
+
 class Contest:
     """The two sides of the comparison, on the same problems."""
 
@@ -59,7 +71,7 @@ class Contest:
         self.index = np.array([self.body.landmark_names.index(name) for name in COCO17])
         self.problems = [self._problem(rng) for _ in range(problems)]
         self.radius = trust_box(self.body, WIDE, WIDE)
-        self.guessing, self.solving = StepSolver(self.body), StepSolver(self.body, active_set_rounds=0)
+        self.solvers = {name: StepSolver(self.body, name) for name in STEP_SOLVERS}
         self._pink_model(pin.Model(subject.model))
         camera = scene_cameras()[:1]
         self.costs = [Cost(self.body, [self._targets(p.targets)]) for p in self.problems]
@@ -95,16 +107,20 @@ class Contest:
             frame = pin.Frame(f"at_{k}", joint, pin.SE3(np.eye(3), local), pin.FrameType.OP_FRAME)
             model.addFrame(frame)
         self.model, self.data = model, model.createData()
-        self.tasks = [FrameTask(f"at_{k}", position_cost=1.0, orientation_cost=0.0) for k in self.index]
+        self.tasks, self.straight = (
+            [kind(f"at_{k}", position_cost=1.0, orientation_cost=0.0) for k in self.index]
+            for kind in (FrameTask, StraightTask)
+        )
         self.limits = [ConfigurationLimit(model, config_limit_gain=1.0)]
         self.configuration = pink.Configuration(model, self.data, self.body.neutral)
 
     def prepare_pink(self, problem: Problem) -> None:
         """Targets keep the frames' own orientation: then pink's error is the position's alone."""
         self.configuration.update(problem.q)
-        for task, target in zip(self.tasks, problem.targets, strict=True):
-            here = self.configuration.get_transform_frame_to_world(task.frame)
-            task.set_target(pin.SE3(here.rotation, target))
+        for tasks in (self.tasks, self.straight):
+            for task, target in zip(tasks, problem.targets, strict=True):
+                here = self.configuration.get_transform_frame_to_world(task.frame)
+                task.set_target(pin.SE3(here.rotation, target))
 
     def ours(self, cost: Cost, q: np.ndarray, solver: StepSolver) -> np.ndarray:
         """Posing, quadratic, bounded step, new q."""
@@ -113,19 +129,19 @@ class Contest:
         step = solver.solve(here.hessian, here.gradient, DAMPING, self.radius, q, active)
         return self.body.integrate(q, np.zeros(self.body.nv) if step is None else step[0])
 
-    def pink_solve(self) -> np.ndarray:
+    def pink_solve(self, tasks: list[FrameTask] | None = None) -> np.ndarray:
         """`pink.solve_ik` alone: the body is posed already."""
         return np.asarray(
             pink.solve_ik(
-                self.configuration, self.tasks, 1.0, solver="proxqp", damping=DAMPING, limits=self.limits,
+                self.configuration, tasks or self.tasks, 1.0, solver="proxqp", damping=DAMPING, limits=self.limits,
                 safety_break=False,
             )
         )  # fmt: skip
 
-    def pink_step(self, q: np.ndarray) -> np.ndarray:
+    def pink_step(self, q: np.ndarray, tasks: list[FrameTask] | None = None) -> np.ndarray:
         """Posing, solve, new q."""
         self.configuration.update(q)
-        return np.asarray(self.configuration.integrate(self.pink_solve(), 1.0))
+        return np.asarray(self.configuration.integrate(self.pink_solve(tasks), 1.0))
 
     def error(self, problem: Problem, q: np.ndarray) -> float:
         """Root mean square distance of the landmarks from their targets [mm]."""
@@ -174,9 +190,11 @@ def timed(contest: Contest, rounds: int) -> dict[str, np.ndarray]:
             sides: dict[str, Callable[[], object]] = {
                 "pink.solve_ik": contest.pink_solve,
                 "pink: pose, solve_ik, integrate": partial(contest.pink_step, q),
-                "kinemode: the same tasks": partial(contest.ours, cost, q, contest.guessing),
-                "kinemode: the same, ProxQP forced": partial(contest.ours, cost, q, contest.solving),
-                "kinemode: keypoints, stabilisers": partial(contest.ours, image, q, contest.guessing),
+                **{
+                    f"kinemode: the same tasks, {name}": partial(contest.ours, cost, q, solver)
+                    for name, solver in contest.solvers.items()
+                },
+                "kinemode: keypoints, stabilisers": partial(contest.ours, image, q, contest.solvers[PROXQP]),
             }
             for i in rng.permutation(len(sides)):
                 name, side = list(sides.items())[i]
@@ -187,32 +205,32 @@ def timed(contest: Contest, rounds: int) -> dict[str, np.ndarray]:
 
 
 def compared(contest: Contest, times: dict[str, np.ndarray]) -> dict[str, Any]:
-    before, ours, theirs, forced, inside, active = [], [], [], [], 0, []
-    i = contest.body.bounded_q
+    ends: dict[str, list[float]] = {"start": [], **{side: [] for side in (OURS, PINK, STRAIGHT)}}
+    body, solver, equal, inside, active = contest.body, StepSolver(contest.body), 0, 0, []
+    i = body.bounded_q
     for problem, cost in zip(contest.problems, contest.costs, strict=True):
         contest.prepare_pink(problem)
-        q_pink = contest.pink_step(problem.q)
-        q_ours = contest.ours(cost, problem.q, contest.guessing)
-        before.append(contest.error(problem, problem.q))
-        ours.append(contest.error(problem, q_ours))
-        forced.append(contest.error(problem, contest.ours(cost, problem.q, contest.solving)))
-        theirs.append(contest.error(problem, q_pink))
-        body = contest.body
+        q_ours = contest.ours(cost, problem.q, solver)
+        ends["start"].append(contest.error(problem, problem.q))
+        ends[OURS].append(contest.error(problem, q_ours))
+        ends[PINK].append(contest.error(problem, contest.pink_step(problem.q)))
+        ends[STRAIGHT].append(contest.error(problem, contest.pink_step(problem.q, contest.straight)))
+        equal += all(np.array_equal(q_ours, contest.ours(cost, problem.q, s)) for s in contest.solvers.values())
         inside += bool(np.all((q_ours >= body.lower) & (q_ours <= body.upper)))
         active.append(int(np.sum((q_ours[i] <= body.lower[i]) | (q_ours[i] >= body.upper[i]))))
-    counts = contest.guessing.counts
+    reduced = [np.array(ends[side]) < ends["start"] for side in (OURS, PINK)]
     base = times["pink.solve_ik"]
     return {
         "us": {name: float(np.median(t)) for name, t in times.items()},
         "ratio": {name: float(np.median(t / base)) for name, t in times.items()},
-        "rms_error_mm": {"start": np.median(before), "kinemode": np.median(ours), "kinemode, ProxQP": np.median(forced),
-                         "pink": np.median(theirs)},
-        "reduced_by_both": int(np.sum((np.array(ours) < before) & (np.array(theirs) < before))),
+        "rms_error_mm": {side: float(np.median(errors)) for side, errors in ends.items()},
+        "reduced_by_both": int(np.sum(reduced[0] & reduced[1])),
         "within_limits": inside,
         "limits_active_after": float(np.mean(active)),
-        "settled_by_guess": counts.guessed / max(1, counts.guessed + counts.proxqp),
-        "count": len(before),
-    }  # fmt: skip
+        "steps": solver.counts._asdict(),
+        "equal_bits": equal,
+        "count": len(contest.problems),
+    }
 
 
 def versions() -> dict[str, str]:
@@ -228,14 +246,15 @@ def show(f: dict[str, Any]) -> None:
         made.add_row(name, f"{us:.0f}", f"{f['ratio'][name]:.3f}")
     made.add_row("target", "", f"{TARGET:.3f}")
     out.print(made)
-    made = report.table("root mean square distance from the targets, median", "", "mm")
+    made = report.table("after one step: root mean square distance from the targets, median", "", "mm")
     for name, error in f["rms_error_mm"].items():
         made.add_row(name, f"{error:.1f}")
     out.print(made)
+    steps = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in f["steps"].items())
     out.print(
         f"both steps reduce it in {f['reduced_by_both']} of {f['count']} problems; ours end within the limits in"
-        f" {f['within_limits']}, with {f['limits_active_after']:.1f} limits active; {f['settled_by_guess']:.1%} of our"
-        " steps were settled on the guessed active set"
+        f" {f['within_limits']}, with {f['limits_active_after']:.1f} limits active; by solver: {steps}; with every"
+        f" search.step_solver the same to the last bit in {f['equal_bits']}"
     )
 
 

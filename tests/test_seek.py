@@ -12,6 +12,7 @@ from builders import BROWN, bent, body_of, camera_at, inside, observe, random_po
 from estimator.cost.model import CostModel, CostSettings
 from estimator.optimise.contact import ContactSettings, contact_kkt_residual, separate
 from estimator.optimise.covariance import MAX_STD, free_directions, mode_covariance
+from estimator.optimise.qp import PROXQP_ALWAYS, STEP_SOLVERS
 from estimator.optimise.seek import Seeker, SeekSettings, trust_box
 from estimator.optimise.solution import Solution
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
@@ -95,12 +96,20 @@ def test_solutions_say_who_solved_their_steps() -> None:
     assert ends[0].steps == ends[1].steps  # its own, not the solver's so far
     assert ends[0].steps.plus(ends[1].steps) == seeker.solver.counts
     assert ends[0].steps.free > 0
-    assert ends[0].steps.active_set > 0
+    assert ends[0].steps.proxqp > 0
     assert sum(ends[0].steps) >= ends[0].iterations > 3
-    seeker.solver.active_set_rounds = 0
-    forced = seeker.seek(cost, start)
-    assert forced.steps.guessed == 0
-    assert forced.steps.proxqp >= forced.iterations > 3
+    always = Seeker(body, step_solver=PROXQP_ALWAYS).seek(cost, start)
+    assert always.steps.free == 0
+    assert always.steps.proxqp == ends[0].steps.proxqp + ends[0].steps.free
+
+
+@pytest.mark.parametrize("name", STEP_SOLVERS)
+def test_searches_end_alike_whoever_solves_their_steps(name: str) -> None:
+    body, cost, start = problem(6)
+    end, other = Seeker(body).seek(cost, start), Seeker(body, step_solver=name).seek(cost, start)
+    assert np.array_equal(end.q, other.q)
+    assert end[1:-1] == other[1:-1]  # all but the counts
+    assert sum(end.steps) == sum(other.steps)
 
 
 def test_starts_outside_the_limits_are_clamped_first() -> None:

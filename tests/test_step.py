@@ -10,8 +10,11 @@ from builders import body_of, inside, random_pose
 from proxsuite import proxqp
 
 from estimator.optimise.box_step import model_decrease, solve_box
-from estimator.optimise.qp import StepSolver
+from estimator.optimise.proxqp import ProxQP
+from estimator.optimise.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS, STEP_SOLVERS, StepSolver
 from estimator.optimise.solution import StepCounts
+from estimator.search.settings import ModeSearchSettings
+from humanoid.support.errors import InputError
 
 DAMPING = 1e-2
 
@@ -90,15 +93,18 @@ def test_the_box_solver_says_when_a_model_is_not_convex() -> None:
 
 
 class Problem:
-    """A random step of human34: semi-definite Hessian, a pose with some joints on their limits."""
+    """A random step of human34: semi-definite Hessian, a pose with a share of its joints on their limits.
 
-    def __init__(self, seed: int) -> None:
+    pull: standard deviation of the gradient's entries.
+    """
+
+    def __init__(self, seed: int, share: float = 0.3, pull: float = 3.0) -> None:
         self.body = body = body_of("human34")
         rng = np.random.default_rng(seed)
         self.hessian = convex(rng, body.nv, rank=20 if seed % 2 else body.nv)
-        self.gradient = rng.normal(scale=3.0, size=body.nv)
+        self.gradient = rng.normal(scale=pull, size=body.nv)
         self.q = random_pose(body, rng)
-        on_limit = body.bounded_q[rng.random(len(body.bounded_q)) < 0.3]
+        on_limit = body.bounded_q[rng.random(len(body.bounded_q)) < share]
         self.q[on_limit] = np.where(rng.random(len(on_limit)) < 0.5, body.lower[on_limit], body.upper[on_limit])
         self.radius = rng.uniform(0.2, 0.8, size=body.nv)
         low, high = body.tangent_bounds(self.q)
@@ -134,40 +140,130 @@ class Problem:
         return np.array(solved.x)
 
 
-@pytest.mark.parametrize("rounds", [0, 6])
-def test_steps_equal_proxqp_on_both_ways(rounds: int) -> None:
-    """With no rounds for the guessed active set every step goes through ProxQP; both ways agree with a plain QP."""
-    solver = StepSolver(body_of("human34"), active_set_rounds=rounds)
+@pytest.mark.parametrize("name", STEP_SOLVERS)
+def test_steps_equal_those_of_a_plain_qp(name: str) -> None:
+    solver = StepSolver(body_of("human34"), name)
     for seed in range(12):
         problem = Problem(seed)
         step, reference = problem.step(solver), problem.reference()
         assert np.all((step >= problem.lower) & (step <= problem.upper))
         assert np.abs(step - reference).max() < 1e-5
         assert inside(problem.body, problem.body.integrate(problem.q, step))
-    assert (solver.counts.guessed == 0) == (rounds == 0)
-    assert solver.counts.guessed + solver.counts.proxqp == 12
+    # each of these touches a bound, and the active set settles some of them
+    assert sum(solver.counts) == solver.counts.active_set + solver.counts.proxqp == 12
+    assert (solver.counts.active_set > 0) == (name == ACTIVE_SET)
+
+
+@pytest.mark.parametrize("rows", [False, True])
+def test_steps_are_equal_whoever_solved_them(rows: bool) -> None:
+    """To the last bit, also the sets that the next step begins with; some are free, most touch bounds or rows."""
+    solvers = [StepSolver(body_of("human34"), name) for name in STEP_SOLVERS]
+    for seed in range(24):
+        problem, ends = Problem(seed, 0.0, 1e-4) if seed % 4 == 0 else Problem(seed), []
+        for solver in solvers:
+            active = np.zeros(problem.body.nv, dtype=np.int8)
+            solved = solver.solve(
+                problem.hessian, problem.gradient, DAMPING, problem.radius, problem.q, active,
+                (problem.A, problem.b) if rows else None,
+            )  # fmt: skip
+            assert solved is not None
+            ends.append((solved[0].tobytes(), solved[1], active.tobytes()))
+        assert ends[0] == ends[1] == ends[2]
+    by_name = {solver.step_solver: solver.counts for solver in solvers}
+    assert by_name[PROXQP_ALWAYS] == StepCounts(proxqp=24)
+    assert by_name[PROXQP].active_set == by_name[PROXQP].failed == 0
+    assert by_name[PROXQP].free > 0 or rows
+    assert by_name[PROXQP].proxqp > 12
+    assert by_name[ACTIVE_SET].active_set > 0 or rows
+
+
+def half_convex(solver: StepSolver) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """A Hessian, a gradient and a trust box: concave along one direction, which is pressed onto its bound."""
+    nv = solver.body.nv
+    hessian, gradient, radius = np.eye(nv), np.zeros(nv), np.full(nv, 10.0)
+    hessian[0, 0], gradient[0], gradient[1], radius[0] = -1.0, -1e3, 0.1, 0.01
+    return hessian, gradient, radius, 0
+
+
+@pytest.mark.parametrize("name", STEP_SOLVERS)
+def test_what_is_no_convex_problem_stays_with_the_active_set(name: str) -> None:
+    solver = StepSolver(body_of("human34"), name)
+    hessian, gradient, radius, held = half_convex(solver)
+    active, q = np.zeros(solver.body.nv, dtype=np.int8), solver.body.neutral
+    active[held] = 1
+    solved = solver.solve(hessian, gradient, DAMPING, radius, q, active.copy())
+    assert solved is not None
+    assert solved[0][held] == radius[held]
+    assert solver.counts == StepCounts(active_set=1)
+    biting = np.eye(solver.body.nv)[1:2], np.array([0.05])
+    assert solver.solve(hessian, gradient, DAMPING, radius, q, active.copy(), biting) is None
+    assert solver.solve(hessian, gradient, DAMPING, radius, q, np.zeros_like(active)) is None  # guessed free: concave
+    assert solver.counts == StepCounts(active_set=1)
+
+
+def settled_by_the_active_set() -> Problem:
+    """The first problem that it settles."""
+    for seed in range(12):
+        problem, solver = Problem(seed), StepSolver(body_of("human34"), ACTIVE_SET)
+        problem.step(solver)
+        if solver.counts.active_set:
+            return problem
+    raise AssertionError
+
+
+@pytest.mark.parametrize("sharper", [False, True])
+def test_only_a_certified_answer_becomes_a_step(sharper: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where ProxQP names wrong sets it is asked again; where it does not mend them the active set is, and where rows
+    bite there is no step."""
+    problem, honest = settled_by_the_active_set(), StepSolver(body_of("human34"))
+    plain, above = problem.step(honest), problem.step(honest, rows=True)
+    assert honest.uncertified == 0
+    wrong = lambda _, rows: np.zeros(problem.body.nv + (0 if rows is None else len(rows[1])))  # noqa: E731
+    ask = ProxQP.multipliers
+    monkeypatch.setattr(ProxQP, "multipliers", lambda self, rows: wrong(ask(self, rows), rows))
+    if not sharper:
+        monkeypatch.setattr(ProxQP, "sharper", wrong)
+    solver = StepSolver(body_of("human34"))
+    assert np.array_equal(problem.step(solver), plain)
+    if sharper:
+        assert np.array_equal(problem.step(solver, rows=True), above)
+        assert (solver.counts, solver.uncertified) == (StepCounts(proxqp=2), 2)
+        return
+    active, rows = np.zeros(problem.body.nv, dtype=np.int8), (problem.A, problem.b)
+    arguments = problem.hessian, problem.gradient, DAMPING, problem.radius, problem.q
+    assert solver.solve(*arguments, active, rows) is None
+    assert (solver.counts, solver.uncertified) == (StepCounts(active_set=1, failed=1), 4)
+
+
+def test_unknown_step_solvers_are_refused() -> None:
+    for make in (lambda: StepSolver(body_of("arm8"), "osqp"), lambda: ModeSearchSettings(step_solver="osqp")):
+        with pytest.raises(InputError, match="osqp") as error:
+            make()
+        assert all(name in str(error.value) for name in STEP_SOLVERS)
 
 
 def test_steps_are_counted_by_what_they_took() -> None:
     body = body_of("human34")
-    solver, q, wide = StepSolver(body), body.neutral, np.full(body.nv, 10.0)
+    q, wide = body.neutral, np.full(body.nv, 10.0)
     hessian, free, held = np.eye(body.nv), np.zeros(body.nv), np.zeros(body.nv)
     free[0], held[body.bounded_v[3]] = 0.1, -1e3  # the root moves a little; a joint is pressed onto its limit
-
-    def solve(gradient: np.ndarray, rows: tuple[np.ndarray, np.ndarray] | None = None) -> StepCounts:
-        before = solver.counts
-        solver.solve(hessian, gradient, DAMPING, wide, q, np.zeros(body.nv, dtype=np.int8), rows)
-        return StepCounts.between(before, solver.counts)
-
-    assert solve(free) == StepCounts(free=1)
-    assert solve(held) == StepCounts(active_set=1)
-    onward = np.eye(body.nv)[:1], np.array([0.05])  # of the root, against its gradient
-    assert solve(free, onward) == StepCounts(proxqp=1)
-    assert solve(free, (onward[0], -onward[1] * 10.0)) == StepCounts(free=1)  # a row that does not bite
-    hessian = -hessian
-    assert solve(free) == StepCounts()
-    assert solver.counts == StepCounts(free=2, active_set=1, proxqp=1)
-    assert solver.counts.guessed == 3
+    biting = np.eye(body.nv)[:1], np.array([0.05])  # of the root, against its gradient
+    idle = biting[0], -10.0 * biting[1]
+    by_proxqp, by_set = StepCounts(proxqp=1), StepCounts(active_set=1)
+    cases = [(free, None), (held, None), (free, biting), (free, idle), (held, idle)]
+    expected = {
+        PROXQP: [StepCounts(free=1), by_proxqp, by_proxqp, StepCounts(free=1), by_proxqp],
+        ACTIVE_SET: [StepCounts(free=1), by_set, by_proxqp, StepCounts(free=1), by_set],
+        PROXQP_ALWAYS: [by_proxqp] * 5,
+    }
+    for name in STEP_SOLVERS:
+        solver = StepSolver(body, name)
+        for (gradient, rows), count in zip(cases, expected[name], strict=True):
+            before, active = solver.counts, np.zeros(body.nv, dtype=np.int8)
+            assert solver.solve(hessian, gradient, DAMPING, wide, q, active, rows) is not None
+            assert StepCounts.between(before, solver.counts) == count
+        assert solver.solve(-hessian, free, DAMPING, wide, q, np.zeros(body.nv, dtype=np.int8)) is None
+        assert sum(solver.counts) == 5
 
 
 def test_steps_satisfy_the_kkt_conditions() -> None:
@@ -194,21 +290,22 @@ def test_rows_are_respected_and_cost_no_more_than_they_must() -> None:
     assert solver.counts.failed == 0
 
 
+@pytest.mark.parametrize("name", STEP_SOLVERS)
 @pytest.mark.parametrize("rows", [False, True])
-def test_equal_problems_have_equal_steps_whatever_came_between(rows: bool) -> None:
+def test_equal_problems_have_equal_steps_whatever_came_between(rows: bool, name: str) -> None:
     """To the last bit, since a resumed track has to equal an uninterrupted one."""
     for seed in range(8):
-        problem, used = Problem(seed), StepSolver(body_of("human34"), active_set_rounds=0)
+        problem, used = Problem(seed), StepSolver(body_of("human34"), name)
         for other in range(3):
             Problem(100 + other).step(used, rows)
-        fresh = StepSolver(body_of("human34"), active_set_rounds=0)
+        fresh = StepSolver(body_of("human34"), name)
         assert np.array_equal(problem.step(fresh, rows), problem.step(used, rows))
 
 
-@pytest.mark.parametrize("rounds", [0, 6])
-def test_held_bounds_are_met_exactly(rounds: int) -> None:
+@pytest.mark.parametrize("name", STEP_SOLVERS)
+def test_held_bounds_are_met_exactly(name: str) -> None:
     """Else the pose stops short of a joint limit and nothing afterwards counts the limit as active."""
-    solver, held = StepSolver(body_of("human34"), active_set_rounds=rounds), 0
+    solver, held = StepSolver(body_of("human34"), name), 0
     for seed in range(12):
         problem, active = Problem(seed), np.zeros(solver.body.nv, dtype=np.int8)
         solved = solver.solve(problem.hessian, problem.gradient, DAMPING, problem.radius, problem.q, active)

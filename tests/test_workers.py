@@ -81,7 +81,7 @@ def test_equal_bits_with_any_number_of_workers(clip: RenderedClip, monkeypatch: 
             name: int(value) for name, value in result.extra.items() if name.startswith("steps_")
         }
         assert solved.free > 0
-        assert solved.active_set > 0
+        assert solved.proxqp > 0
     took: list[int] = []
     monkeypatch.setattr(pool, "taken", lambda *_: took.append(1) or ())
     volume = {"search": {"weigh": "volume"}}

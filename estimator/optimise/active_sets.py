@@ -20,7 +20,7 @@ def settle(H, M, g, bounds, A, b, multipliers, active, step):  # type: ignore[no
     """The step on the sets that multipliers name, if it satisfies the KKT conditions.
 
     min 1/2 x'Mx + g'x subject to bounds (2, n) and rows A x >= b, A (m, n), b (m,); H (n, n): the undamped matrix.
-    multipliers (m + n,): of the rows, not positive, then of the bounds, negative at a lower and positive at an upper one.
+    multipliers (m + n,): of the rows, none positive, then of the bounds, negative at a lower, positive at an upper one.
     Fills `step` (n,) and `active` (n,), as in `solve_box`, whose operations these are where no row is active. Returns
     whether the step is certified, and the decrease that the undamped model promises of it.
     """

@@ -17,30 +17,31 @@ class ModeSearchSettings:
     """How modes are found.
 
     explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
-    refine: search given to those kept. step_solver: who solves their steps within limits and clearance: "proxqp",
-    ProxQP wherever the free minimum is outside; "active-set", a compiled active set, with the same steps; or
-    "proxqp-always", ProxQP everywhere, for checking. spare: how many more than asked for are refined, since refined modes may
+    refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
     coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
     distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
     exchange: also search every frame with left and right of its keypoints exchanged (detectors do take one for the
     other).
     contact: what is done with modes whose parts overlap.
     flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
+    step_solver: who solves the steps of all searches within limits and clearance: "proxqp", ProxQP wherever the free
+    minimum lies outside; "active-set", a compiled active set, whose steps are the same; "proxqp-always", ProxQP for
+    every convex step, for checking.
     weigh: what a mode's weight is: "height", its probability density (CSS Figure 6, step 3); "volume", its probability
     by the second-order model; "importance", the same by `weigh_samples` importance samples about each mode (CSS
-    section 8). Raises InputError for another word.
+    section 8). Raises InputError for other words.
     """
 
     explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
     refine: SeekSettings = field(default_factory=SeekSettings)
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))
-    step_solver: str = setting(PROXQP, one_of=STEP_SOLVERS)
     spare: int = setting(3, at_least=0)
     distinct: float = setting(0.03, at_least=0)
     settled: float = setting(0.01, at_least=0)
     exchange: bool = True
     contact: ContactSettings = field(default_factory=ContactSettings)
     flow_in_covariance: bool = True
+    step_solver: str = setting(PROXQP, one_of=STEP_SOLVERS)
     weigh: str = setting(BY_HEIGHT, one_of=WEIGHINGS)
     weigh_samples: int = setting(60, at_least=1)
 
