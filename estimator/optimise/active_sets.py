@@ -16,13 +16,13 @@ ACTIVE = 1e-9  # multiplier, in the scaled problem, from which a bound or row is
 
 
 @jit
-def settle(H, M, g, bounds, A, b, multipliers, active, step):  # type: ignore[no-untyped-def]
+def settle(H, M, g, bounds, A, b, multipliers, active, rounds, step):  # type: ignore[no-untyped-def]
     """The step on the sets that multipliers name, if it satisfies the KKT conditions.
 
     min 1/2 x'Mx + g'x subject to bounds (2, n) and rows A x >= b, A (m, n), b (m,); H (n, n): the undamped matrix.
     multipliers (m + n,): of the rows, none positive, then of the bounds, negative at a lower, positive at an upper one.
-    Fills `step` (n,) and `active` (n,), as in `solve_box`, whose operations these are where no row is active. Returns
-    whether the step is certified, and the decrease that the undamped model promises of it.
+    Fills `step` (n,) and `active` (n,), as in `solve_box`, whose operations these are where no row is active; there
+    rounds beyond the first mend the sets. Returns whether the step is certified, and the decrease that the undamped model promises of it.
     """
     n, m = g.shape[0], b.shape[0]
     for i in range(n):
@@ -36,7 +36,7 @@ def settle(H, M, g, bounds, A, b, multipliers, active, step):  # type: ignore[no
     if any_held:
         certified = solve_sets(M, g, bounds[0], bounds[1], A, b, active, held, step)
     else:
-        certified = solve_box(M, g, bounds[0], bounds[1], active, 1, step) > 0 and _above(A, b, step)
+        certified = solve_box(M, g, bounds[0], bounds[1], active, rounds, step) > 0 and _above(A, b, step)
     return certified, model_decrease(H, g, step) if certified else 0.0
 
 

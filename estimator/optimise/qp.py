@@ -26,6 +26,7 @@ from humanoid.support.errors import InputError
 
 PROXQP, ACTIVE_SET, PROXQP_ALWAYS = STEP_SOLVERS = ("proxqp", "active-set", "proxqp-always")
 ROUNDS = 6  # of the compiled active set
+MENDED = 2  # rounds given to ProxQP's sharper answer: a bound that hardly presses may be on either side
 _FREE, _ACTIVE_SET, _PROXQP, _FAILED = range(4)  # see `StepCounts`
 
 
@@ -40,7 +41,8 @@ class StepSolver:
 
     What ProxQP names as active is solved anew by the operations that end the active set (`settle`): equal problems have
     equal solutions to the last bit, whoever solved them and whatever was solved before. Where ProxQP's answer is not
-    certified it is asked for a sharper one; then the active set is tried.
+    certified it is asked for a sharper one, whose sets may be mended once (along directions that nothing is known of a
+    bound's multiplier is rounding); then the active set is tried.
 
     places (B, 2), limits (2, B): where the bounded joints stand in q and in the tangent, and their lower and upper
     limit. tally: how many steps each solver solved, in the order of `StepCounts`. uncertified: how many of
@@ -121,9 +123,9 @@ class StepSolver:
         """The step of the problem that is ready, counted; `step` (nv,) is overwritten."""
         A, b = self._no_rows if rows is None else rows
         proxqp = self._proxqp
-        for ask in (proxqp.multipliers, proxqp.sharper):
+        for ask, rounds in ((proxqp.multipliers, 1), (proxqp.sharper, MENDED)):
             certified, promised = settle(
-                hessian, self._M, gradient, self._bounds, A, b, ask(rows), self._sets, step
+                hessian, self._M, gradient, self._bounds, A, b, ask(rows), self._sets, rounds, step
             )  # fmt: skip
             if certified:
                 active[:] = self._sets
