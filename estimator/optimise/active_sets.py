@@ -22,7 +22,8 @@ def settle(H, M, g, bounds, A, b, multipliers, active, rounds, step):  # type: i
     min 1/2 x'Mx + g'x subject to bounds (2, n) and rows A x >= b, A (m, n), b (m,); H (n, n): the undamped matrix.
     multipliers (m + n,): of the rows, none positive, then of the bounds, negative at a lower, positive at an upper one.
     Fills `step` (n,) and `active` (n,), as in `solve_box`, whose operations these are where no row is active; there
-    rounds beyond the first mend the sets. Returns whether the step is certified, and the decrease that the undamped model promises of it.
+    rounds beyond the first mend the sets. Returns whether the step is certified, and the decrease that the undamped
+    model promises of it.
     """
     n, m = g.shape[0], b.shape[0]
     for i in range(n):
