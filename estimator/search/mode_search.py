@@ -1,4 +1,4 @@
-"""From hypotheses to modes: explore every start a little, keep the distinct best, refine those to convergence; or all."""
+"""From hypotheses to modes: explore every start a little, keep the distinct best or all, refine them to convergence."""
 
 from __future__ import annotations
 
