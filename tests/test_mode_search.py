@@ -272,9 +272,9 @@ def test_the_first_hypotheses_are_drawn_by_the_covariance(fitted: bool, monkeypa
     asked: list[list[Hypothesis]] = []
     best_modes = ModeSearch.best_modes
 
-    def spied(self: ModeSearch, hypotheses: Iterable[Hypothesis], *args: Any) -> Mixture:
+    def spied(self: ModeSearch, hypotheses: Iterable[Hypothesis], *args: Any, **how: Any) -> Mixture:
         asked.append(list(hypotheses))
-        return best_modes(self, asked[-1][:40], *args)
+        return best_modes(self, asked[-1][:40], *args, **how)
 
     monkeypatch.setattr(ModeSearch, "best_modes", spied)
     plain, sampled = (

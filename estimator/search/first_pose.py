@@ -46,7 +46,9 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     if search.settings.start_samples == 0:
         return modes
     reached = [Hypothesis(mode.q, names.index(mode.association)) for mode in modes.modes]
-    return search.best_modes([*reached, *_samples(search, rng, observation, modes, case)], case, count, rng)
+    samples = _samples(search, rng, observation, modes, case)
+    # all are led to convergence: before it, samples on their way to one mode would be taken for better than other modes
+    return search.best_modes([*reached, *samples], case, count, rng, every=True)
 
 
 def _starts(body: Body, rng: np.random.Generator, observation: Observation) -> list[np.ndarray]:

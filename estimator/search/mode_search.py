@@ -71,10 +71,16 @@ class ModeSearch:
         return detected, Association(EXCHANGED, self.term(observation, EXCHANGED), penalty)
 
     def best_modes(
-        self, hypotheses: Iterable[Hypothesis], case: FrameCase, count: int, rng: np.random.Generator | None = None
+        self,
+        hypotheses: Iterable[Hypothesis],
+        case: FrameCase,
+        count: int,
+        rng: np.random.Generator | None = None,
+        *,
+        every: bool = False,
     ) -> Mixture:
-        """The `count` best distinct modes reached from the hypotheses, as a mixture."""
-        return self.best_of(self.explored(hypotheses, case), case, count, rng)
+        """The `count` best distinct modes reached from the hypotheses, as a mixture, see `best_of`."""
+        return self.best_of(self.explored(hypotheses, case), case, count, rng, every=every)
 
     def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
         """Every hypothesis after a short search."""
