@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.fitting import person
 from estimator.fitting.fit import Fit
+from estimator.imaging.observation import PoseEstimate
 from estimator.parallel.pool import checked_count
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.results.temporary_run import TemporaryFolder
@@ -51,7 +52,9 @@ from kinemode.terminal.progress import Reporter, unreported
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """How to track: arguments of `kinemode.track`, of the same names, which have been checked."""
+    """How to track: arguments of `kinemode.track`, of the same names, which have been checked.
+
+    estimates: by index of the frame, what is known of poses where the subject is not fitted anew."""
 
     cues: str | Iterable[str] = "auto"
     tracker: str = "css"
@@ -64,6 +67,7 @@ class TrackOptions:
     overwrite: bool = False
     workers: int = 1
     progress: Reporter = unreported
+    estimates: Mapping[int, PoseEstimate] = field(default_factory=dict)
 
 
 def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> Run:
@@ -83,6 +87,7 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
         Target(path, wanted.resume, wanted.overwrite),
         wanted.progress,
         wanted.workers,
+        wanted.estimates,
     )
     job.target.check()
     _check_fit_choice(job.fit, loaded)
@@ -114,22 +119,26 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
             warnings.warn(note, InputWarning, stacklevel=4)
-        fitted = _fitted(job, subject, inputs, cues)
+        fitted, estimates = _fitted(job, subject, inputs, cues)
+        seen = [replace(o, estimate=estimates.get(o.index)) for o in inputs.observations]
+        inputs = replace(inputs, observations=seen)
         return _track_into(job, _header(job, fitted, inputs, names_of(chosen), notes), fitted, inputs, cues)
 
 
-def _fitted(job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None) -> Subject:
-    """The subject with the person's proportions and flesh, where they are to be fitted."""
+def _fitted(
+    job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None
+) -> tuple[Subject, Mapping[int, PoseEstimate]]:
+    """The subject with the person's proportions and flesh, where they are to be fitted, and what is known of the pose
+    that the track begins with."""
     if not job.fits(subject):
-        return subject
+        return subject, job.estimates
     if job.target.resumed:
         stored = Run.open(job.target.path)
-        if stored.header.subject_source == subject.source:
-            return stored.subject  # fitted when the run began
+        if stored.header.subject_source == subject.source and (known := stored.estimates) is not None:
+            return stored.subject, known  # fitted when the run began
     shown = cues if job.fit == "auto" else None
-    return person.fit_person(
-        subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit
-    ).subject
+    fit = person.fit_person(subject, inputs.observations, shown, seed=job.seed, track_settings=job.chosen.for_fit)
+    return fit.subject, dict(sorted(fit.estimates.items())[:1])  # of the first frame that a track can begin with
 
 
 def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], seed: int, out: PathLike | None) -> Fit:
@@ -181,6 +190,7 @@ class _Job:
     target: Target
     progress: Reporter
     workers: int
+    estimates: Mapping[int, PoseEstimate]
 
     @property
     def tracker(self) -> str:

@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 
 import kinemode
+from estimator.imaging.observation import PoseEstimate
 from estimator.results.evaluation import HIPS, LIMB_JOINTS, mpjpe
 from estimator.results.reference_motion import Reference
 from estimator.results.trajectory_errors import FAR, far_px, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
+from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode import jobs
@@ -159,7 +161,9 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
 
     def fitted(subject: Any, *args: Any, **how: Any) -> Any:
         fits.append(subject)
-        return SimpleNamespace(subject=subject.scaled({subject.proportions[0].joint: 1.05}))
+        body = Body(subject)
+        known = {k: PoseEstimate(body.neutral, 1e-4 * np.eye(body.nv)) for k in (1, 0)}
+        return SimpleNamespace(subject=subject.scaled({subject.proportions[0].joint: 1.05}), estimates=known)
 
     monkeypatch.setattr(jobs.person, "fit_person", fitted)
     how = {**detected(clip), "fit": "auto", "trackers": NAMES[:2], "out": tmp_path}
@@ -170,6 +174,7 @@ def test_the_subject_is_fitted_once(clip: RenderedClip, tmp_path: Path, monkeypa
     urdfs = {run.header.subject_urdf for c in (first, again) for run in c.runs.values()}
     assert len(urdfs) == 1
     assert urdfs != {fits[0].urdf}
+    assert all(list(run.estimates or {}) == [0] for c in (first, again) for run in c.runs.values())
 
 
 def test_pictures_count_where_they_were_looked_at(clip: RenderedClip, tmp_path: Path) -> None:

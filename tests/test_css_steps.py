@@ -13,9 +13,10 @@ from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.optimise.covariance import MAX_STD
 from estimator.search.frame_proposals import Proposals
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.proposals import LimbProposal
-from estimator.trackers.css import PAPER, CovarianceScaledSampling
+from estimator.search.settings import ModeSearchSettings
+from estimator.trackers.css import PAPER, REFINED, CovarianceScaledSampling
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState
 from estimator.tracking.registry import make_tracker, settings_for
@@ -88,6 +89,23 @@ def test_step_2_3_modes_are_minima_of_the_static_energy_and_distinct() -> None:
     points = [BODY.landmarks(BODY.at(q)) for q in result.q]
     apart = [np.abs(a - b).max() for i, a in enumerate(points) for b in points[:i]]
     assert min(apart) > 0.01
+
+
+def test_step_2_3_every_sample_is_led_to_convergence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As printed; otherwise only the best of those that differ after a short search, and some to spare."""
+    counted: list[str] = []
+    refine = FrameSearch.refine
+    monkeypatch.setattr(FrameSearch, "refine", lambda self, c: (counted.append(str(c.q)), refine(self, c))[1])
+    best = {}
+    for how in REFINED:
+        counted.clear()
+        tracker = make_tracker("css-paper", BODY, settings_for("css-paper", changes={"css": {"refine": how}}))
+        result = tracker.step(np.random.default_rng(2), MixtureState(prior(), 0.0), seen())[1]
+        best[how] = len(counted), result.energy.min()
+    assert best["all"][0] == PAPER.budget.searches == PAPER.samples
+    assert best["best"][0] <= PAPER.modes + ModeSearchSettings().spare
+    assert best["all"][1] <= best["best"][1] + 1e-9
+    assert PAPER.refine == "all"
 
 
 def test_steps_3_to_6_weights_are_heights_times_those_of_the_closest_prior_modes() -> None:

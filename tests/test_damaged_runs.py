@@ -87,6 +87,16 @@ ROWS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], Any], str]] = {
         "keypoints of frame 2.*pixels has",
     ),
     "confidence": ("observation", _set("confidence", lambda c: c + 5.0), "confidence is not between 0 and 1"),
+    "half of an estimate": (
+        "observation",
+        lambda a: a.update(estimate_q=np.zeros(8)),
+        "keypoints of frame 2.*estimate_covariance is missing",
+    ),
+    "an estimate of no spread": (
+        "observation",
+        lambda a: a.update(estimate_q=np.zeros(8), estimate_covariance=-np.eye(8)),
+        "covariance is not symmetric and positive",
+    ),
     "smoothed": ("smoothed", _set("q", lambda q: q + np.inf), "smoothed trajectory.*no configuration"),
     "state": ("state", _set("q", lambda q: q[:, :3]), "state: is damaged: q has the shape"),
     "state of no covariance": ("state", _set("covariance", lambda c: -c), "covariance is not symmetric and positive"),

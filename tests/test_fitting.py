@@ -123,3 +123,28 @@ def test_the_profiles_gradient_is_that_of_the_minimised_energy() -> None:
         assert (ahead - behind) / 2e-4 == pytest.approx(model.gradient[k], abs=2e-4 * np.abs(model.gradient).max())
     assert np.array_equal(model.hessian, model.hessian.T)
     assert np.linalg.eigvalsh(model.hessian)[0] > 0.0
+
+
+def test_poses_are_as_uncertain_as_the_lengths_make_them() -> None:
+    """How a pose follows the lengths is how its minimum moves; that widens the covariance at given lengths."""
+    proportions = ProportionedBody(body_of("human34").subject)
+    body = body_of("human34")
+    cost = replace(TRACK.cost, interpenetration_weight=0.0)
+    energy = LengthsEnergy(proportions, clip(body.subject, 0.0, 1), cost, FEW.effective_frames)
+    scales = np.ones(len(proportions.names))
+    model = energy.model(scales, list(authored_motion(body, np.array([0.3]))))
+    (frame,) = model.frames
+    for k in (proportions.names.index("left_knee_flexion"), proportions.names.index("left_elbow_flexion")):
+        step = 1e-3 * np.eye(len(scales))[k]
+        ahead, behind = (energy.model(scales + sign * step, model.poses).frames[0].q for sign in (1.0, -1.0))
+        moved = (body.difference(model.poses[0], ahead) - body.difference(model.poses[0], behind)) / 2e-3
+        np.testing.assert_allclose(frame.follows[:, k], moved, atol=0.1 * np.abs(moved).max())
+    of_scales = np.linalg.inv(model.hessian)
+    wider = frame.pose_covariance(of_scales) - frame.covariance
+    np.testing.assert_allclose(wider, frame.follows @ of_scales @ frame.follows.T, atol=1e-12)
+    fit = fitted()
+    assert fit.pose_covariance.shape == (8, body.nv, body.nv)
+    assert np.linalg.eigvalsh(fit.pose_covariance)[:, 0].min() > -1e-12
+    estimate = fit.estimates[fit.frames[0]]
+    assert np.array_equal(estimate.q, fit.poses[0])
+    assert np.array_equal(estimate.covariance, fit.pose_covariance[0])

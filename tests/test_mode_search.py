@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from builders import bent, body_of, camera_at, inside, observe, random_pose
+from scipy.stats import chi2
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.observation import Observation
+from estimator.imaging.observation import Observation, PoseEstimate
 from estimator.modes.merge import best_distinct, bhattacharyya, body_size
-from estimator.modes.mixture import Mode, mixture_of
+from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.first_pose import random_configuration, start_modes
 from estimator.search.frame_search import FrameCase
@@ -257,3 +260,34 @@ def test_a_free_roots_search_does_not_depend_on_where_the_world_is(search: ModeS
     assert second.energy == pytest.approx(first.energy, abs=1e-6)
     expected = body.landmarks(body.at(first.q)) @ R.T + t
     assert np.abs(body.landmarks(body.at(second.q)) - expected).max() < 1e-4
+
+
+@pytest.mark.parametrize("fitted", [True, False])
+def test_the_first_hypotheses_are_drawn_by_the_covariance(fitted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CSS section 5: by that of the fit's pose where the person was fitted, else by the first modes' own."""
+    body, count = body_of("arm8"), 400
+    truth = random_pose(body, np.random.default_rng(33), share=0.3)
+    covariance = np.diag(np.linspace(1e-5, 1e-4, body.nv))
+    seen = replace(observe(body, truth, [CAMERA]), estimate=PoseEstimate(truth, covariance) if fitted else None)
+    asked: list[list[Hypothesis]] = []
+    best_modes = ModeSearch.best_modes
+
+    def spied(self: ModeSearch, hypotheses: Iterable[Hypothesis], *args: Any, **how: Any) -> Mixture:
+        asked.append(list(hypotheses))
+        return best_modes(self, asked[-1][:40], *args, **how)
+
+    monkeypatch.setattr(ModeSearch, "best_modes", spied)
+    plain, sampled = (
+        start_modes(ModeSearch(CostModel(body), ModeSearchSettings(start_samples=n)), np.random.default_rng(0), seen, 3)
+        for n in (0, count)
+    )
+    assert sampled.modes[0].energy <= plain.modes[0].energy + 1e-9
+    drawn = asked[-1][-count:]
+    centre = PoseEstimate(truth, covariance) if fitted else PoseEstimate(plain.modes[0].q, plain.modes[0].covariance)
+    near = np.array([body.difference(centre.q, h.q) for h in drawn])
+    if fitted:
+        np.testing.assert_allclose(near.std(axis=0), np.sqrt(8.0 * np.diag(covariance)), rtol=0.15)
+    else:
+        assert plain.weights[0] > 0.99
+        distance = np.sqrt(np.einsum("ni,ij,nj->n", near, np.linalg.pinv(centre.covariance), near))
+        assert np.median(distance) == pytest.approx(np.sqrt(8.0 * chi2.median(body.nv)), rel=0.25)  # some are clamped

@@ -16,7 +16,7 @@ import pytest
 
 from estimator.cameras.camera import guessed_camera
 from estimator.formats.packing import pack, unpack
-from estimator.imaging.observation import Observation
+from estimator.imaging.observation import Observation, PoseEstimate
 from estimator.results.export import export_arrays
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
@@ -199,6 +199,31 @@ def test_packing_is_exact() -> None:
         unpack(bytes(damaged))
     with pytest.raises(TypeError, match="odd"):
         pack({"odd": np.array([None])})
+
+
+def test_what_a_fit_knew_of_a_pose_is_kept(tmp_path: Path, body: Body) -> None:
+    landmarks = len(body.landmark_names)
+    seen = [Observation(i, i / 30.0, (), np.zeros((1, landmarks, 2)), np.ones((1, landmarks))) for i in range(5)]
+    q, covariance = (
+        body.integrate(body.neutral, np.full(body.nv, 0.1)),
+        np.diag(np.r_[0.0, np.linspace(0.1, 0.2, body.nv - 1)]),
+    )
+    file = tmp_path / "a.run"
+    with RunWriter.create(file, header(5)) as writer:
+        assert Run.open(file).estimates is None
+        writer.put_observations(
+            [seen[0], dataclasses.replace(seen[1], estimate=PoseEstimate(q, covariance)), *seen[2:]]
+        )
+    run = Run.open(file)
+    assert run.observation(0).estimate is None
+    assert run.observation(1).estimate is not None
+    assert run.estimates is not None
+    ((at, known),) = run.estimates.items()
+    assert at == 1
+    assert np.array_equal(known.q, q)
+    assert np.array_equal(known.covariance, covariance)
+    with pytest.raises(InputError, match="other keypoints"):
+        RunWriter.resume(file, header(5))[0].put_observations(seen)
 
 
 def test_resume_refuses_another_run(tmp_path: Path, body: Body) -> None:

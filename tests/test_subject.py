@@ -13,12 +13,15 @@ import pytest
 import yourdfpy
 
 from humanoid import Body, InputError, Subject, load_subject
+from humanoid.kinematics.body import points_in_world
+from humanoid.shape.surface import surface_of
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import subject_from_text, subject_names
 from humanoid.subject.urdf_flesh import limb_capsule
 
 SIZES = {  # nq, nv
     "human34": (35, 34),
+    "human30": (31, 30),
     "arm8": (8, 8),
     "upper13": (13, 13),
     PREFIX + "human": (43, 42),
@@ -109,7 +112,7 @@ def mirror_images(subject: Subject, q: np.ndarray, axis: int) -> tuple[np.ndarra
     return points, mirrored
 
 
-@pytest.mark.parametrize(("name", "axis"), [("human34", 1), (PREFIX + "human", 2)])
+@pytest.mark.parametrize(("name", "axis"), [("human34", 1), ("human30", 1), (PREFIX + "human", 2)])
 def test_equal_values_left_and_right_give_a_mirrored_pose(name: str, axis: int) -> None:
     if name.startswith(PREFIX) and not installed():
         pytest.skip("example-robot-data is not installed")
@@ -202,11 +205,25 @@ def test_scaling_refuses(scales: dict[str, float], told: str) -> None:
         load_subject("human34").scaled(scales)
 
 
-def test_locking_the_clavicles_leaves_the_30_dof_body() -> None:
-    clavicles = [f"{s}_clavicle_{a}" for s in ("left", "right") for a in ("elevation", "protraction")]
-    locked = load_subject("human34", lock=clavicles)
-    assert locked.model.nv == 30
-    assert not {s.joint for s in locked.stabilisers} & set(clavicles)
+def test_the_30_dof_body_is_the_larger_one_with_its_clavicles_at_rest() -> None:
+    clavicles = {f"{s}_clavicle_{a}" for s in ("left", "right") for a in ("elevation", "protraction")}
+    scales = {"left_knee_flexion": 1.13, "left_clavicle_elevation": 0.91, "skull": 1.05}  # of locked joints too
+    whole, locked = (load_subject(name).scaled(scales) for name in ("human34", "human30"))
+    assert set(whole.model.names) - set(locked.model.names) == clavicles
+    assert whole.flesh == locked.flesh
+    assert whole.proportions == locked.proportions
+    assert [s for s in whole.stabilisers if s.joint not in clavicles] == list(locked.stabilisers)
+    rest = {s.joint: s.rest for s in whole.stabilisers}
+    a, b = Body(whole), Body(locked)
+    short = random_q(locked, np.random.default_rng(3))
+    q = short[:7]
+    for name in whole.model.names[2:]:
+        value = rest[name] if name in clavicles else short[locked.model.idx_qs[locked.model.getJointId(name)]]
+        q = np.append(q, value)
+    assert rest["left_clavicle_protraction"] != 0.0
+    np.testing.assert_allclose(a.landmarks(a.at(q)), b.landmarks(b.at(short)), atol=1e-12)
+    surfaces = [(surface_of(body), body.at(pose)) for body, pose in ((a, q), (b, short))]
+    np.testing.assert_allclose(*(points_in_world(at, s.joint, s.local) for s, at in surfaces), atol=1e-12)
     assert same(subject_from_text(locked.urdf, source="run"), locked)
 
 

@@ -51,7 +51,7 @@ def q(body: Body) -> np.ndarray:
 
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_motions_are_possible(motion) -> None:
-    body = Body(load_subject(motion.subject, lock=motion.lock))
+    body = Body(load_subject(motion.subject))
     times = np.arange(round(30 * motion.seconds)) / 30.0
     q = authored_motion(body, times, motion)
     assert limit_violations(body, q) == 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.imaging.observation import Observation, PoseEstimate
 from humanoid.subject.subject import Subject
 
 
@@ -39,8 +39,9 @@ class Fit:
     subject: the subject with the fitted lengths, and the fitted flesh if there is a `shape`. names (P): proportions by
     joint. scales (P,): estimate relative to the given subject. covariance (P, P): of the scales. observations (F): the
     frames used, in the readings that were chosen of them; none if none were usable, and the subject is then the given
-    one. poses (F, nq): of the subject with the fitted lengths, in these frames. shape: of the flesh, None where it was
-    not fitted.
+    one. poses (F, nq), pose_covariance (F, nv, nv): of the subject with the fitted lengths, in these frames; how
+    uncertain each pose is by its own frame, with the lengths as uncertain as they are. shape: of the flesh, None where
+    it was not fitted.
     """
 
     subject: Subject
@@ -49,6 +50,7 @@ class Fit:
     covariance: np.ndarray
     observations: tuple[Observation, ...]
     poses: np.ndarray
+    pose_covariance: np.ndarray
     shape: ShapeFit | None = None
 
     @property
@@ -60,3 +62,12 @@ class Fit:
     def frames(self) -> tuple[int, ...]:
         """Indices of the frames used."""
         return tuple(o.index for o in self.observations)
+
+    @property
+    def estimates(self) -> dict[int, PoseEstimate]:
+        """By index of the frame, its pose and how uncertain that is, lengths and flesh marginalised; of the frames that
+        the last stage looked at. Hypotheses of a track begin with them (CSS section 5)."""
+        last = (self.frames, self.poses, self.pose_covariance)
+        if self.shape is not None:
+            last = (self.shape.frames, self.shape.poses, self.shape.covariance)
+        return {index: PoseEstimate(q, covariance) for index, q, covariance in zip(*last, strict=True)}

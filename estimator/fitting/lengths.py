@@ -12,7 +12,7 @@ from estimator.fitting.descent import bounded_step
 from estimator.fitting.fit import Fit
 from estimator.fitting.settings import FitSettings
 from estimator.imaging.observation import Observation
-from estimator.optimise.covariance import free_directions
+from estimator.optimise.covariance import free_directions, mode_covariance
 from estimator.optimise.newton import NewtonSettings, Problem, Step, minimise
 from estimator.optimise.seek import Seeker, SeekSettings
 from estimator.terms.reprojection import Reprojection
@@ -43,20 +43,23 @@ def fit_lengths(
     body = ProportionedBody(subject)
     used = chosen_frames(observations, settings)
     if not used:
-        return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), np.zeros((0, body.base.nq)))
+        none = np.zeros((0, body.base.nq)), np.zeros((0, body.base.nv, body.base.nv))
+        return Fit(subject, body.names, np.ones(len(body.names)), np.diag(body.std**2), (), *none)
     if not body.names:
-        poses, seen = _poses(subject, used, seed, track_settings)
-        return Fit(subject, (), np.zeros(0), np.zeros((0, 0)), tuple(seen), np.array(poses))
+        poses, covariances, seen = _poses(subject, used, seed, track_settings)
+        return Fit(subject, (), np.zeros(0), np.zeros((0, 0)), tuple(seen), np.array(poses), np.array(covariances))
     cost = track_settings.cost if track_settings else CostSettings()
     scales = np.clip(body.mean, body.low, body.high)
     for _ in range(settings.rounds):
-        poses, seen = _poses(subject.scaled(body.scales(scales)), used, seed, track_settings)
+        poses, _, seen = _poses(subject.scaled(body.scales(scales)), used, seed, track_settings)
         energy = LengthsEnergy(body, seen, cost, settings.effective_frames)
         newton = NewtonSettings(settings.iterations, enough=ENOUGH)
         best = minimise(energy, energy.model(scales, poses), newton).model
         scales = best.scales
     covariance = np.linalg.inv(best.hessian)
-    return Fit(subject.scaled(body.scales(scales)), body.names, scales, covariance, tuple(seen), np.array(best.poses))
+    of_poses = np.array([frame.pose_covariance(covariance) for frame in best.frames])
+    fitted = subject.scaled(body.scales(scales))
+    return Fit(fitted, body.names, scales, covariance, tuple(seen), np.array(best.poses), of_poses)
 
 
 def chosen_frames(observations: Sequence[Observation], settings: FitSettings) -> list[Observation]:
@@ -71,28 +74,35 @@ def chosen_frames(observations: Sequence[Observation], settings: FitSettings) ->
 
 def _poses(
     subject: Subject, observations: Sequence[Observation], seed: int, settings: Settings | None
-) -> tuple[list[np.ndarray], list[Observation]]:
-    """Pose of every frame along the best path of a track, and the frames in the reading that the path chose."""
+) -> tuple[list[np.ndarray], list[np.ndarray], list[Observation]]:
+    """Pose of every frame along the best path of a track, its covariance with the lengths as they are, and the frames
+    in the reading that the path chose."""
     tracker = make_tracker(DEFAULT, Body(subject), settings)
     results = [result for result, _ in run(tracker, observations, seed)]
-    search, poses, seen = energy_of(tracker, "css"), [], []
+    search, poses, covariances, seen = energy_of(tracker, "css"), [], [], []
     for observation, result, k in zip(observations, results, backtrack_results(results), strict=True):
         poses.append(result.q[k])
+        covariances.append(result.covariance[k])
         seen.append(search.associated(observation, result.association[k]))
-    return poses, seen
+    return poses, covariances, seen
 
 
 class LengthsModel(NamedTuple):
     """Quadratic model of an energy by the scales (P,) of the proportions, every pose being at its own minimum.
 
-    gradient (P,). hessian (P, P): the Schur complement of the poses. poses (F) of (nq,): the minima.
+    gradient (P,). hessian (P, P): the Schur complement of the poses. frames (F): each at its minimum.
     """
 
     value: float
     scales: np.ndarray
     gradient: np.ndarray
     hessian: np.ndarray
-    poses: list[np.ndarray]
+    frames: list[_FrameModel]
+
+    @property
+    def poses(self) -> list[np.ndarray]:
+        """The minima, (F) of (nq,)."""
+        return [frame.q for frame in self.frames]
 
 
 class LengthsEnergy(Problem[LengthsModel]):
@@ -129,24 +139,32 @@ class LengthsEnergy(Problem[LengthsModel]):
         e = (scales - proportions.mean) / proportions.std
         value, gradient = 0.5 * float(e @ e), e / proportions.std
         hessian = np.diag(1.0 / proportions.std**2)
-        minima = []
+        minima: list[_FrameModel] = []
         for observation, q in zip(self._observations, poses, strict=True):
             term = frames.observation_term(observation)
             frame = _frame_model(proportions, seeker, frames.cost(term), term, q)
             value += self._share * frame.value
             gradient = gradient + self._share * frame.gradient
             hessian = hessian + self._share * frame.hessian
-            minima.append(frame.q)
+            minima.append(frame)
         return LengthsModel(value, scales, gradient, 0.5 * (hessian + hessian.T), minima)
 
 
 class _FrameModel(NamedTuple):
-    """One frame's share of a `LengthsModel`, and its pose (nq,)."""
+    """One frame's share of a `LengthsModel`, and its pose (nq,); covariance (nv, nv): of the pose at these scales.
+    follows (nv, P): how the pose moves with the scales."""
 
     value: float
     gradient: np.ndarray
     hessian: np.ndarray
     q: np.ndarray
+    covariance: np.ndarray
+    follows: np.ndarray
+
+    def pose_covariance(self, of_scales: np.ndarray) -> np.ndarray:
+        """Covariance (nv, nv) of the pose with scales as uncertain as their covariance (P, P) says."""
+        covariance = self.covariance + self.follows @ of_scales @ self.follows.T
+        return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def _frame_model(
@@ -162,6 +180,10 @@ def _frame_model(
     WD = np.einsum("lab,lbp->lap", weight, D)
     cross = np.einsum("lav,lap->vp", J, WD)
     free = free_directions(body, posed.q, minimum.gradient)
-    H = cost.of(posed).hessian[np.ix_(free, free)] + _UNSEEN * np.eye(len(free))
-    schur = np.einsum("lap,laq->pq", D, WD) - cross[free].T @ np.linalg.solve(H, cross[free])
-    return _FrameModel(minimum.value, np.einsum("la,lap->p", force, D), schur, posed.q)
+    hessian = cost.of(posed).hessian
+    H = hessian[np.ix_(free, free)] + _UNSEEN * np.eye(len(free))
+    follows = np.zeros_like(cross)
+    follows[free] = -np.linalg.solve(H, cross[free])
+    schur = np.einsum("lap,laq->pq", D, WD) + cross[free].T @ follows[free]
+    covariance = mode_covariance(body, posed.q, minimum.gradient, hessian)
+    return _FrameModel(minimum.value, np.einsum("la,lap->p", force, D), schur, posed.q, covariance, follows)

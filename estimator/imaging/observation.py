@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.imaging.image_cues import ImageCues
+
+
+class PoseEstimate(NamedTuple):
+    """A pose q (nq,) and its covariance (nv, nv) in the tangent space there, zero where active limits hold it."""
+
+    q: np.ndarray
+    covariance: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,7 @@ class Observation:
     jitter (C,): how much the keypoints of the whole clip tremble from frame to frame, as a standard deviation [px].
     given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
     cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
+    estimate: what a fit of the person knows of the pose, None where there was none.
     """
 
     index: int
@@ -32,6 +41,7 @@ class Observation:
     jitter: tuple[float, ...] = ()
     given: bool = False
     cues: tuple[ImageCues, ...] = ()
+    estimate: PoseEstimate | None = None
 
     @property
     def count(self) -> int:

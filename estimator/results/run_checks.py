@@ -11,6 +11,7 @@ from estimator.formats.checked_arrays import (
     Field,
     check_arrays,
     check_configurations,
+    check_covariances,
     check_parents,
     check_weights,
     length_of,
@@ -49,6 +50,7 @@ _ORIGIN_POSES = {
     f"{PREFIX}{name}": Field("f", ("K", "nq"), finite=False) for name in ("q_previous", "q_predicted", "q_assigned")
 }
 _ORIGIN_EXTENT = {f"{PREFIX}extent": Field("f", ("K", "any"), finite=False)}
+_ESTIMATE = {"estimate_q": Field("f", ("nq",)), "estimate_covariance": Field("f", ("nv", "nv"))}
 _OBSERVATION = {
     "pixels": Field("f", ("C", "L", "2"), finite=False),
     "confidence": Field("f", ("C", "L")),
@@ -83,9 +85,9 @@ def extra_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name.removeprefix(EXTRA): array for name, array in arrays.items() if name.startswith(EXTRA)}
 
 
-def check_observation(arrays: Mapping[str, np.ndarray], cameras: int, landmarks: int) -> None:
-    """The keypoints of a frame; raises DamageError as `check_frame` does."""
-    check_arrays(arrays, _OBSERVATION, {"C": cameras, "L": landmarks, "2": 2})
+def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int) -> None:
+    """The keypoints of a frame, and what was known of the pose; raises DamageError as `check_frame` does."""
+    check_arrays(arrays, _OBSERVATION, {"C": cameras, "L": len(body.landmark_names), "2": 2})
     confidence, pixels = arrays["confidence"], arrays["pixels"]
     if not ((confidence >= 0.0) & (confidence <= 1.0)).all():
         raise DamageError("confidence is not between 0 and 1")
@@ -97,6 +99,10 @@ def check_observation(arrays: Mapping[str, np.ndarray], cameras: int, landmarks:
             raise DamageError("jitter does not fit the cameras")
     if "given" in arrays:
         check_arrays(arrays, {"given": Field("b")}, {})
+    if any(name in arrays for name in _ESTIMATE):
+        check_arrays(arrays, _ESTIMATE, sizes_of(body))
+        check_configurations(body, arrays["estimate_q"][None], "estimate_q")
+        check_covariances(arrays["estimate_covariance"][None])
 
 
 def check_trajectory(arrays: Mapping[str, np.ndarray], body: Body) -> None:

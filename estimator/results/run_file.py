@@ -100,6 +100,7 @@ class RunWriter:
                         "confidence": o.confidence,
                         "given": np.array(o.given),
                         "jitter": np.array(o.jitter),
+                        **_estimate_of(o),
                     }
                 ),
             )
@@ -172,6 +173,10 @@ class RunWriter:
     ) -> None:
         with suppress(sqlite3.ProgrammingError):  # finish() has closed it
             self.close()
+
+
+def _estimate_of(o: Observation) -> dict[str, np.ndarray]:
+    return {} if o.estimate is None else {"estimate_q": o.estimate.q, "estimate_covariance": o.estimate.covariance}
 
 
 def _packed(result: FrameResult) -> dict[str, np.ndarray]:

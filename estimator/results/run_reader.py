@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from estimator.formats.packing import unpack
-from estimator.imaging.observation import Observation
+from estimator.imaging.observation import Observation, PoseEstimate
 from estimator.modes.origin import Origins, families
 from estimator.results import run_store
 from estimator.results.calibration import Calibration
@@ -131,11 +132,25 @@ class Run:
         given = bool(a.get("given", False))
         jitter = tuple(a["jitter"].tolist()) if "jitter" in a else ()
         time = float(self.header.times[i])
-        return Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
+        estimate = PoseEstimate(a["estimate_q"], a["estimate_covariance"]) if "estimate_q" in a else None
+        seen = Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
+        return replace(seen, estimate=estimate)
+
+    @property
+    def estimates(self) -> dict[int, PoseEstimate] | None:
+        """What a fit of the person knew of poses, by planned frame (see `Observation.estimate`); None where nothing was
+        stored yet."""
+        with run_store.reading(self.file) as connection:
+            rows = connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()
+        stored = {i: self._keypoints_of(data, i) for i, data in rows}
+        known = {
+            i: PoseEstimate(a["estimate_q"], a["estimate_covariance"]) for i, a in stored.items() if "estimate_q" in a
+        }
+        return known if rows else None
 
     def _keypoints_of(self, data: bytes, i: int) -> dict[str, np.ndarray]:
-        counts = len(self.header.cameras), len(self.body.landmark_names)
-        return self._unpacked(data, f"keypoints of frame {i}", lambda a: check_observation(a, *counts))
+        cameras = len(self.header.cameras)
+        return self._unpacked(data, f"keypoints of frame {i}", lambda a: check_observation(a, self.body, cameras))
 
     def __iter__(self) -> Iterator[FrameResult]:
         return (self.result(i) for i in range(self.frame_count))

@@ -1,4 +1,4 @@
-"""First poses from keypoints alone: no manual initialisation."""
+"""First poses from keypoints: no manual initialisation."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
+from estimator.search.proposals import CovarianceScaledProposal
 from estimator.search.views import view_sphere
 from humanoid.kinematics.body import Body
 
 RANDOM_STARTS = 24
+SCALE = 8.0**0.5
+"""On the standard deviations of the samples of the first frame: a factor of eight or so on the covariance (CSS section
+4.2)."""
 
 
 def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
@@ -21,28 +25,56 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
 
     A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
     random configurations within the limits. Where one camera alone sees the body, the limbs of these first modes are
-    also tried at their other depths, which headings alone do not reach.
+    also tried at their other depths, which headings alone do not reach. Then samples are drawn about what was reached,
+    see `ModeSearchSettings.start_samples`; where there are pictures its covariance holds what they say.
     """
-    body = search.body
-    if body.has_free_root:
-        starts = view_sphere(body, body.neutral, observation)
-    else:
-        starts = [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
     associations = search.associations(observation)
     case = FrameCase(associations)
-    first = search.best_modes((Hypothesis(q, k) for q in starts for k in range(len(associations))), case, count)
-    likelihood = search.likelihood(observation, first.modes[0].q)
-    camera = only_camera(observation)
-    can_jump = camera is not None and bool(search.jumps.limbs or search.jumps.parts)
-    if not can_jump and likelihood is None:
-        return first
+    starts = [Hypothesis(q, k) for q in _starts(search.body, rng, observation) for k in range(len(associations))]
+    modes = search.best_modes(starts, case, count)
+    likelihood = search.likelihood(observation, modes.modes[0].q)
+    case = case._replace(likelihood=likelihood)
     names = [association.name for association in associations]
-    again = [
-        Hypothesis(q, names.index(mode.association))
-        for mode in first.modes
-        for q in (mode.q, *(search.jumps.of(mode.q, camera) if camera is not None else ()))
-    ]
-    return search.best_modes(again, case._replace(likelihood=likelihood), count, rng)
+    camera = only_camera(observation)
+    if likelihood is not None or (camera is not None and (search.jumps.limbs or search.jumps.parts)):
+        again = [
+            Hypothesis(q, names.index(mode.association))
+            for mode in modes.modes
+            for q in (mode.q, *(search.jumps.of(mode.q, camera) if camera is not None else ()))
+        ]
+        modes = search.best_modes(again, case, count, rng)
+    if search.settings.start_samples == 0:
+        return modes
+    reached = [Hypothesis(mode.q, names.index(mode.association)) for mode in modes.modes]
+    samples = _samples(search, rng, observation, modes, case)
+    # all are led to convergence: before it, samples on their way to one mode would be taken for better than other modes
+    return search.best_modes([*reached, *samples], case, count, rng, every=True)
+
+
+def _starts(body: Body, rng: np.random.Generator, observation: Observation) -> list[np.ndarray]:
+    if body.has_free_root:
+        return view_sphere(body, body.neutral, observation)
+    return [body.neutral, *(random_configuration(rng, body) for _ in range(RANDOM_STARTS))]
+
+
+def _samples(
+    search: ModeSearch, rng: np.random.Generator, observation: Observation, modes: Mixture, case: FrameCase
+) -> list[Hypothesis]:
+    """Drawn by the covariance of the fit's pose, in the association that it explains better; without a fit by those of
+    the modes, chosen by their weights."""
+    count, estimate = search.settings.start_samples, observation.estimate
+    if estimate is not None:
+        readings = [Hypothesis(estimate.q, k) for k in range(len(case.associations))]
+        (best,) = search.screened(readings, case, 1, pictures=False)
+        proposal = CovarianceScaledProposal(search.body, estimate.q, estimate.covariance, SCALE)
+        return [best._replace(q=proposal.sample(rng)) for _ in range(count)]
+    names = [association.name for association in case.associations]
+    samples = []
+    for i, drawn in enumerate(rng.multinomial(count, modes.weights)):
+        mode = modes.modes[i]
+        proposal = CovarianceScaledProposal(search.body, mode.q, mode.covariance, SCALE)
+        samples += [Hypothesis(proposal.sample(rng), names.index(mode.association)) for _ in range(drawn)]
+    return samples
 
 
 def random_configuration(rng: np.random.Generator, body: Body) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""From hypotheses to modes: explore every start a little, keep the distinct best, refine those to convergence."""
+"""From hypotheses to modes: explore every start a little, keep the distinct best or all, refine them to convergence."""
 
 from __future__ import annotations
 
@@ -71,10 +71,16 @@ class ModeSearch:
         return detected, Association(EXCHANGED, self.term(observation, EXCHANGED), penalty)
 
     def best_modes(
-        self, hypotheses: Iterable[Hypothesis], case: FrameCase, count: int, rng: np.random.Generator | None = None
+        self,
+        hypotheses: Iterable[Hypothesis],
+        case: FrameCase,
+        count: int,
+        rng: np.random.Generator | None = None,
+        *,
+        every: bool = False,
     ) -> Mixture:
-        """The `count` best distinct modes reached from the hypotheses, as a mixture."""
-        return self.best_of(self.explored(hypotheses, case), case, count, rng)
+        """The `count` best distinct modes reached from the hypotheses, as a mixture, see `best_of`."""
+        return self.best_of(self.explored(hypotheses, case), case, count, rng, every=every)
 
     def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
         """Every hypothesis after a short search."""
@@ -83,12 +89,21 @@ class ModeSearch:
         return self._counted(self.workers.each(FrameSearch.explore, hypotheses))
 
     def best_of(
-        self, explored: Sequence[Candidate], case: FrameCase, count: int, rng: np.random.Generator | None = None
+        self,
+        explored: Sequence[Candidate],
+        case: FrameCase,
+        count: int,
+        rng: np.random.Generator | None = None,
+        *,
+        every: bool = False,
     ) -> Mixture:
-        """The `count` best distinct modes, searched to convergence, as a mixture. rng: for weights by importance
-        sampling (`ModeSearchSettings.weigh`), which count by volume without it."""
+        """The `count` best distinct modes, searched to convergence, as a mixture.
+
+        rng: for weights by importance sampling (`ModeSearchSettings.weigh`), which count by volume without it. every:
+        search all candidates to convergence, not only the best distinct ones.
+        """
         frame = self.frame(case)
-        kept = self._distinct(explored, count + self.settings.spare)
+        kept = explored if every else self._distinct(explored, count + self.settings.spare)
         refined = self._counted(self.workers.each(FrameSearch.refine, kept))
         best = self._distinct(self._apart(refined), count)
         scores = np.array([r.score for r in best]) + self._log_volumes(frame, best, rng)

@@ -22,6 +22,8 @@ class ModeSearchSettings:
     distinct: two modes differ if some landmark is further apart than this fraction of the body's size.
     exchange: also search every frame with left and right of its keypoints exchanged (detectors do take one for the
     other).
+    start_samples: of the first frame, drawn by the covariance of its pose and searched too: by that of the fit where
+    the person is fitted, else by those of the first modes (CSS section 5).
     contact: what is done with modes whose parts overlap.
     flow_in_covariance: a mode's covariance knows what the flow says, as all of the pictures (CSS eq. 12).
     step_solver: who solves the steps of all searches within limits and clearance: "proxqp", ProxQP wherever the free
@@ -39,6 +41,7 @@ class ModeSearchSettings:
     distinct: float = setting(0.03, at_least=0)
     settled: float = setting(0.01, at_least=0)
     exchange: bool = True
+    start_samples: int = setting(20, at_least=0)
     contact: ContactSettings = field(default_factory=ContactSettings)
     flow_in_covariance: bool = True
     step_solver: str = setting(PROXQP, one_of=STEP_SOLVERS)

@@ -9,14 +9,12 @@ from humanoid.support.errors import InputError
 
 Row = tuple[float, ...]
 
-CLAVICLES = tuple(f"{side}_clavicle_{turn}" for side in ("left", "right") for turn in ("elevation", "protraction"))
-
 
 @dataclass(frozen=True)
 class KeyedMotion:
     """One authored motion.
 
-    name: how it is asked for. subject: the built-in subject it is made for; lock: its joints held at rest.
+    name: how it is asked for. subject: the built-in subject it is made for.
     background: what it is rendered before by default (`SceneSettings.background`). azimuth [deg]: of its camera.
     times (K): of the keys [s]. angles: degrees at the keys, by joint; ankles of a free body keep the soles level.
     yaw, pitch (K): of a free root [deg]. left_stance (K): share of the left foot in carrying the body. start: where
@@ -29,7 +27,6 @@ class KeyedMotion:
     azimuth: float
     times: Row
     angles: MappingProxyType[str, Row]
-    lock: tuple[str, ...] = ()
     yaw: Row = ()
     pitch: Row = ()
     left_stance: Row = ()
@@ -107,10 +104,9 @@ ARM = KeyedMotion(
 
 PIVOT = KeyedMotion(
     name="pivot",
-    subject="human34",
+    subject="human30",
     background="room",
     azimuth=20.0,
-    lock=CLAVICLES,
     times=(0.0, 0.7, 1.4, 2.1, 2.8, 3.5),
     angles=MappingProxyType(
         {

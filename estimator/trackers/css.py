@@ -34,6 +34,8 @@ from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import ONE_CAMERA, PICTURES, idle_where, idle_without
 from humanoid.support.settings import check, setting
 
+REFINE_BEST, REFINE_ALL = REFINED = ("best", "all")
+
 
 @dataclass(frozen=True)
 class CssSettings:
@@ -43,7 +45,8 @@ class CssSettings:
     is handed on, 1 in Figure 6; less lets an early mistake be forgotten. transition: penalise the change since
     the parent; off in the paper, whose search is static (footnote 5). keep: search from the parents' own poses
     too, not from samples alone. momentum: share of its velocity that carries a parent to where pictures are looked at
-    too (constant velocity beside driftless dynamics).
+    too (constant velocity beside driftless dynamics). refine: which searches are led to convergence, "all" as printed
+    (Figure 6, step 2.3), or the "best" of those that differ after a short search.
 
     budget: how many searches a frame gets. What the parents leave of it is shared in proportion to:
     samples: about the parents. shape: of their distribution, "covariance" (CSS), "spherical" (of equal volume, the
@@ -69,6 +72,7 @@ class CssSettings:
     transition: bool = True
     keep: bool = True
     momentum: float = setting(0.8, at_least=0)
+    refine: str = setting(REFINE_BEST, one_of=REFINED)
     other_readings: int = setting(7, at_least=0)
     jumps: int = setting(5, at_least=0, formerly=("flips",))
     jump_penalty: float = setting(6.0, at_least=0, formerly=("flip_penalty",))
@@ -88,7 +92,7 @@ class CssSettings:
 
 PAPER = CssSettings(
     budget=BudgetSettings(searches=70, calm=1.0), samples=70, other_readings=0, jumps=0, limb_searches=0, exchanges=0,
-    scale=8.0**0.5, forgetting=1.0, transition=False, keep=False,
+    scale=8.0**0.5, forgetting=1.0, transition=False, keep=False, refine=REFINE_ALL,
 )  # fmt: skip
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
@@ -128,7 +132,8 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         candidates += self.search.explored(
             allocated(left, self._sources(proposals, observation, likelihood)), case
         )  # 1, 2
-        mixture = self.search.best_of(candidates, case, self.settings.modes, rng)  # 3, 4
+        every = self.settings.refine == REFINE_ALL
+        mixture = self.search.best_of(candidates, case, self.settings.modes, rng, every=every)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
         told = _searches(candidates, StepCounts.between(before, self.search.steps))

@@ -39,9 +39,13 @@ __all__ = [
 URDF_FOLDER = Path(__file__).parent.parent / "urdf"
 BUILT_IN = {
     "human34": "adult with clavicles, free root (CSS, Sminchisescu and Triggs 2003)",
+    "human30": "human34 with the clavicles locked at rest (the first body of CSS section 6)",
     "arm8": "left arm with clavicle on a fixed trunk (CSS arm)",
     "upper13": "upper body seen under orthogonal projection (Taycher, Fisher and Darrell 2004)",
 }
+_CLAVICLES = tuple(f"{side}_clavicle_{turn}" for side in ("left", "right") for turn in ("elevation", "protraction"))
+_LOCKED = {"human30": ("human34", _CLAVICLES)}
+"""Built-in subjects without a file: that of another, some of its joints locked."""
 Base = Literal["auto", "free", "fixed"]
 
 
@@ -206,7 +210,8 @@ def load_subject(
     _check_choice("base", base, ("auto", "free", "fixed"))
     _check_choice("meshes", meshes, ("require", "ignore"))
     name, packages, landmark_file = str(source), [Path(p) for p in package_dirs], None
-    path = URDF_FOLDER / f"{name}.urdf" if name in BUILT_IN else Path(source)
+    whole, locked = _LOCKED.get(name, (name, ()))
+    path = URDF_FOLDER / f"{whole}.urdf" if name in BUILT_IN else Path(source)
     if name.startswith(example_robots.PREFIX):
         path, share, landmark_file = example_robots.find(name)
         packages.append(share)
@@ -226,7 +231,9 @@ def load_subject(
         notes += add_link_landmarks(document)
     base = _base_of(document, base)  # of the file as it is, before joints are locked
     set_base(document, base)
-    lock_joints(document, [lock] if isinstance(lock, str) else lock)
+    lock_joints(document, [*locked, *([lock] if isinstance(lock, str) else lock)])
+    if name in _LOCKED:
+        document.root.set("name", name)
     return _subject(document, document.text(), name, base, notes)
 
 

@@ -90,7 +90,7 @@ def _subject(
     if isinstance(given, Subject):
         subject = given
     elif given is None:
-        subject = load_subject(keyed.subject if keyed else "human34", lock=keyed.lock if keyed else ())
+        subject = load_subject(keyed.subject if keyed else "human34")
     else:
         subject = load_subject(given)
     subject = subject.scaled(proportions) if proportions else subject
