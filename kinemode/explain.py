@@ -30,6 +30,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode import __version__
 from kinemode.energy_parts import Case, Part, energy_parts
+from kinemode.pictures import persons_before
 from viz import palette
 from viz.cue_pictures import CueView
 
@@ -143,7 +144,9 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
     clips = [Path(header.clips[name] or "") for name in names]
     masks, plates = ([Path(f[n]) if n in f else None for n in names] for f in (header.masks, header.backgrounds))
     frames = [header.frames_of(name) if name in header.clip_frames else None for name in names]
-    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames)
+    observations = [run.observation(i) for i in range(len(header.times))]
+    persons = persons_before(run.subject, observations, settings.cues)
+    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames, persons=persons)
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:

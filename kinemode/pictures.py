@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from estimator.imaging.known_person import KnownPerson, known_persons
+from estimator.imaging.observation import Observation
 from estimator.likelihood.ahead import ReadAhead
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES, cues_of
 from estimator.likelihood.settings import CueSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.tracking.idle_settings import Idle
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
 
@@ -104,16 +108,38 @@ def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
     return notes
 
 
+def persons_before(
+    subject: Subject, observations: Sequence[Observation], chosen: CueSettings
+) -> Sequence[KnownPerson] | None:
+    """What keypoints say beforehand of where the person is, for every camera; None where no cue asks.
+
+    The body is a built-in subject as it was shipped, so that a run's own, which was fitted later, gives the same.
+    """
+    if not any(CUES[name].uses_masks for name in chosen.used):
+        return None
+    shipped = load_subject(subject.source, base=subject.base) if subject.source in BUILT_IN else subject
+    return known_persons(Body(shipped), observations)
+
+
 @contextmanager
-def opened_cues(inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
+def opened_cues(subject: Subject, inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
     """The reader of the chosen cues, closed when the block ends; None where no pictures are looked at."""
     if chosen is None:
         yield None
         return
     clips: list[Path] = [clip for clip in inputs.clips if clip is not None]
     cameras = inputs.observations[0].cameras
+    persons = persons_before(subject, inputs.observations, chosen)
     reader = ReadAhead(
-        CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds, frames=inputs.frames)
+        CueReader(
+            clips,
+            cameras,
+            chosen,
+            masks=inputs.masks,
+            plates=inputs.backgrounds,
+            frames=inputs.frames,
+            persons=persons,
+        )
     )
     try:
         yield reader
