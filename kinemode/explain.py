@@ -144,8 +144,7 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
     clips = [Path(header.clips[name] or "") for name in names]
     masks, plates = ([Path(f[n]) if n in f else None for n in names] for f in (header.masks, header.backgrounds))
     frames = [header.frames_of(name) if name in header.clip_frames else None for name in names]
-    observations = [run.observation(i) for i in range(len(header.times))]
-    persons = persons_before(run.subject, observations, settings.cues)
+    persons = persons_before(run.subject, header.cameras, run.pixels, run.confidence, settings.cues)
     return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames, persons=persons)
 
 

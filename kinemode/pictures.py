@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.cameras.camera import Camera
 from estimator.imaging.known_person import KnownPerson, known_persons
-from estimator.imaging.observation import Observation
 from estimator.likelihood.ahead import ReadAhead
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES, cues_of
@@ -109,16 +109,17 @@ def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
 
 
 def persons_before(
-    subject: Subject, observations: Sequence[Observation], chosen: CueSettings
+    subject: Subject, cameras: Sequence[Camera], pixels: np.ndarray, confidence: np.ndarray, chosen: CueSettings
 ) -> Sequence[KnownPerson] | None:
-    """What keypoints say beforehand of where the person is, for every camera; None where no cue asks.
+    """What keypoints (T, C, L, 2), confidence (T, C, L), say beforehand of where the person is, for every camera; None
+    where no cue asks.
 
     The body is a built-in subject as it was shipped, so that a run's own, which was fitted later, gives the same.
     """
     if not any(CUES[name].uses_masks for name in chosen.used):
         return None
     shipped = load_subject(subject.source, base=subject.base) if subject.source in BUILT_IN else subject
-    return known_persons(Body(shipped), observations)
+    return known_persons(Body(shipped), cameras, pixels, confidence)
 
 
 @contextmanager
@@ -129,7 +130,10 @@ def opened_cues(subject: Subject, inputs: Inputs, chosen: CueSettings | None) ->
         return
     clips: list[Path] = [clip for clip in inputs.clips if clip is not None]
     cameras = inputs.observations[0].cameras
-    persons = persons_before(subject, inputs.observations, chosen)
+    pixels, confidence = (
+        np.array([getattr(o, name) for o in inputs.observations]) for name in ("pixels", "confidence")
+    )
+    persons = persons_before(subject, cameras, pixels, confidence, chosen)
     reader = ReadAhead(
         CueReader(
             clips,

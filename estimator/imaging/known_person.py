@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator.cameras.camera import Camera
 from estimator.imaging.limbs import Limbs, limbs_of
-from estimator.imaging.observation import Observation
 from humanoid.kinematics.body import Body
 
 _FEWEST = 3  # keypoints; fewer do not tell where a body is
@@ -43,10 +43,13 @@ class KnownPerson:
         return self.limbs.drawn(pixels, self.seen[instant], size, width)
 
 
-def known_persons(body: Body, observations: Sequence[Observation]) -> list[KnownPerson]:
-    """What the observations' keypoints say of where the person is, for every camera.
+def known_persons(
+    body: Body, cameras: Sequence[Camera], pixels: np.ndarray, confidence: np.ndarray
+) -> list[KnownPerson]:
+    """What keypoints say of where the person is, for every camera.
 
-    body: of any proportions; only the widths of its parts beside their lengths count.
+    body: of any proportions; only the widths of its parts beside their lengths count. pixels (T, C, L, 2) [px],
+    confidence (T, C, L): of its landmarks, 0 where they are missing.
 
     Raises
     ------
@@ -54,11 +57,5 @@ def known_persons(body: Body, observations: Sequence[Observation]) -> list[Known
     """
     limbs = limbs_of(body)
     return [
-        KnownPerson(
-            limbs,
-            np.array([o.pixels[c] for o in observations]),
-            np.array([o.confidence[c] > 0.0 for o in observations]),
-            camera.image_size,
-        )
-        for c, camera in enumerate(observations[0].cameras)
+        KnownPerson(limbs, pixels[:, c], confidence[:, c] > 0.0, camera.image_size) for c, camera in enumerate(cameras)
     ]

@@ -1,4 +1,4 @@
-"""Where a body lies in a picture, from its keypoints alone: without a pose or a size, by the flesh between landmarks."""
+"""Where a body lies in a picture, from its keypoints alone: with the flesh between landmarks, but no pose."""
 
 from __future__ import annotations
 
