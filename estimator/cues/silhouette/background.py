@@ -40,9 +40,12 @@ def learn_background(
     At first each pixel takes the colour that shows in most frames while the place stands still: a person who stands
     about still moves a little. Then people who move are cut out of every frame by colour and outline, and what is left
     makes the background. Places that are occupied in every frame stay unknown.
+
+    bodies: where the body is known to be in each frame, None where it is not. There it says nothing of the scene, nor
+    in frames before and after in which it has not gone from there; what is seen beside it counts more.
     """
     pictures = [smoothed(frame) for frame in frames]
-    known = [None] * len(pictures) if bodies is None else list(bodies)
+    known: list[KnownBody | None] = [None for _ in pictures] if bodies is None else list(bodies)
     if len(pictures) < FEWEST_FRAMES or camera_moves(pictures):
         return None
     moving = motion(pictures, settings.still)
@@ -74,14 +77,16 @@ class _Votes(NamedTuple):
         count = sum(k is not None for k in known)
         more = round((1.0 - 2.0 * settings.seen) * (len(known) - count) / max(1, count))
         person = [None if of is None else _cut(picture, of) for picture, of in zip(pictures, known, strict=True)]
-        free = [np.full(p.shape[:2], 255, np.uint8) for p in pictures]
+        free: list[np.ndarray] = [np.full(p.shape[:2], 255, np.uint8) for p in pictures]
         for order in (range(len(pictures)), range(len(pictures) - 1, -1, -1)):
-            there, before = np.zeros(free[0].shape, np.uint8), pictures[0]
+            there: np.ndarray = np.zeros(free[0].shape, np.uint8)
+            before = pictures[0]
             for i in order:
                 if (cut := person[i]) is not None:
                     there = cut
                 else:
-                    there = there & cv2.inRange(cv2.absdiff(pictures[i], before), *_NEAR_ENOUGH)
+                    unchanged: np.ndarray = cv2.inRange(cv2.absdiff(pictures[i], before), *_NEAR_ENOUGH)
+                    there = there & unchanged
                 free[i] = free[i] & ~there
                 before = pictures[i]
         return _Votes(
@@ -142,7 +147,7 @@ def _steadiest(pictures: list[np.ndarray], usable: list[np.ndarray], weight: lis
         count = np.zeros(shape, np.uint16)
         for picture, mask, times in zip(pictures, usable, weight, strict=True):
             agrees = cv2.inRange(cv2.absdiff(candidate, picture), *_NEAR_ENOUGH) & mask & its_mask
-            count += agrees & np.uint8(min(times, 255))
+            count += agrees & np.uint8(min(times, 255))  # 255 becomes the number
         better = count > most
         most[better], best[better] = count[better], candidate[better]
     often = np.zeros(shape, np.uint16)
