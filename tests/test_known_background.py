@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 
 from estimator.cues.silhouette.background import KnownBody
+from estimator.cues.silhouette.cue import Outline
 from estimator.cues.silhouette.foreground import SilhouetteSettings, foreground_mask, learn_background, silhouette_of
 from estimator.imaging.camera_pictures import CameraPictures
+from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.known_person import KnownPerson
 from estimator.imaging.limbs import Limbs, limbs_of
 from estimator.likelihood.settings import cue_settings
@@ -66,6 +69,9 @@ def test_who_never_moves_stands_before_what_is_unknown() -> None:
     silhouette = silhouette_of(foreground_mask(frames[7], background, SETTINGS), background.known)
     assert len(silhouette.boundary)
     assert not silhouette.certain.any()  # and says nothing
+    cues = ImageCues(replace(camera_at(0.0), image_size=(WIDTH, HEIGHT)), {"silhouette": silhouette})
+    assert "behind 100% of the keypoints of frame 7 is never seen" in Outline().doubt(cues, np.full((5, 2), 80.0), 7)
+    assert "has 0% of the keypoints on it" in Outline().doubt(cues, np.full((5, 2), 10.0), 7)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +122,7 @@ def test_keypoints_are_of_the_instants_frames(tmp_path: Path, body: Body, limbs:
     pixels = np.repeat(camera.project(body.landmarks(body.at(body.neutral)))[None], 3, axis=0)
     seen = np.array([[True], [False], [True]]) & np.ones(pixels.shape[:2], bool)
     pixels = pixels * (WIDTH, HEIGHT) / camera.image_size
-    small = type(camera)(**{**vars(camera), "image_size": (WIDTH, HEIGHT)})
+    small = replace(camera, image_size=(WIDTH, HEIGHT))
     person = KnownPerson(limbs, pixels, seen, (WIDTH, HEIGHT))
     pictures = CameraPictures(tmp_path, small, WIDTH, frames=np.array([3, 4, 5]), person=person)
     assert pictures.spread(9)[1] == [None, None, None, 0, None, 2, None, None, None]
