@@ -15,6 +15,7 @@ from estimator.cues.base import Past, Shown
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import scaled_camera
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.likelihood.persons import persons_before
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES
 from estimator.media.clip import Clip
@@ -30,7 +31,6 @@ from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode import __version__
 from kinemode.energy_parts import Case, Part, energy_parts
-from kinemode.pictures import persons_before
 from viz import palette
 from viz.cue_pictures import CueView
 

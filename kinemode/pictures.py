@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.known_person import KnownPerson, known_persons
 from estimator.likelihood.ahead import ReadAhead
+from estimator.likelihood.persons import persons_before
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES, cues_of
 from estimator.likelihood.settings import CueSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.tracking.idle_settings import Idle
-from humanoid.kinematics.body import Body
-from humanoid.subject.subject import BUILT_IN, Subject, load_subject
+from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
 
@@ -106,20 +104,6 @@ def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
                 others = ",".join(name for name in chosen.used if name != cue.name) or "off"
                 notes.append(f"{camera.name}: {problem}, or leave it out: --cues {others}")
     return notes
-
-
-def persons_before(
-    subject: Subject, cameras: Sequence[Camera], pixels: np.ndarray, confidence: np.ndarray, chosen: CueSettings
-) -> Sequence[KnownPerson] | None:
-    """What keypoints (T, C, L, 2), confidence (T, C, L), say beforehand of where the person is, for every camera; None
-    where no cue asks.
-
-    The body is a built-in subject as it was shipped, so that a run's own, which was fitted later, gives the same.
-    """
-    if not any(CUES[name].uses_masks for name in chosen.used):
-        return None
-    shipped = load_subject(subject.source, base=subject.base) if subject.source in BUILT_IN else subject
-    return known_persons(Body(shipped), cameras, pixels, confidence)
 
 
 @contextmanager

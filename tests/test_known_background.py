@@ -16,11 +16,11 @@ from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.known_person import KnownPerson
 from estimator.imaging.limbs import Limbs, limbs_of
+from estimator.likelihood.persons import persons_before
 from estimator.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject
-from kinemode.pictures import persons_before
 from tests.builders import camera_at
 from tests.test_cues import HEIGHT, WIDTH, X, Y, overlap, scene, texture
 
