@@ -15,6 +15,7 @@ from estimator.cues.base import Past, Shown
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import scaled_camera
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.likelihood.persons import persons_before
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES
 from estimator.media.clip import Clip
@@ -143,7 +144,8 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
     clips = [Path(header.clips[name] or "") for name in names]
     masks, plates = ([Path(f[n]) if n in f else None for n in names] for f in (header.masks, header.backgrounds))
     frames = [header.frames_of(name) if name in header.clip_frames else None for name in names]
-    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames)
+    persons = persons_before(run.subject, header.cameras, run.pixels, run.confidence, settings.cues)
+    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames, persons=persons)
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:

@@ -110,7 +110,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
         job = replace(job, settings=replace(job.settings, cues=chosen))
-    with opened_cues(inputs, chosen) as cues:
+    with opened_cues(subject, inputs, chosen) as cues:
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         cameras = len(inputs.observations[0].cameras)
         notes += tuple(job.chosen.notes(cues=chosen, cameras=cameras, fits=job.fits(subject)))
@@ -150,7 +150,7 @@ def fit_subject(loaded: Subject, files: InputFiles, cues: str | Iterable[str], s
         inputs = load_inputs(Body(loaded), files)
         check_keypoints(loaded, inputs.observations)
         chosen = chosen_cues(choice, inputs, Settings().cues)
-        with opened_cues(inputs, chosen) as reader:
+        with opened_cues(loaded, inputs, chosen) as reader:
             notes = (*loaded.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
             if reader is not None and chosen is not None:
                 notes += (*reader.notes, *doubts(reader, inputs, chosen))

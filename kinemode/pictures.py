@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from estimator.likelihood.ahead import ReadAhead
+from estimator.likelihood.persons import persons_before
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES, cues_of
 from estimator.likelihood.settings import CueSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.tracking.idle_settings import Idle
+from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs
 
@@ -105,15 +107,27 @@ def doubts(reader: ReadAhead, inputs: Inputs, chosen: CueSettings) -> list[str]:
 
 
 @contextmanager
-def opened_cues(inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
+def opened_cues(subject: Subject, inputs: Inputs, chosen: CueSettings | None) -> Iterator[ReadAhead | None]:
     """The reader of the chosen cues, closed when the block ends; None where no pictures are looked at."""
     if chosen is None:
         yield None
         return
     clips: list[Path] = [clip for clip in inputs.clips if clip is not None]
     cameras = inputs.observations[0].cameras
+    pixels, confidence = (
+        np.array([getattr(o, name) for o in inputs.observations]) for name in ("pixels", "confidence")
+    )
+    persons = persons_before(subject, cameras, pixels, confidence, chosen)
     reader = ReadAhead(
-        CueReader(clips, cameras, chosen, masks=inputs.masks, plates=inputs.backgrounds, frames=inputs.frames)
+        CueReader(
+            clips,
+            cameras,
+            chosen,
+            masks=inputs.masks,
+            plates=inputs.backgrounds,
+            frames=inputs.frames,
+            persons=persons,
+        )
     )
     try:
         yield reader

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.imaging.known_person import KnownPerson
 from estimator.imaging.resolution import scaled_camera
 from estimator.media.clip import Clip
 from estimator.media.picture import read_picture
@@ -28,6 +29,7 @@ class CameraPictures:
         handed out [px]; larger frames are reduced to it.
     masks: a folder of images or a video, white on the person, or None. plate: a picture of the empty scene, or None.
     frames: the number of the clip's frame at each instant (T,), or None where that is the instant's.
+    person: where keypoints say that the person is, or None.
 
     Raises
     ------
@@ -43,9 +45,11 @@ class CameraPictures:
         masks: Path | None = None,
         plate: Path | None = None,
         frames: np.ndarray | None = None,
+        person: KnownPerson | None = None,
     ) -> None:
         self._clip = clip if isinstance(clip, Clip) else Clip.open(clip)
         self._frames = frames
+        self._person = person
         self._original, self._plate = camera, plate
         _check_size(self._clip.path, self._clip.image_size, camera)
         self.camera = scaled_camera(camera, min(1.0, working_size / max(camera.image_size)))
@@ -96,11 +100,21 @@ class CameraPictures:
         _check_size(self._plate, (plate.shape[1], plate.shape[0]), self._original)
         return self._reduced(plate)
 
-    def spread(self, count: int) -> list[np.ndarray]:
-        """Up to `count` pictures (H, W, 3) uint8 BGR, spread evenly over the whole clip."""
+    def spread(self, count: int) -> tuple[list[np.ndarray], list[int | None]]:
+        """Up to `count` pictures (H, W, 3) uint8 BGR, spread evenly over the whole clip, and one in which the person's
+        keypoints are, unless it is among them. For each an instant at which these are known, or None."""
         length = self._clip.frame_count or self._clip.report.read
-        chosen = np.unique(np.linspace(0, length - 1, count).astype(int))
-        return [self._reduced(self._clip.frame(int(i))) for i in chosen]
+        known = {} if self._person is None else {self._frame_of(int(i)): int(i) for i in self._person.instants[::-1]}
+        chosen = np.unique(np.linspace(0, length - 1, count).astype(int)).tolist()
+        if known and not known.keys() & set(chosen):
+            chosen = sorted([*chosen, min(known)])
+        return [self._reduced(self._clip.frame(i)) for i in chosen], [known.get(i) for i in chosen]
+
+    def body(self, instant: int, width: float) -> np.ndarray:
+        """Mask (H, W) bool of where keypoints say that the body is, at `width` times its own width; of instants of
+        which `spread` says that they are known."""
+        assert self._person is not None
+        return self._person.drawn(instant, self.camera.image_size, width)
 
     def close(self) -> None:
         """Let go of the files."""

@@ -11,6 +11,7 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.image_cues import ImageCues
+from estimator.imaging.known_person import KnownPerson
 from estimator.likelihood.registry import CUES
 from estimator.likelihood.settings import CueSettings
 from estimator.media.clip import Clip
@@ -23,6 +24,7 @@ class CueReader:
     masks: for each camera a folder of images or a video, white on the person, or None; they replace the background.
     plates: for each camera a picture of the empty scene, or None.
     frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
+    persons: for each camera where keypoints say that the person is, or None (`estimator.imaging.known_person`).
 
     Attributes
     ----------
@@ -42,14 +44,15 @@ class CueReader:
         masks: Sequence[Path | None] | None = None,
         plates: Sequence[Path | None] | None = None,
         frames: Sequence[np.ndarray | None] | None = None,
+        persons: Sequence[KnownPerson | None] | None = None,
     ) -> None:
         none = (None,) * len(cameras)
         views = []
-        for clip, camera, mask, plate, numbers in zip(
-            clips, cameras, masks or none, plates or none, frames or none, strict=True
+        for clip, camera, mask, plate, numbers, person in zip(
+            clips, cameras, masks or none, plates or none, frames or none, persons or none, strict=True
         ):
             size = settings.working_size
-            pictures = CameraPictures(clip, camera, size, masks=mask, plate=plate, frames=numbers)
+            pictures = CameraPictures(clip, camera, size, masks=mask, plate=plate, frames=numbers, person=person)
             views.append(_View(pictures, settings))
         self._views = tuple(views)
         self.notes = tuple(note for view in self._views for note in view.pictures.notes)

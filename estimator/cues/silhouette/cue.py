@@ -11,7 +11,7 @@ import numpy as np
 from estimator.cues.assigned import Assignments, nothing
 from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
 from estimator.cues.cue_picture import Area, CuePicture, Dots, Lines, dimmed, links
-from estimator.cues.silhouette.background import FEWEST_FRAMES
+from estimator.cues.silhouette.background import FEWEST_FRAMES, KnownBody
 from estimator.cues.silhouette.foreground import (
     Background,
     Silhouette,
@@ -33,6 +33,7 @@ AGREES = 4.0  # standard deviations within which a contour point lies on the out
 NEAR_EDGE = 2  # px between an outline and the edge that bears it out
 SURE_EDGE, LEAST_TRUST = 0.3, 0.1  # strength that proves an outline; trust where there is no edge at all
 ON_SILHOUETTE = 0.6  # share of the keypoints that a silhouette has to cover to be the person's
+_WIDTHS = 0.3, 1.0, 1.8  # of the body's own: within it surely, about its outline, and surely beyond it
 _NEAR = 3.0  # px around it, at the cues' resolution
 
 
@@ -54,8 +55,9 @@ class Outline(Cue):
         if plate is not None:
             mean = plate.astype(np.float32)
             return Background(mean, np.full_like(mean, 2.0), np.ones(mean.shape[:2], bool))
-        frames = pictures.spread(settings.frames)
-        background = learn_background(frames, settings)
+        frames, instants = pictures.spread(settings.frames)
+        bodies = [None if i is None else KnownBody(*(pictures.body(i, w) for w in _WIDTHS)) for i in instants]
+        background = learn_background(frames, settings, bodies)
         if background is None:
             why = "the camera moves" if len(frames) >= FEWEST_FRAMES else "the clip is too short"
             pictures.note(f"{why}, no background model")
@@ -79,8 +81,12 @@ class Outline(Cue):
     def doubt(self, cues: ImageCues, keypoints: np.ndarray, instant: int) -> str:
         """A background learned from a clip takes a person who hardly moves for part of the scene."""
         silhouette: Silhouette = cues[self.name]
-        at = np.clip(keypoints + 0.5, 0, np.array(cues.camera.image_size) - 1).astype(int)
-        share = float(np.mean(silhouette.distance[at[:, 1], at[:, 0]] < _NEAR))
+        x, y = np.clip(keypoints + 0.5, 0, np.array(cues.camera.image_size) - 1).astype(int).T
+        known = silhouette.known[y, x]
+        if known.mean() < 1.0 - ON_SILHOUETTE:
+            said = f"the background behind {np.mean(~known):.0%} of the keypoints of frame {instant} is never seen"
+            return f"{said}: the silhouette says nothing there; give masks or a picture of the empty scene"
+        share = float(np.mean(silhouette.distance[y, x][known] < _NEAR))
         if share >= ON_SILHOUETTE:
             return ""
         said = f"the silhouette of frame {instant} has {share:.0%} of the keypoints on it"
