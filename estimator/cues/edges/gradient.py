@@ -21,7 +21,7 @@ def normalised_gradient(planes, variance, floor, scale):  # type: ignore[no-unty
     strength, direction = np.empty((height, width), np.float32), np.empty((height, width, 2), np.float32)
     best, best_x, best_y = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
     down, level = np.empty(width, np.float32), np.empty(width, np.float32)
-    zero, two, eighth, one = np.float32(0.0), np.float32(2.0), np.float32(0.125), np.float32(1.0)
+    zero, two, eighth, whole = np.float32(0.0), np.float32(2.0), np.float32(0.125), np.float32(1.0)
     least = np.float32(1e-24)
     for y in range(height):
         for c in range(planes.shape[0]):
@@ -50,8 +50,8 @@ def normalised_gradient(planes, variance, floor, scale):  # type: ignore[no-unty
         local, strong, towards = variance[y], strength[y], direction[y]
         for x in range(width):
             size = math.sqrt(best[x])
-            strong[x] = min(scale * eighth * size / math.sqrt(local[x] + floor), one)
-            unit = one / math.sqrt(max(best[x], least))
+            strong[x] = min(scale * eighth * size / math.sqrt(local[x] + floor), whole)
+            unit = whole / math.sqrt(max(best[x], least))
             towards[x, 0], towards[x, 1] = best_x[x] * unit, best_y[x] * unit
     return strength, direction
 
