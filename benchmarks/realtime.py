@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from threadpoolctl import threadpool_limits
 
 import kinemode as km
-from benchmarks.common import Changes, Several, nested, save, spread, start, tell, work_folder
+from benchmarks.common import CUES, Changes, Several, nested, save, spread, start, tell, work_folder
 from benchmarks.stopwatch import Stopwatch
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
@@ -54,11 +54,12 @@ class Job:
     video: Path
     settings: Settings
     seed: int
+    used: tuple[str, ...]
 
     @contextmanager
     def cues(self, ahead: bool) -> Iterator[CueReader | ReadAhead]:
-        """The pictures' cues, without the silhouette; read ahead in a thread or when they are asked for."""
-        reader = CueReader([self.video], self.observations[0].cameras, cue_settings(["edges", "flow"]))
+        """The pictures' cues that are `used`, by name; read ahead in a thread or when they are asked for."""
+        reader = CueReader([self.video], self.observations[0].cameras, cue_settings(self.used))
         opened = ReadAhead(reader) if ahead else reader
         try:
             yield opened
@@ -86,6 +87,7 @@ def main(
     seconds: float = 4.0,
     fps: float = 25.0,
     processes: Annotated[tuple[int, ...], Several] = (1, 2),
+    cues: Annotated[tuple[str, ...], Several] = CUES,
     repeats: int = 3,
     modes: int = 7,
     seed: int = 0,
@@ -93,7 +95,7 @@ def main(
     work: Path | None = None,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Frames per second of human34 turning and reaching, 640 x 480, from a detector's keypoints, edges and flow.
+    """Frames per second of human34 turning and reaching, 640 x 480, from a detector's keypoints and the pictures.
 
     Parameters
     ----------
@@ -101,6 +103,8 @@ def main(
         How much of the motion is rendered, and its frame rate.
     processes
         How many processes search.
+    cues
+        Cues of the pictures beside the keypoints.
     repeats
         How often each way is run; they take turns.
     modes, seed
@@ -115,25 +119,34 @@ def main(
     settings = settings_for("css", modes=modes, changes=nested(changes))
     ways = [Way(count, ahead) for ahead in (False, True) for count in processes]
     with work_folder(work) as folder, threadpool_limits(limits=1):
-        job = make_job(folder, seconds, fps, settings, seed)
+        job = make_job(folder, seconds, fps, settings, seed, cues)
         rates: dict[Way, list[float]] = {way: [] for way in ways}
         for _ in range(repeats):
             for way in ways:
                 rates[way].append(rate(job, way))
                 tell(f"{way}: {rates[way][-1]:.1f} frames a second")
         parts = shares(job)
-    show(rates, parts, len(job.observations))
+    show(rates, parts, f"keypoints, {', '.join(job.used)}, {len(job.observations)} frames")
     rows = [{**asdict(way), "fps": of_way} for way, of_way in rates.items()]
-    save(json, {"measure": "realtime", "frames": len(job.observations), "rates": rows, "ms_per_frame": parts})
+    save(
+        json,
+        {
+            "measure": "realtime",
+            "cues": job.used,
+            "frames": len(job.observations),
+            "rates": rows,
+            "ms_per_frame": parts,
+        },
+    )
 
 
-def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed: int) -> Job:
+def make_job(folder: Path, seconds: float, fps: float, settings: Settings, seed: int, cues: tuple[str, ...]) -> Job:
     clip = km.render(folder, "turn_reach", fps=fps, seconds=seconds, seed=1)
     body, cameras = Body(load_subject(clip.subject)), load_cameras(clip.cameras)
     ((name, video),) = clip.videos.items()
     times = np.arange(round(seconds * fps)) / fps
     observations = assemble(body, {name: load_keypoints(clip.keypoints[name])}, cameras, times)
-    return Job(body, observations, video, settings, seed)
+    return Job(body, observations, video, settings, seed, cues)
 
 
 def rate(job: Job, way: Way) -> float:
@@ -159,9 +172,9 @@ def shares(job: Job) -> dict[str, float]:
     return {**spent, REST: whole - sum(spent.values())}
 
 
-def show(rates: dict[Way, list[float]], parts: dict[str, float], frames: int) -> None:
+def show(rates: dict[Way, list[float]], parts: dict[str, float], title: str) -> None:
     out = report.console()
-    made = report.table(f"keypoints, edges and flow, {frames} frames", "way", "frames per second", "times the first")
+    made = report.table(title, "way", "frames per second", "times the first")
     first = float(np.median(next(iter(rates.values()))))
     for way, of_way in rates.items():
         made.add_row(str(way), spread(of_way), f"{np.median(of_way) / first:.2f}")

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.cues.flow.flow_field import FlowSettings, flow_field
+from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
+from estimator.cues.flow.point_flow import follow_points
 from estimator.cues.silhouette.foreground import (
     Background,
     SilhouetteSettings,
@@ -100,13 +101,48 @@ def test_motion_boundaries_lie_around_what_moves() -> None:
     before[40:80, 50:90] = thing[40:80, 50:90]
     now[40:80, 56:96] = thing[40:80, 50:90]
     field = flow_field(picture(before), picture(now), FlowSettings())
-    np.testing.assert_allclose(np.median(field.flow[48:72, 58:82], axis=(0, 1)), (6.0, 0.0), atol=0.2)
-    outline = np.concatenate([field.boundary[42:78, (56, 95)].ravel(), field.boundary[(40, 79), 58:94].ravel()])
+    flow, outlier = (on_the_whole(field, values) for values in (field.flow, field.outlier))
+    boundary = field.whole_boundary()
+    np.testing.assert_allclose(np.median(flow[48:72, 58:82], axis=(0, 1)), (6.0, 0.0), atol=0.2)
+    outline = np.concatenate([boundary[42:78, (56, 95)].ravel(), boundary[(40, 79), 58:94].ravel()])
     assert np.mean(outline < 0.25) > 0.9
     away = np.hypot(np.maximum(np.abs(X - 75.5) - 20.0, 0.0), np.maximum(np.abs(Y - 59.5) - 20.0, 0.0)) > 24.0
-    assert field.boundary[away].min() > 0.9
-    assert field.outlier[44:76, 91:95].mean() > 0.5  # the part of the room that is covered
-    assert field.outlier[away].mean() < 0.02
+    assert boundary[away].min() > 0.9
+    assert outlier[44:76, 91:95].mean() > 0.5  # the part of the room that is covered
+    assert outlier[away].mean() < 0.02
+
+
+def test_flow_is_looked_for_only_where_something_moves() -> None:
+    rng = np.random.default_rng(6)
+    height, width = 3 * HEIGHT, 3 * WIDTH
+    room, thing = texture(4, (height, width)), texture(5, (height, width), contrast=40.0)
+    before, now = room.copy(), room.copy()
+    before[100:180, 250:310], now[100:180, 255:315] = thing[100:180, 250:310], thing[100:180, 250:310]
+    noisy = [picture(image, rng, 1.5) for image in (before, now)]
+    field = flow_field(*noisy, FlowSettings())
+    (left, top), (tall, wide) = field.corner, field.outlier.shape
+    assert field.size == (width, height)
+    assert tall * wide < 0.2 * width * height
+    assert left < 250
+    assert left + wide > 315
+    assert top < 100
+    assert top + tall > 180
+    points = np.array([[275.0, 120.0], [300.0, 170.0], [30.0, 40.0], [width - 0.6, height - 0.6]])
+    target, sure = follow_points(field, points, points + 9.0)
+    np.testing.assert_allclose(target[:2] - points[:2], [[5.0, 0.0]] * 2, atol=0.2)
+    np.testing.assert_allclose(target[2:], np.minimum(points[2:], np.array(field.size) - 1.0))
+    assert (sure[2:] == 1.0).all()
+    panned = flow_field(noisy[0], np.roll(noisy[1], 4, axis=1), FlowSettings())
+    assert panned.corner == (0, 0)
+    assert panned.outlier.shape == (height, width)
+
+
+def on_the_whole(field: FlowField, values: np.ndarray) -> np.ndarray:
+    """A map of a field laid onto the image, zero outside of it."""
+    (width, height), (x, y) = field.size, field.corner
+    whole = np.zeros((height, width, *values.shape[2:]), values.dtype)
+    whole[y : y + values.shape[0], x : x + values.shape[1]] = values
+    return whole
 
 
 def disc(x: float, y: float, radius: float) -> np.ndarray:

@@ -16,6 +16,7 @@ from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface, surface_of
 
+BRIEF = 2  # a first search looks at one in so many points of the contours
 Followed = dict[str, Any]
 """What each cue of one camera that follows the surface says of one past."""
 
@@ -67,10 +68,10 @@ class ImageLikelihood:
         """Whether some cue ties poses to where the body was in the frame before."""
         return any(camera.follows for camera in self.cameras)
 
-    def assigned(self, posed: PosedBody) -> list[Term]:
+    def assigned(self, posed: PosedBody, brief: bool = False) -> list[Term]:
         """What the cues have around a pose, features assigned to the surface as it lies there, with the penalties of
-        hidden nodes."""
-        return [term for camera in self.cameras for term in camera.assigned(posed)]
+        hidden nodes. brief: by some of the contours' points, which is enough for a first search."""
+        return [term for camera in self.cameras for term in camera.assigned(posed, brief)]
 
     def assigned_values(self, posed: PosedBody) -> list[float]:
         """The values at a pose of the terms of `assigned` around it, to the last bit, one by one."""
@@ -111,6 +112,7 @@ class CameraLikelihood:
         self.model, self.cues, self.extent, self.detected = model, cues, float(extent), detected
         self.predictor = model.predictor(cues)
         self._weight = 1.0 - detected * (1.0 - model.settings.beside_keypoints)
+        self._brief = BRIEF + round(detected)  # beside keypoints pictures decide little
         known = cues_of(cues)
         self.matchers: dict[str, Matcher] = {cue.name: cue.match(self.view(cue.name)) for cue in known}
         self._following = [cue.name for cue in known if cue.follows]
@@ -134,9 +136,9 @@ class CameraLikelihood:
         """See `ImageLikelihood.follows`."""
         return bool(self._following)
 
-    def assigned(self, posed: PosedBody) -> list[Term]:
+    def assigned(self, posed: PosedBody, brief: bool = False) -> list[Term]:
         """See `ImageLikelihood.assigned`: one term of all features on contours, then the cues' other terms."""
-        prediction = self.predictor.predict(posed)
+        prediction = self.predictor.predict(posed, self._brief if brief else 1)
         groups, constant = self._groups(prediction)
         return [self.on_contours(prediction, groups, constant), *self.others(posed, prediction)]
 

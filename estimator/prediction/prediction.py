@@ -67,15 +67,15 @@ class Predictor:
         self._edges = mesh_edges(surface.faces)
         self._capacity = max(64, len(self._edges) // 3)
 
-    def predict(self, posed: PosedBody) -> Prediction:
-        """The view of a posed body; every array of the result is its own."""
+    def predict(self, posed: PosedBody, every: int = 1) -> Prediction:
+        """The view of a posed body; every array of the result is its own. Of its contours' points one in `every`."""
         s, camera, size = self.surface, self._camera, self.camera.image_size
         pixels, depth, facing, state, back, hidden, nearness, owner, frame = view_of_nodes(
             posed.placements, s.joint, s.local, s.normal, s.part, s.convex, s.faces, *camera, *size, self._fineness
         )
         contours = view_of_contours(
             posed.placements, self._edges, s.joint, s.local, s.normal, s.part, depth, facing, frame, nearness, owner,
-            *camera, *size, self._capacity,
+            *camera, *size, self._capacity, every,
         )  # fmt: skip
         return Prediction(pixels, depth, state, back, hidden, Contours(*contours), nearness, owner, frame)
 

@@ -44,16 +44,16 @@ def view_of_nodes(  # type: ignore[no-untyped-def]
 @jit
 def view_of_contours(  # type: ignore[no-untyped-def]
     placements, edges, joints, local, normals, part, depth, facing, frame, nearness, owner, intrinsics, distortion, R,
-    t, width, height, most,
+    t, width, height, most, every,
 ):  # fmt: skip
     """The occluding contours of nodes that `view_of_nodes` has seen; edges (E, 2): the mesh's.
 
     Returns the points' joint (M,), local (M, 3), pixels (M, 2), image normals (M, 2), state (M,), nodes (M, 2) and
-    share (M,), see `Contours`; at most `most` points.
+    share (M,), see `Contours`; at most `most` points, of those there are one in `every`.
     """
     points, point_normals = np.empty((most, 3)), np.empty((most, 3))
     nodes, share = np.empty((most, 2), np.int64), np.empty(most)
-    count = contour_points(edges, local, normals, depth, facing, points, point_normals, nodes, share)
+    count = contour_points(edges, local, normals, depth, facing, every, points, point_normals, nodes, share)
     nodes, points = nodes[:count], points[:count]
     joint, own = joints[nodes[:, 0]], part[nodes[:, 0]]
     world, pixels, image_normals = np.empty((count, 3)), np.empty((count, 2)), np.empty((count, 2))

@@ -113,8 +113,8 @@ def classify_nodes(pixels, depth, facing, part, convex, frame, nearness, owner, 
 
 
 @jit
-def contour_points(edges, local, normal, depth, facing, points, normals, between, share):  # type: ignore[no-untyped-def]
-    """Points where mesh edges (E, 2) pass from front to back; returns how many.
+def contour_points(edges, local, normal, depth, facing, every, points, normals, between, share):  # type: ignore[no-untyped-def]
+    """Points where mesh edges (E, 2) pass from front to back, all or every second, third...; returns how many.
 
     local, normal (N, 3), depth, facing (N,): of the nodes, in their joints' frames, see `see_points`.
     Fills points (M, 3) and normals (M, 3) in their joints' frames, the nodes `between` (M, 2) which they lie and the
@@ -124,11 +124,14 @@ def contour_points(edges, local, normal, depth, facing, points, normals, between
     by the tangent planes at the edge's ends (as in Phong tessellation, Boubekeur and Alexa 2008): by half, which is
     exact to second order in the edge's length.
     """
-    count = 0
+    count, passed = 0, 0
     chord, normal_here = np.zeros(3), np.zeros(3)
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
         if (facing[a] < 0.0) == (facing[b] < 0.0) or depth[a] <= 0.0 or depth[b] <= 0.0:
+            continue
+        passed += 1
+        if (passed - 1) % every != 0:
             continue
         s = facing[a] / (facing[a] - facing[b])
         over_a, over_b, square = 0.0, 0.0, 0.0

@@ -15,7 +15,7 @@ from estimator.modes.mixture import Mode
 from estimator.modes.origin import Origin, PoseKey, PreviousPose
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings
+from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution, StepCounts
 from estimator.search.association import Association
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
@@ -58,7 +58,7 @@ class FrameSearch:
 
     def look(self, h: Hypothesis) -> float:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
-        return self._looked(h, self._assigned(h.q))
+        return self._looked(h, self._assigned(h.q, brief=True))
 
     def look_at_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
         """Log-weights of hypotheses as they are, pictures left out; all are placed at once."""
@@ -80,7 +80,7 @@ class FrameSearch:
         """Work: a short search."""
         base = self._base(h)
         q, steps = (h.q, StepCounts()) if self.case.likelihood is None else self._followed(h, base)
-        solution = self._seeker.seek(base.plus(self._assigned(q)), q, self._settings.explore)
+        solution = self._seeker.seek(base.plus(self._assigned(q, brief=True)), q, self._settings.explore)
         energy = solution.quadratic.value + self.case.associations[h.association].penalty
         landmarks = self._body.landmarks(solution.quadratic.posed)
         return Candidate(h, solution.q, landmarks, energy, steps.plus(solution.steps))
@@ -88,16 +88,15 @@ class FrameSearch:
     def refine(self, c: Candidate) -> Refined:
         """Work: a search to convergence, parts kept apart."""
         base, (model, settings) = self._base(c.hypothesis), (self._model, self._settings)
-        q, steps = self._settled(base, c.q)
-        assigned = self._assigned(q)
+        q, q_assigned, assigned, steps = self._settled(base, c.q)
         cost = base.plus(assigned)
         solution, penetration = self._seeker.seek(cost, q, settings.refine), 0.0
         if model.self_collision is not None:
             solution = separate(self._seeker, model.self_collision, cost, solution, settings.contact)
             penetration = model.self_collision.penetration(solution.quadratic.posed)
-        mode = self._mode(c.hypothesis, solution, assigned, penetration, q)
+        mode = self._mode(c.hypothesis, solution, assigned, penetration, q_assigned)
         landmarks = self._body.landmarks(solution.quadratic.posed)
-        return Refined(c.hypothesis, mode, landmarks, q, steps.plus(solution.steps))
+        return Refined(c.hypothesis, mode, landmarks, q_assigned, steps.plus(solution.steps))
 
     def log_volume(self, refined: Refined) -> float:
         """Work: what a mode's weight gains by the probability around it, by the second-order model."""
@@ -124,9 +123,9 @@ class FrameSearch:
         followed = None if previous is None else self.flows.get(previous.key)
         return [] if followed is None or likelihood is None else list(likelihood.terms_since(followed))
 
-    def _assigned(self, q: np.ndarray) -> list[Term]:
-        """What the pictures say around q (nq,)."""
-        return [] if self.case.likelihood is None else self.case.likelihood.assigned(self._body.at(q))
+    def _assigned(self, q: np.ndarray, brief: bool = False) -> list[Term]:
+        """What the pictures say around q (nq,); see `ImageLikelihood.assigned`."""
+        return [] if self.case.likelihood is None else self.case.likelihood.assigned(self._body.at(q), brief)
 
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
@@ -146,21 +145,17 @@ class FrameSearch:
         solution = self._seeker.seek(base, start, self._settings.follow)
         return solution.q, solution.steps
 
-    def _settled(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, StepCounts]:
-        """Where the last search begins, (nq,): features are assigned anew until that moves the pose no more, or
-        `rounds` times. Besides, the steps that it took."""
+    def _settled(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
+        """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they
+        are asked anew until that moves the pose no more, or `rounds` times. Besides, the steps that it took."""
         steps = StepCounts()
         for _ in range(self._model.settings.image.rounds - 1 if self.case.likelihood is not None else 0):
-            before, explore = q, self._settings.explore
-            solution = self._seek(base, before, explore)
+            before, assigned = q, self._assigned(q)
+            solution = self._seeker.seek(base.plus(assigned), before, self._settings.explore)
             q, steps = solution.q, steps.plus(solution.steps)
             if float(np.abs(self._body.difference(before, q)).max()) < self._settings.settled:
-                break
-        return q, steps
-
-    def _seek(self, base: Cost, q: np.ndarray, settings: SeekSettings) -> Solution:
-        """Search `base` and what the pictures say around q (nq,)."""
-        return self._seeker.seek(base.plus(self._assigned(q)), q, settings)
+                return q, before, assigned, steps
+        return q, q, self._assigned(q), steps
 
     def _mode(
         self, h: Hypothesis, solution: Solution, assigned: Sequence[Term], penetration: float, q_assigned: np.ndarray

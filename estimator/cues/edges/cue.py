@@ -71,7 +71,7 @@ class EdgeMatcher(Matcher):
     def _boundary(self) -> np.ndarray:
         """The potential S_p (H, W) of motion boundaries, empty where no flow is known."""
         flow = self.view.cues.get("flow")
-        return _NONE if flow is None else np.asarray(flow.boundary)
+        return _NONE if flow is None else flow.whole_boundary()
 
     @cached_property
     def _distance(self) -> np.ndarray:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.media.threads import length, one_thread
+from estimator.cues.edges.gradient import block_means, normalised_gradient
+from estimator.media.threads import one_thread
 from humanoid.support.settings import check, setting
 
 _REDUCED = 4  # the local contrast changes slowly, so it is taken from a picture this many times smaller
@@ -53,38 +54,25 @@ def edge_map(image_bgr: np.ndarray, settings: EdgeSettings) -> EdgeMap:
     A step of height h, smoothed by s, has the slope h / (s sqrt(2 pi)) and the contrast h / 2, which sets the scale.
     """
     across = 2 * int(np.ceil(3.0 * settings.smoothing)) + 1
-    smooth = cv2.GaussianBlur(image_bgr.astype(np.float32), (across, across), settings.smoothing)
-    dx, dy, magnitude = _steepest(smooth)
+    window = cv2.getGaussianKernel(across, settings.smoothing, cv2.CV_32F)
+    smooth = np.array([cv2.sepFilter2D(channel, cv2.CV_32F, window, window) for channel in cv2.split(image_bgr)])
     # Sobel's smoothing (variance 1/2) runs along the edge, its difference over two pixels (1/3) across it
     width = np.sqrt(settings.smoothing**2 + 1.0 / 3.0)
     noise = max(0.5, _noise(image_bgr)) / (2.0 * np.sqrt(np.pi) * settings.smoothing)
     variance, whole = _variance(smooth, settings.contrast_window)
     floor = settings.contrast_floor**2 * whole + (settings.noise_floor * noise) ** 2
-    contrast = np.sqrt(variance + np.float32(floor))
-    strength = np.minimum(magnitude * np.float32(width * np.sqrt(np.pi / 2.0)) / contrast, np.float32(1.0))
-    unit = np.float32(1.0) / np.maximum(magnitude, np.float32(1e-12))
-    return EdgeMap(strength, cv2.merge([dx * unit, dy * unit]))
-
-
-def _steepest(smooth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives along x and y [1/px] of the channel with the largest gradient, and its size; (H, W) each."""
-    dx, dy = (cv2.split(cv2.Sobel(smooth, cv2.CV_32F, *order, scale=0.125)) for order in ((1, 0), (0, 1)))
-    best_x, best_y, best = dx[0], dy[0], length(dx[0], dy[0])
-    for x, y in zip(dx[1:], dy[1:], strict=True):
-        size = length(x, y)
-        steeper = (size > best).astype(np.uint8)
-        best_x, best_y, best = cv2.copyTo(x, steeper, best_x), cv2.copyTo(y, steeper, best_y), cv2.max(size, best)
-    return best_x, best_y, best
+    return EdgeMap(*normalised_gradient(smooth, variance, np.float32(floor), np.float32(width * np.sqrt(np.pi / 2.0))))
 
 
 def _variance(smooth: np.ndarray, window: float) -> tuple[np.ndarray, float]:
-    """Variance of the channel that varies most, within a Gaussian window (H, W), and over the whole image."""
-    height, width = smooth.shape[:2]
-    small = (max(1, width // _REDUCED), max(1, height // _REDUCED))
-    mean, square = (cv2.resize(values, small, interpolation=cv2.INTER_AREA) for values in (smooth, smooth * smooth))
-    whole = (square.mean(axis=(0, 1)) - mean.mean(axis=(0, 1)) ** 2).max()
-    mean, square = (cv2.GaussianBlur(values, (0, 0), window / _REDUCED) for values in (mean, square))
-    local = np.maximum(square - mean * mean, np.float32(0.0)).max(axis=-1)
+    """Variance of the channel (C, H, W) that varies most, within a Gaussian window (H, W), and over the whole image."""
+    height, width = smooth.shape[1:]
+    mean, square = block_means(smooth, _REDUCED)
+    whole = (square.mean(axis=(1, 2)) - mean.mean(axis=(1, 2)) ** 2).max()
+    local = np.zeros(mean.shape[1:], np.float32)
+    for of_mean, of_square in zip(mean, square, strict=True):
+        m, s = (cv2.GaussianBlur(values, (0, 0), window / _REDUCED) for values in (of_mean, of_square))
+        local = np.maximum(local, s - m * m)
     return np.asarray(cv2.resize(local, (width, height), interpolation=cv2.INTER_LINEAR)), max(0.0, float(whole))
 
 
@@ -94,8 +82,8 @@ def _noise(image: np.ndarray) -> float:
     The median size of a second difference that planes and edges along an axis do not show in (Immerkaer, CVIU 1996, who
     takes the mean), at every fourth pixel.
     """
-    at = image.astype(np.int16)
-    rows = [at[i : image.shape[0] - 2 + i : 4] for i in range(3)]
-    across = [row[:, :-2:4] - 2 * row[:, 1:-1:4] + row[:, 2::4] for row in rows]
+    height, width = image.shape[:2]
+    at = [[image[i : height - 2 + i : 4, j : width - 2 + j : 4].astype(np.int16) for j in range(3)] for i in range(3)]
+    across = [left - 2 * middle + right for left, middle, right in at]
     difference = np.abs(across[0] - 2 * across[1] + across[2])
     return float(np.median(difference, axis=(0, 1)).max()) / (0.6745 * 6.0) if difference.size else 0.0

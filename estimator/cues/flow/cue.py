@@ -19,7 +19,8 @@ from estimator.numerics.robust import LORENTZIAN
 from estimator.terms.term import Term
 from humanoid.kinematics.body import points_in_world
 
-FLOW_NODES = 200  # more say nothing new
+FLOW_NODES = 200  # more say nothing new; beside keypoints flow has less weight, and fewer are enough
+_FEWEST = 0.4  # share of them that is always followed
 
 
 class Followed(NamedTuple):
@@ -93,8 +94,8 @@ class FlowMatcher(Matcher):
     def _seen(self, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""
         surface, prediction = self.view.surface, self.view.predictor.predict(past.parent)
-        usable = prediction.visible
-        usable &= np.cumsum(usable) % max(1, np.count_nonzero(usable) // FLOW_NODES) == 0
+        usable, enough = prediction.visible, round(FLOW_NODES * max(self.view.weight, _FEWEST))
+        usable &= np.cumsum(usable) % max(1, np.count_nonzero(usable) // enough) == 0
         point = np.flatnonzero(usable)
         guess = np.full((len(point), 2), np.nan)
         if past.predicted is not None:
@@ -105,7 +106,7 @@ class FlowMatcher(Matcher):
     def pictures(self, shown: Shown) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         picture = self.view.cues.picture
-        motion = cv2.applyColorMap((255.0 * (1.0 - self._flow.boundary)).astype(np.uint8), cv2.COLORMAP_INFERNO)
+        motion = cv2.applyColorMap((255.0 * (1.0 - self._flow.whole_boundary())).astype(np.uint8), cv2.COLORMAP_INFERNO)
         grey = cv2.cvtColor(dimmed(picture), cv2.COLOR_GRAY2BGR)
         yield CuePicture(
             "motion_boundaries",

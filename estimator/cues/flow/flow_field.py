@@ -11,6 +11,10 @@ import numpy as np
 from estimator.media.threads import length, one_thread
 from humanoid.support.settings import check, setting
 
+_BLOCK = 8  # px across of the blocks that are compared to see where two images differ
+_NOISE_RATIO, _LEAST_CHANGE = 1.5, 0.5  # a block has changed by more than so many times the usual and [grey values]
+_MOVING_CAMERA = 4.0  # usual change of a block [grey values] from which all is taken to move
+_MARGIN, _LEAST_BOX = 24, 96  # px around what changed, for the search's patches; no smaller rectangle is looked at
 _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window is motion boundary
 
 
@@ -44,6 +48,9 @@ class FlowField:
     boundary (H, W) float32: of this frame's pixels: the potential S_p of CSS 3.1.2, 0 on motion boundaries, 1 far
         from any. An edge's weight is 1 - k S_p.
     before, now (H, W) uint8: the two images (see `estimator.cues.flow.point_flow`).
+    corner: x, y of the maps' first pixel in the image [px]. The maps are those of a rectangle outside of which the two
+        images are equal but for noise: there nothing moves, and no motion boundary is near.
+    image_size: width and height of the image [px], None for that of the maps.
     """
 
     flow: np.ndarray
@@ -51,19 +58,70 @@ class FlowField:
     boundary: np.ndarray
     before: np.ndarray
     now: np.ndarray
+    corner: tuple[int, int] = (0, 0)
+    image_size: tuple[int, int] | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the image [px]."""
+        return self.image_size or (self.outlier.shape[1], self.outlier.shape[0])
+
+    def whole_boundary(self) -> np.ndarray:
+        """`boundary` of the whole image."""
+        (width, height), (x, y) = self.size, self.corner
+        if self.boundary.shape == (height, width):
+            return self.boundary
+        whole = np.ones((height, width), np.float32)
+        whole[y : y + self.boundary.shape[0], x : x + self.boundary.shape[1]] = self.boundary
+        return whole
 
 
 def flow_field(previous_bgr: np.ndarray, bgr: np.ndarray, settings: FlowSettings) -> FlowField:
-    """Flow between two images (H, W, 3) uint8: dense inverse search (Kroeger et al., ECCV 2016), both ways.
+    """Flow between two images (H, W, 3) uint8: dense inverse search (Kroeger et al., ECCV 2016), both ways, where the
+    images differ.
 
     It stands in for the robust flow of Black and Anandan (1996) that CSS uses.
     """
     before, now = (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (previous_bgr, bgr))
     with one_thread():
-        return _flow_field(before, now, settings)
+        x, y, width, height = changed_box(before, now)
+        box = slice(y, y + height), slice(x, x + width)
+        maps = _flow_maps(*(np.ascontiguousarray(image[box]) for image in (before, now)), settings)
+    return FlowField(*maps, (x, y), (now.shape[1], now.shape[0]))
 
 
-def _flow_field(before: np.ndarray, now: np.ndarray, settings: FlowSettings) -> FlowField:
+def changed_box(before: np.ndarray, now: np.ndarray) -> tuple[int, int, int, int]:
+    """Left, top, width and height [px] of a rectangle outside of which two images (H, W) uint8 differ by noise alone.
+
+    Where the camera stands still that is a rectangle about those who move, a small part of the image. Blocks of pixels
+    are compared by their mean difference; where it is large in most of them the camera moves, and all is taken.
+    """
+    height, width = now.shape
+    blocks = max(1, width // _BLOCK), max(1, height // _BLOCK)
+    difference = cv2.absdiff(before, now).astype(np.float32)
+    block = cv2.resize(difference, blocks, interpolation=cv2.INTER_AREA)
+    usual = float(np.median(block))
+    if usual > _MOVING_CAMERA:
+        return 0, 0, width, height
+    changed = (block > _NOISE_RATIO * usual + _LEAST_CHANGE).astype(np.uint8)
+    column, row, columns, rows = cv2.boundingRect(changed)
+    left, right = _around(column, columns, width, blocks[0])
+    top, bottom = _around(row, rows, height, blocks[1])
+    return left, top, right - left, bottom - top
+
+
+def _around(first: int, count: int, pixels: int, blocks: int) -> tuple[int, int]:
+    """Where a range of so many blocks of a side of the image [px] begins and ends, with a margin [px]."""
+    start, stop = first * pixels // blocks - _MARGIN, -(-(first + count) * pixels // blocks) + _MARGIN
+    missing = -(-max(0, _LEAST_BOX - (stop - start)) // 2)
+    return max(0, start - missing) // 2 * 2, min(pixels, stop + missing)  # even: maps are also judged at half the size
+
+
+Maps = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _flow_maps(before: np.ndarray, now: np.ndarray, settings: FlowSettings) -> Maps:
+    """The maps of a `FlowField`."""
     search: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     search.setFinestScale(settings.finest_scale)
     search.setVariationalRefinementIterations(0)  # it takes as long as the search and evens motion boundaries out
@@ -75,7 +133,7 @@ def _flow_field(before: np.ndarray, now: np.ndarray, settings: FlowSettings) -> 
     outlier, uncovered = _disagreement(there, back, settings)[0], _disagreement(back, there, settings)
     potential = _potential(np.where(uncovered[1], uncovered[0], np.float32(0.0)), back, settings)
     outlier, potential = (cv2.resize(m, (width, height), interpolation=cv2.INTER_LINEAR) for m in (outlier, potential))
-    return FlowField(forward, outlier, potential, before, now)
+    return forward, outlier, potential, before, now
 
 
 def _disagreement(there: np.ndarray, back: np.ndarray, settings: FlowSettings) -> tuple[np.ndarray, np.ndarray]:

@@ -22,11 +22,27 @@ def follow_points(
     The dense field leads; Lucas and Kanade's iteration (pyramidal, Bouguet 2000) refines each point, there and back:
     the field is smooth over several pixels, and thin limbs need better. A `guess` (N, 2) leads a second try for points
     that the first one leaves in doubt or has found elsewhere; whichever comes back nearer to where it started is taken.
-    Points of one pixel move alike, so that each pixel is looked at once, however many points there are.
+    Points of one pixel move alike, so that each pixel is looked at once, however many points there are. Where the two
+    images do not differ nothing moves, which is sure.
     """
+    points = np.clip(pixels, 0.0, np.array(flow.size) - 1.0)
     height, width = flow.outlier.shape
-    points = np.clip(pixels, 0.0, [width - 1.0, height - 1.0])
-    cell = np.floor(points + 0.5).astype(np.int64)
+    here = points - flow.corner
+    cell = np.floor(here + 0.5).astype(np.int64)
+    inside = np.flatnonzero(((cell >= 0) & (cell < [width, height])).all(axis=1))
+    moved, sure = np.zeros(points.shape), np.ones(len(points))
+    expected = None if guess is None else (guess - flow.corner)[inside]
+    moved[inside], sure[inside] = _moved(flow, here[inside], cell[inside], expected)
+    return points + moved, sure
+
+
+def _moved(
+    flow: FlowField, points: np.ndarray, cell: np.ndarray, guess: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far points (N, 2) of the maps, in pixels `cell` (N, 2), move, (N, 2), and how sure that is, (N,)."""
+    if not len(points):
+        return np.zeros((0, 2)), np.zeros(0)
+    width = flow.outlier.shape[1]
     _, first, of = np.unique(cell[:, 1] * width + cell[:, 0], return_index=True, return_inverse=True)
     moved, sure, cells = _followed_pixels(flow, cell[first].astype(np.float32))
     moved, sure = moved[of], sure[of]
@@ -38,7 +54,7 @@ def follow_points(
             other, other_sure = _refined(flow, here, (here + guess[again] - points[again]).astype(np.float32))
             better = other_sure > sure[again]
             moved[again[better]], sure[again[better]] = (other - here)[better], other_sure[better]
-    return points + moved, sure.astype(np.float64)
+    return moved, sure
 
 
 def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
