@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.css_tables_minima import Searches, distinct, known_problem
-from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
+from benchmarks.css_tables_problem import PAPERS, SEARCH, Problem, joint_image_problem
 from estimator.optimise.seek import Seeker
 from humanoid.kinematics.body import PosedBody
 from humanoid.support.atomic import replacing
@@ -33,7 +33,7 @@ def draw_all(folder: Path, pose: int, scale_8: dict[str, Searches], points: int 
     scale_8: the table's rows at scale 8 by proposal. points: along each valley of Figure 7.
     """
     made_folder(folder)
-    squared, robust = known_problem(pose), joint_image_problem(pose, potential="lorentzian")
+    squared, robust = known_problem(pose), joint_image_problem(pose, regime=PAPERS._replace(potential="lorentzian"))
     arm = joint_image_problem(pose, subject_name="arm8")
     _page(folder / "figure05.png", 1, 1, (6.0, 3.6), lambda axes: _spectra(axes[0], {"arm8": arm, "human34": squared}))
     _page(folder / "figure07.png", 2, 2, (8.0, 5.6), lambda axes: _valleys(axes, squared, points))

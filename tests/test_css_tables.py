@@ -11,8 +11,8 @@ import pytest
 
 from benchmarks.css_figures import draw_all
 from benchmarks.css_tables import PAPER, compared, statistics
-from benchmarks.css_tables_jumps import SEARCHERS, WITHIN, Hunt, HuntTask, hunted
-from benchmarks.css_tables_minima import RowTask, Rule, Searches, distinct, known_problem, searched
+from benchmarks.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
+from benchmarks.css_tables_minima import WITHIN, RowTask, Rule, Searches, distinct, known_problem, searched
 
 FEW = 60
 
