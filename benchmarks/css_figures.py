@@ -100,9 +100,7 @@ def _line_costs(problem: Problem, line: Problem, k: int, t: np.ndarray) -> np.nd
     return problem.cost.values_at(np.array([line.body.clamp(pin.integrate(model, q, s * axis)) for s in t]))
 
 
-def _curve(
-    panel: Axes, t: np.ndarray, cost: np.ndarray, style: str, label: str, colour: str | None = None
-) -> None:
+def _curve(panel: Axes, t: np.ndarray, cost: np.ndarray, style: str, label: str, colour: str | None = None) -> None:
     """A cost above the mode's, its minima as dots."""
     panel.plot(t, cost + 1.0, style, linewidth=1.2, label=label, color=colour)
     low = 1 + np.flatnonzero((cost[1:-1] < cost[:-2]) & (cost[1:-1] <= cost[2:]))

@@ -15,7 +15,6 @@ from cyclopts import Parameter
 from benchmarks.common import Several, in_processes, save, start
 from benchmarks.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
 from benchmarks.css_tables_minima import RULE, WITHIN, RowTask, Rule, Searches, distinct, known_problem, low, searched
-from benchmarks.css_tables_problem import Problem
 from benchmarks.css_tables_regimes import proposals_by_name, show_proposals, show_regimes
 from humanoid.support.errors import InputError
 from kinemode.terminal import report

@@ -78,7 +78,9 @@ def measured(
     for regime in regimes:
         for method in methods:
             of = [counts[t][method] for t in tasks if t.regime == regime]
-            rows.append({"regime": regime._asdict(), "method": method, **_spread(of), "each": [c._asdict() for c in of]})
+            rows.append(
+                {"regime": regime._asdict(), "method": method, **_spread(of), "each": [c._asdict() for c in of]}
+            )
     return rows
 
 
@@ -104,9 +106,7 @@ def show_regimes(poses: range, seeds: range, samples: int, jobs: int) -> list[di
     return rows
 
 
-def show_proposals(
-    methods: Sequence[str], poses: range, seeds: range, samples: int, jobs: int
-) -> list[dict[str, Any]]:
+def show_proposals(methods: Sequence[str], poses: range, seeds: range, samples: int, jobs: int) -> list[dict[str, Any]]:
     """All proposals with equally many searches, in a few regimes."""
     rows = measured(COMPARED, tuple(methods), poses, seeds, samples, jobs)
     for regime in COMPARED:
@@ -139,5 +139,3 @@ def _named(regime: dict[str, Any]) -> str:
 def proposals_by_name(parts: Sequence[str]) -> list[str]:
     """The keys of TRIED that contain one of some parts; all without any."""
     return [name for name in TRIED if not parts or any(p in name for p in parts)]
-
-
