@@ -103,7 +103,7 @@ def joint_image_problem(
 
 def _solved(body: Body, cost: Cost, q: np.ndarray, camera: Camera) -> Problem:
     mode = Seeker(body, SEARCH).seek(cost, q)
-    quadratic = mode.quadratic
+    quadratic = cost.of(mode.quadratic.posed, exact=True)  # positive at a minimum: the paper's inverse Hessian
     covariance = mode_covariance(body, mode.q, quadratic.gradient, quadratic.hessian, max_std=np.inf)
     free = free_directions(body, mode.q, quadratic.gradient)
     values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])

@@ -125,7 +125,7 @@ def test_derivatives_while_assignments_are_kept(cue: str) -> None:
 @pytest.mark.parametrize("potential", [LECLERC, LORENTZIAN])
 @pytest.mark.parametrize(("distance", "focal"), [(1e5, 2e7), (2.0, 600.0)], ids=["from 100 km", "near by"])
 def test_the_exact_hessian_is_exact(potential: int, distance: float, focal: float) -> None:
-    """Where perspective is flat and where it is not; several features a point, points out of order, some without any."""
+    """Where perspective is flat and where it is not; several features a point, points out of order."""
     body, rng, count = body_of("arm8"), np.random.default_rng(2), 40
     camera = camera_at(20.0, distance=distance, focal=focal)
     joint, local = rng.integers(1, body.njoints, 12), rng.normal(0.0, 0.1, (12, 3))

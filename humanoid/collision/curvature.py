@@ -121,8 +121,8 @@ def _carried(J, dof_joint, speed, n, d, e):  # type: ignore[no-untyped-def]
 
 @jit
 def _bent(C, kind, world, segment, radius, radii, point, n, sign):  # type: ignore[no-untyped-def]
-    """Fill C (3, 3) [m] with the derivative of a solid's farthest point along sign n (3,) by that direction; whether that
-    point lies on the side of a capsule, between its ends."""
+    """Fill C (3, 3) [m] with the derivative of a solid's farthest point along sign n (3,) by that direction; whether
+    the point lies on the side of a capsule, between its ends."""
     if kind == ELLIPSOID:
         h = 0.0
         u = np.zeros(3)
