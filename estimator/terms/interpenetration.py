@@ -86,7 +86,7 @@ def _potential(distance: float, scale: float, power: float) -> tuple[float, floa
 
 @jit
 def _slopes(distance: np.ndarray, settings: np.ndarray) -> np.ndarray:
-    """Derivatives (M,) of the energy by the distances (M,) of contacts."""
+    """Derivatives (M,) of the energy by the distance (M,) of each contact; settings (6,)."""
     scale, weight, power, _, slope, _ = settings
     slopes = np.empty(distance.size)
     for m in range(distance.size):

@@ -101,7 +101,10 @@ def add_curvature(  # type: ignore[no-untyped-def]
 
 @jit
 def _carried(J, dof_joint, speed, n, d, e):  # type: ignore[no-untyped-def]
-    """n . d2p of a point fixed to a solid that d and e (d at or above e) both move; speed (nv, 3): dp by each."""
+    """n . d2p of a point fixed to a solid that d and e (d at or above e) both move; speed (nv, 3): dp by each.
+
+    J (nv, 6), dof_joint (nv,): see `add_curvature`. n (3,): the normal.
+    """
     upper, lower = speed[d], speed[e]
     w, v = J[d, 3:], J[e, 3:]
     first = (
@@ -122,7 +125,10 @@ def _carried(J, dof_joint, speed, n, d, e):  # type: ignore[no-untyped-def]
 @jit
 def _bent(C, kind, world, segment, radius, radii, point, n, sign):  # type: ignore[no-untyped-def]
     """Fill C (3, 3) [m] with the derivative of a solid's farthest point along sign n (3,) by that direction; whether
-    the point lies on the side of a capsule, between its ends."""
+    the point lies on the side of a capsule, between its ends.
+
+    world (12,), segment (6,), radii (3,): of the solid. point (3,): where it is touched.
+    """
     if kind == ELLIPSOID:
         h = 0.0
         u = np.zeros(3)
@@ -155,7 +161,7 @@ def _bent(C, kind, world, segment, radius, radii, point, n, sign):  # type: igno
 
 @jit
 def _across(n, axis, along, t1, t2):  # type: ignore[no-untyped-def]
-    """Fill two unit vectors (3,) across n (3,) and each other, the first one `along` the axis (3,) if asked for: the
+    """Fill t1 (3,), t2 (3,), two unit vectors across n (3,) and each other, the first one `along` the axis (3,) if asked for: the
     straight side of a capsule then stands in one entry of the matrix to be inverted."""
     least = 0
     for i in range(3):
@@ -175,6 +181,7 @@ def _across(n, axis, along, t1, t2):  # type: ignore[no-untyped-def]
 
 @jit
 def _cross(a, b, out):  # type: ignore[no-untyped-def]
+    """Fill out (3,) with a (3,) x b (3,)."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
