@@ -31,6 +31,14 @@ from humanoid.support.errors import InputError
 AUTHORED = ("reach", "turn_reach")
 TRAINING = ("walk_turn_26_01", "dance_05_10", "bend_scoop_lift_02_06", "wave_hello_fair1", "turn_reach")
 HELD_OUT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "arms_high_05_12", "punch_02_05", "reach")
+STABILISED_BY = (
+    "walk_turn_26_01", "dance_05_10", "bend_scoop_lift_02_06", "wave_hello_fair1", "walk_straight_07_01", "run_02_03",
+    "jump_16_01", "arms_high_05_12", "punch_02_05",
+)  # fmt: skip
+"""The captured motions that the stabilisers' rests and deviations were set by, with beam4cam: held out from fitting the
+calibration is not unseen."""
+UNSEEN = ("cmu_08_03", "cmu_10_04", "cmu_12_03", "cmu_35_20", "cmu_49_03", "cmu_49_09")
+"""Captured motions, of mocap_more, of people none of whose motions set anything."""
 FPS = 30.0
 _STATURE_STD, _LENGTH_STD = 0.03, 0.03  # of the bodies drawn, as ratios
 
@@ -106,11 +114,12 @@ def motions(data: Path | None, names: Sequence[str]) -> list[Path]:
     folder = data_folder(data)
     files = []
     for name in names:
-        file = Path(name) if name in AUTHORED or folder is None else folder / "mocap" / f"{name}.bvh"
+        kept = "mocap_more" if name in UNSEEN else "mocap"
+        file = Path(name) if name in AUTHORED or folder is None else folder / kept / f"{name}.bvh"
         if name in AUTHORED or file.is_file():
             files.append(file)
         elif folder is not None:
-            raise InputError(file, "no such motion", remedy="--data DIR or KINEMODE_DATA names the folder with mocap")
+            raise InputError(file, "no such motion", remedy=f"--data DIR or KINEMODE_DATA names the folder with {kept}")
     return files
 
 

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.css_figures_valleys import valleys
 from benchmarks.css_tables_minima import Searches, distinct, known_problem
-from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
-from estimator.optimise.seek import Seeker
-from humanoid.kinematics.body import PosedBody
+from benchmarks.css_tables_problem import PAPERS, Problem, joint_image_problem
 from humanoid.support.atomic import replacing
 from kinemode.target import made_folder
 
@@ -23,7 +22,7 @@ COLOURS = {"CSS": "#1f6f8b", "SS": "#d9772b"}
 PAPER_SPECTRA = {"arm8": 350.0, "human34": 2000.0}
 SLICES = 4  # of the weakest directions
 SMALL, LARGE = 3.0, 3.0  # standard deviations; rad or m
-HELD = 1e4  # weight of holding a search at its place along a direction
+VALLEYS = ("#d9772b", "#7a4ea3")  # the mode's, and those that searches fall into at its ends
 DPI = 90
 
 
@@ -33,7 +32,7 @@ def draw_all(folder: Path, pose: int, scale_8: dict[str, Searches], points: int 
     scale_8: the table's rows at scale 8 by proposal. points: along each valley of Figure 7.
     """
     made_folder(folder)
-    squared, robust = known_problem(pose), joint_image_problem(pose, potential="lorentzian")
+    squared, robust = known_problem(pose), joint_image_problem(pose, regime=PAPERS._replace(potential="lorentzian"))
     arm = joint_image_problem(pose, subject_name="arm8")
     _page(folder / "figure05.png", 1, 1, (6.0, 3.6), lambda axes: _spectra(axes[0], {"arm8": arm, "human34": squared}))
     _page(folder / "figure07.png", 2, 2, (8.0, 5.6), lambda axes: _valleys(axes, squared, points))
@@ -66,17 +65,22 @@ def _spectra(axes: Axes, problems: dict[str, Problem]) -> None:
 
 
 def _valleys(axes: list[Axes], problem: Problem, points: int) -> None:
-    """Costs within a few standard deviations of the mode: on the line, and along the valley, where everything else is
-    at its best for the place along the line (Figure 7)."""
+    """Costs within a few standard deviations of the mode: on the line, and along valleys, where everything else is at
+    its best for the place along the line (Figure 7). Valleys that end are drawn apart: no line leads over the gap."""
     mode_cost = problem.mode.quadratic.value
     for k, panel in enumerate(axes[:SLICES]):
         reach = min(SMALL * float(problem.std[k]), np.pi)
         t = np.linspace(-reach, reach, points)
         _curve(panel, t, _line_costs(problem, problem, k, t) - mode_cost, "-", "on the line")
-        _curve(panel, t, _valley_costs(problem, k, t) - mode_cost, "--", "along the valley")
+        for i, valley in enumerate(valleys(problem, k, reach, points)):
+            style, label = ("--", "the mode's valley") if i == 0 else (":", "other valleys")
+            _curve(panel, valley.t, valley.cost - mode_cost, style, label if i < 2 else "", VALLEYS[min(i, 1)])
+            ends = np.array([0, -1])[list(valley.folded)]
+            panel.plot(valley.t[ends], valley.cost[ends] - mode_cost + 1.0, "x", color=VALLEYS[min(i, 1)], markersize=5)
         _labelled(panel, k, problem)
         panel.set_ylim(0.8, 3e2)
-    axes[0].legend(frameon=False, fontsize=8)
+    shown = {label: line for panel in axes for line, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+    axes[0].legend(shown.values(), shown.keys(), frameon=False, fontsize=8)
 
 
 def _slices(axes: list[Axes], problems: dict[str, Problem]) -> None:
@@ -96,49 +100,9 @@ def _line_costs(problem: Problem, line: Problem, k: int, t: np.ndarray) -> np.nd
     return problem.cost.values_at(np.array([line.body.clamp(pin.integrate(model, q, s * axis)) for s in t]))
 
 
-class _Place:
-    """Holds the step from a mode at a place along one of its directions: a term of the cost."""
-
-    name = "place"
-
-    def __init__(self, problem: Problem, k: int, place: float) -> None:
-        self._model, self._q, self._axis, self._place = (
-            problem.body.model, problem.mode.q, problem.axes[:, k], place,
-        )  # fmt: skip
-
-    def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
-        off = self._off(posed)
-        slope = pin.dDifference(self._model, self._q, posed.q, pin.ARG1).T @ self._axis
-        gradient += HELD * off * slope
-        hessian += HELD * np.outer(slope, slope)
-        return 0.5 * HELD * off * off
-
-    def value(self, posed: PosedBody) -> float:
-        """See `estimator.terms.term.Term`."""
-        return 0.5 * HELD * self._off(posed) * self._off(posed)
-
-    def _off(self, posed: PosedBody) -> float:
-        return float(self._axis @ pin.difference(self._model, self._q, posed.q)) - self._place
-
-
-def _valley_costs(problem: Problem, k: int, t: np.ndarray) -> np.ndarray:
-    """Least cost (T,) at places t (T,) along direction k, followed from the mode outwards; NaN where limits end it."""
-    seeker, costs = Seeker(problem.body, SEARCH), np.full(len(t), np.nan)
-    centre = len(t) // 2
-    for places in (range(centre, len(t)), range(centre - 1, -1, -1)):
-        q = problem.mode.q
-        for i in places:
-            q = seeker.seek(problem.cost.plus([_Place(problem, k, float(t[i]))]), q).q
-            reached = float(problem.axes[:, k] @ problem.body.difference(problem.mode.q, q))
-            if abs(reached - t[i]) < 0.05:
-                costs[i] = problem.cost.value_at(q)
-    return costs
-
-
-def _curve(panel: Axes, t: np.ndarray, cost: np.ndarray, style: str, label: str) -> None:
+def _curve(panel: Axes, t: np.ndarray, cost: np.ndarray, style: str, label: str, colour: str | None = None) -> None:
     """A cost above the mode's, its minima as dots."""
-    panel.plot(t, cost + 1.0, style, linewidth=1.2, label=label)
+    panel.plot(t, cost + 1.0, style, linewidth=1.2, label=label, color=colour)
     low = 1 + np.flatnonzero((cost[1:-1] < cost[:-2]) & (cost[1:-1] <= cost[2:]))
     panel.plot(t[low], cost[low] + 1.0, "k.", markersize=5)
 

@@ -12,10 +12,10 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import in_processes, save, start
-from benchmarks.css_tables_jumps import SEARCHERS, WITHIN, Hunt, HuntTask, hunted
-from benchmarks.css_tables_minima import RULE, RowTask, Rule, Searches, distinct, known_problem, searched
-from benchmarks.css_tables_problem import Problem
+from benchmarks.common import Several, in_processes, save, start
+from benchmarks.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
+from benchmarks.css_tables_minima import RULE, WITHIN, RowTask, Rule, Searches, distinct, known_problem, low, searched
+from benchmarks.css_tables_regimes import proposals_by_name, show_proposals, show_regimes
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
@@ -68,6 +68,10 @@ def main(
     others: bool = False,
     sensitivity: bool = False,
     jumps: bool = True,
+    regimes: bool = False,
+    proposals: bool = False,
+    only: Annotated[tuple[str, ...], Several] = (),
+    seeds: int = 3,
     figures: Path | None = None,
     jobs: int = 2,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
@@ -90,6 +94,14 @@ def main(
         Also count by other rules and tolerances.
     jumps
         Also compare with kinematic jumps.
+    regimes
+        Only count in other regimes: more noise, stronger stabilisers, robust errors.
+    proposals
+        Only compare many proposals in some of these regimes.
+    only
+        Of the proposals, those whose names have one of these in them.
+    seeds
+        Of the samples, with --regimes and --proposals.
     figures
         Draw Figures 5, 7, 8 and 13 into this folder.
     jobs
@@ -99,6 +111,11 @@ def main(
     """
     if samples < 1 or poses < 1:
         raise InputError("--samples, --poses", "are 1 or more")
+    if regimes or proposals:
+        many = range(pose, pose + poses), range(seed, seed + seeds), samples, jobs
+        rows_of_regimes = show_regimes(*many) if regimes else show_proposals(proposals_by_name(only), *many)
+        save(json, {"measure": "css_tables, regimes", "samples": samples, "rows": rows_of_regimes})
+        return
     methods = METHODS + OTHERS if others else METHODS
     tasks = [RowTask(p, m, s, samples, seed) for p in range(pose, pose + poses) for m in methods for s in SCALES]
     rows = dict(zip(tasks, in_processes(searched, tasks, jobs), strict=True))
@@ -193,8 +210,8 @@ def show_sensitivity(
     for rule in RULES:
         name = f"{rule.unit} apart by {rule.threshold:g} {'rad or m' if rule.unit == 'parameter' else 'm'}"
         by_rule[name] = {m: len(distinct(problem, standard[m], rule)) for m in METHODS}
-    low = f"within {WITHIN:g} of the known mode's cost"
-    by_rule[low] = {m: int(np.sum(_low(problem, standard[m]))) for m in METHODS}
+    near = f"within {WITHIN:g} of the known mode's cost"
+    by_rule[near] = {m: len(low(problem, standard[m])) for m in METHODS}
     tasks = [RowTask(pose, m, 8.0, samples, seed, t) for t in (LOOSE, MIDDLE, TIGHT) for m in METHODS]
     for task, searches in zip(tasks, in_processes(searched, tasks, jobs), strict=True):
         counts = by_rule.setdefault(f"searches end at a projected gradient of {task.tolerance:g}", {})
@@ -206,11 +223,6 @@ def show_sensitivity(
         made.add_row(name, *(str(counts[m]) for m in METHODS), f"{counts['CSS'] / max(1, counts['SS']):.1f}")
     report.console().print(made)
     return by_rule
-
-
-def _low(problem: Problem, searches: Searches) -> np.ndarray:
-    low: np.ndarray = searches.energy[distinct(problem, searches)] < problem.mode.quadratic.value + WITHIN
-    return low
 
 
 def show_jumps(poses: range, searches: int, seed: int, jobs: int) -> list[dict[str, Any]]:

@@ -9,16 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.css_tables_minima import RULE, known_problem
+from benchmarks.css_tables_minima import RULE, WITHIN, known_problem
 from benchmarks.css_tables_problem import SEARCH, Problem
 from estimator.optimise.covariance import free_directions, mode_covariance
 from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution
 from estimator.search.jumps import KinematicJumps
-from estimator.search.proposals import CovarianceScaledProposal
+from estimator.search.proposals import CovarianceScaledProposal, SphericalProposal
 
-WITHIN = 10.0
-"""Energy above the known mode up to which a minimum is low: a likelihood ratio of exp(10), 22000."""
 SAME = 0.10  # m; a jump nearer than this to a pose already searched from is not searched again
 SEARCHERS = ("CSS about the first mode", "CSS about every known minimum", "CSS and jumps")
 
@@ -44,11 +42,12 @@ class Hunt(NamedTuple):
 
 
 @dataclass
-class _Pool:
+class Pool:
     """The low-energy minima known so far, the first mode leading, with the proposal about each once it is needed."""
 
     problem: Problem
     scale: float
+    spherical: bool = False
 
     def __post_init__(self) -> None:
         self.minima: list[Solution] = [self.problem.mode]
@@ -66,11 +65,12 @@ class _Pool:
             self._steps = np.concatenate([self._steps, step[None]])
 
     def sample(self, rng: np.random.Generator, k: int) -> np.ndarray:
-        """A covariance-scaled sample (nq,) about the minimum k."""
+        """A covariance-scaled, or spherical, sample (nq,) about the minimum k."""
         if k not in self._proposals:
             body, quadratic = self.problem.body, self.problem.cost.at(self.minima[k].q)
             covariance = mode_covariance(body, quadratic.posed.q, quadratic.gradient, quadratic.hessian, np.inf)
-            self._proposals[k] = CovarianceScaledProposal(body, quadratic.posed.q, covariance, self.scale)
+            kind = SphericalProposal if self.spherical else CovarianceScaledProposal
+            self._proposals[k] = kind(body, quadratic.posed.q, covariance, self.scale)
         return self._proposals[k].sample(rng)
 
 
@@ -85,7 +85,7 @@ def is_minimum(problem: Problem, solution: Solution) -> bool:
 class _Jumps:
     """The jumps from every known minimum, each once, and none to where a search has been before."""
 
-    def __init__(self, problem: Problem, pool: _Pool) -> None:
+    def __init__(self, problem: Problem, pool: Pool) -> None:
         self._problem, self._pool, self._jumps = problem, pool, KinematicJumps(problem.body)
         self._queue: deque[np.ndarray] = deque()
         self._expanded: set[int] = set()
@@ -124,7 +124,7 @@ class _Jumps:
 def hunted(task: HuntTask) -> Hunt:
     """Searches from samples, and with jumps from every other start, about minima drawn evenly from those known."""
     problem, rng = known_problem(task.pose, task.seen), np.random.default_rng([task.seed, task.pose, 1])
-    seeker, pool = Seeker(problem.body, SEARCH), _Pool(problem, task.scale)
+    seeker, pool = Seeker(problem.body, SEARCH), Pool(problem, task.scale)
     next(
         iter(KinematicJumps(problem.body).of(problem.mode.q, problem.camera)), None
     )  # kernels are compiled before the clock starts

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache, partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from benchmarks.css_tables_problem import SEARCH, Problem, joint_image_problem
+from benchmarks.css_tables_problem import PAPERS, SEARCH, Problem, Regime, joint_image_problem
 from estimator.optimise.covariance import free_directions
 from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution
@@ -33,6 +33,23 @@ PROPOSALS: dict[str, Callable[[Problem, float], Proposal]] = {
     "CSS, Student t of 4": partial(_about_mode, partial(CovarianceScaledProposal, degrees_of_freedom=4.0)),
     "8 weakest directions": _weakest,
 }
+
+
+class Starts(Protocol):
+    """What searches start from: a proposal, or what has no density."""
+
+    def sample(self, rng: np.random.Generator) -> np.ndarray:
+        """One configuration (nq,), within the joint limits."""
+        ...
+
+
+@runtime_checkable
+class Learns(Protocol):
+    """Starts that are told where each search from them has ended."""
+
+    def offer(self, solution: Solution) -> None:
+        """The end of the search from the last sample."""
+        ...
 
 
 class RowTask(NamedTuple):
@@ -65,6 +82,10 @@ class Searches:
     curvature: np.ndarray
     cpu: float
 
+    def first(self, count: int) -> Searches:
+        """The first so many of the searches; cpu stays that of all."""
+        return replace(self, **{f.name: getattr(self, f.name)[:count] for f in fields(self) if f.name != "cpu"})
+
     def minima(self, tolerance: float = 1e-6) -> np.ndarray:
         """Which ends are minima, (N,) bool: projected gradient below the tolerance, no direction of descent left."""
         minimum: np.ndarray = (self.residual < tolerance) & (self.curvature > 0.0)
@@ -72,19 +93,29 @@ class Searches:
 
 
 @cache
-def known_problem(pose: int, seen: str = "body") -> Problem:
+def known_problem(pose: int, seen: str = "body", regime: Regime = PAPERS) -> Problem:
     """`joint_image_problem`, made once a process."""
-    return joint_image_problem(pose, seen)
+    return joint_image_problem(pose, seen, regime=regime)
 
 
 def searched(task: RowTask) -> Searches:
     """The row's samples, each searched to its end within the limits."""
     problem, rng = known_problem(task.pose), np.random.default_rng([task.seed, task.pose])
-    seeker = Seeker(problem.body, replace(SEARCH, kkt_tolerance=task.tolerance))
+    return searched_from(problem, partial(PROPOSALS[task.method], scale=task.scale), rng, task.samples, task.tolerance)
+
+
+def searched_from(
+    problem: Problem, made: Callable[[Problem], Starts], rng: np.random.Generator, samples: int, tolerance: float = 1e-6
+) -> Searches:
+    """So many samples of a proposal, each searched until the projected gradient is below the tolerance."""
+    seeker = Seeker(problem.body, replace(SEARCH, kkt_tolerance=tolerance))
     began = time.process_time()
-    proposal = PROPOSALS[task.method](problem, task.scale)
-    raw = [proposal.sample(rng) for _ in range(task.samples)]
-    solutions = [seeker.seek(problem.cost, q) for q in raw]
+    proposal, raw, solutions = made(problem), [], []
+    for _ in range(samples):
+        raw.append(proposal.sample(rng))
+        solutions.append(seeker.seek(problem.cost, raw[-1]))
+        if isinstance(proposal, Learns):
+            proposal.offer(solutions[-1])
     cpu = time.process_time() - began
     raw_energy = problem.cost.values_at(np.array(raw))
     return judged(problem, seeker, np.array(raw), raw_energy, solutions, cpu)
@@ -120,6 +151,8 @@ class Rule(NamedTuple):
 
 
 RULE = Rule("parameter", 0.1)
+WITHIN = 10.0
+"""Energy above the known mode up to which a minimum is low: a likelihood ratio of exp(10), 22000."""
 
 
 def distinct(problem: Problem, searches: Searches, rule: Rule = RULE, tolerance: float = 1e-6) -> np.ndarray:
@@ -137,6 +170,13 @@ def distinct(problem: Problem, searches: Searches, rule: Rule = RULE, tolerance:
             kept.append(k)
             known = np.concatenate([known, place[None]])
     return ends[kept]
+
+
+def low(problem: Problem, searches: Searches) -> np.ndarray:
+    """Indices of the distinct minima that are `WITHIN` of the known mode's energy, or below it."""
+    kept = distinct(problem, searches)
+    indices: np.ndarray = kept[searches.energy[kept] < problem.mode.quadratic.value + WITHIN]
+    return indices
 
 
 def _apart(known: np.ndarray, place: np.ndarray, rule: Rule) -> np.ndarray:

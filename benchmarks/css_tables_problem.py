@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -19,9 +20,7 @@ from estimator.terms.upright import Upright
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 
-NOISE = 1.0  # px
 NU = 8.0  # of robust potentials, as the tracker has it
-STABILISERS = 1.4  # rad: standard deviation about rest of every joint
 BEND = 0.25  # rad: standard deviation about rest of the joints of a random pose
 _EYES_EARS = ("left_eye", "right_eye", "left_ear", "right_ear")
 _FEET = tuple(f"{side}_{p}" for side in ("left", "right") for p in ("heel", "big_toe", "small_toe"))
@@ -29,6 +28,22 @@ UNSEEN = {"body": _EYES_EARS, "joints": (*_EYES_EARS, *_FEET, "nose", "mid_hip")
 """Landmarks without a counterpart in the image: "body" has 22 left, feet among them, "joints" 14."""
 SEARCH = SeekSettings(max_iterations=200)
 UP = np.array([0.0, 0.0, 1.0])
+
+
+class Regime(NamedTuple):
+    """How well joints are seen and how strongly they are drawn to rest; by default as in Table 1.
+
+    noise [px]: standard deviation of the image's joints. stabilisers [rad]: of every joint about its rest, Gaussian;
+    0 takes the subject's own rests and deviations, long-tailed, as the tracker has them. potential: of the image's
+    errors, a key of `estimator.numerics.robust.POTENTIALS`.
+    """
+
+    noise: float = 1.0
+    stabilisers: float = 1.4
+    potential: str = "gaussian"
+
+
+PAPERS = Regime()
 
 
 @dataclass(frozen=True)
@@ -59,23 +74,27 @@ class Problem:
 
 
 def joint_image_problem(
-    pose: int, seen: str = "body", subject_name: str = "human34", potential: str = "gaussian"
+    pose: int, seen: str = "body", subject_name: str = "human34", regime: Regime = PAPERS
 ) -> Problem:
-    """The problem of a random pose (the seed `pose`): a person 4 m away, joints bent about rest, 1 px of noise.
+    """The problem of a random pose (the seed `pose`): a person 4 m away, joints bent about rest.
 
     `seen`: a key of UNSEEN.
-    Squared errors, not robust ones: the costs of Table 1 grow with the square of the scale.
+    Table 1 has squared errors, not robust ones: its costs grow with the square of the scale.
     """
     subject = load_subject(subject_name)
-    subject = replace(subject, stabilisers=tuple(replace(s, std=STABILISERS) for s in subject.stabilisers))
+    own = regime.stabilisers == 0.0
+    if not own:
+        weak = tuple(replace(s, std=regime.stabilisers) for s in subject.stabilisers)
+        subject = replace(subject, stabilisers=weak)
     body, camera, rng = Body(subject), _camera(), np.random.default_rng(pose)
     q = _bent(body, rng)
     points = body.landmarks(body.at(q))
-    pixels = camera.project(points)[None] + NOISE * rng.normal(size=(1, len(points), 2))
+    pixels = camera.project(points)[None] + regime.noise * rng.normal(size=(1, len(points), 2))
     confidence = np.array([[float(name not in UNSEEN[seen]) for name in body.landmark_names]])
     observation = Observation(0, 0.0, (camera,), pixels, confidence)
-    terms: list[Term] = [Reprojection(body, observation, np.full(confidence.shape, NOISE), potential, NU)]
-    terms.append(Stabilisers(body, potential="gaussian"))
+    sigma = np.full(confidence.shape, regime.noise)
+    terms: list[Term] = [Reprojection(body, observation, sigma, regime.potential, NU)]
+    terms.append(Stabilisers(body, potential="lorentzian" if own else "gaussian"))
     if body.subject.upright is not None:
         terms.append(Upright(body, UP))
     cost = Cost(body, terms)
@@ -84,7 +103,7 @@ def joint_image_problem(
 
 def _solved(body: Body, cost: Cost, q: np.ndarray, camera: Camera) -> Problem:
     mode = Seeker(body, SEARCH).seek(cost, q)
-    quadratic = mode.quadratic
+    quadratic = cost.of(mode.quadratic.posed, exact=True)  # positive at a minimum: the paper's inverse Hessian
     covariance = mode_covariance(body, mode.q, quadratic.gradient, quadratic.hessian, max_std=np.inf)
     free = free_directions(body, mode.q, quadratic.gradient)
     values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)])

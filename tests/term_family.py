@@ -153,15 +153,7 @@ FAMILY = {
 }
 
 CURVATURE: dict[str, float | None] = {
-    "interpenetration": None,  # the distance of two solids has a curvature of its own, left out
-    # so has the projection: exact where perspective is flat, see test_cost
-    "reprojection-gaussian": 0.06,
-    "reprojection-lorentzian": 0.12,
-    "reprojection-leclerc": 0.25,
-    "reprojection-arm8": 0.6,
-    "reprojection-upper13": 0.6,
-    "assigned-lorentzian": 0.02,
-    "assigned-leclerc": 0.02,
-    **{f"transition-{p}": 0.2 for p in POTENTIALS},  # and the difference of two orientations
+    "interpenetration": 1e-3,  # of the solids' witness points a few digits are sure
+    **{f"transition-{p}": 0.3 for p in POTENTIALS},  # left out: the curvature of the difference of two orientations
 }
 """How well the exact Hessian is known, where it is not as well as by default; see `kinemode.testing.check_term`."""

@@ -10,9 +10,14 @@ import numpy as np
 import pytest
 
 from benchmarks.css_figures import draw_all
+from benchmarks.css_figures_valleys import LEAP, valleys
 from benchmarks.css_tables import PAPER, compared, statistics
-from benchmarks.css_tables_jumps import SEARCHERS, WITHIN, Hunt, HuntTask, hunted
-from benchmarks.css_tables_minima import RowTask, Rule, Searches, distinct, known_problem, searched
+from benchmarks.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
+from benchmarks.css_tables_minima import WITHIN, RowTask, Rule, Searches, distinct, known_problem, searched
+from benchmarks.css_tables_problem import SEARCH
+from benchmarks.css_tables_proposals import TRIED, tempered
+from benchmarks.css_tables_regimes import TRACKERS, TrialTask, counted
+from estimator.optimise.seek import Seeker
 
 FEW = 60
 
@@ -100,3 +105,52 @@ def test_plots(rows: dict[str, Searches], tmp_path: Path) -> None:
         assert picture is not None
         assert picture.std() > 5.0
         assert (tmp_path / f"{name}.png").stat().st_size < 150_000
+
+
+def test_valleys_are_continuous_and_end_where_searches_fall() -> None:
+    """The third direction: two valleys that overlap. Neither leaps, and their minima are minima of the energy."""
+    problem, reach = known_problem(0), 1.14
+    first, second = valleys(problem, 2, reach, 61)
+    assert first.folded == (True, False)
+    assert second.folded == (False, True)
+    assert first.t[0] < second.t[-1]  # they overlap, and differ there
+    for valley in (first, second):
+        assert np.all(np.diff(valley.t) > 0.0)
+        steps = problem.steps(valley.q)
+        assert np.abs(np.diff(steps, axis=0)).max() <= LEAP
+        np.testing.assert_allclose(steps @ problem.axes[:, 2], valley.t, atol=5e-3)
+    lowest = int(np.argmin(np.where(second.t < -0.4, second.cost, np.inf)))
+    end = Seeker(problem.body, replace(SEARCH, max_turn=0.02, max_slide=0.02)).seek(problem.cost, second.q[lowest])
+    assert end.status == "converged"
+    assert np.abs(problem.body.difference(problem.mode.q, end.q)).max() > 0.3
+    assert end.quadratic.value == pytest.approx(second.cost[lowest], abs=0.01)
+
+
+def test_counts_in_a_regime() -> None:
+    """Useful minima are some of all, and those that the methods know between them no fewer than either's."""
+    counts = counted(TrialTask(TRACKERS, 0, 0, 40, ("CSS 8", "SS 8", "CSS 4 and jumps about known minima")))
+    for count in counts.values():
+        assert 0 < count.useful <= count.minima
+        assert count.useful_soon == count.useful  # 40 searches are fewer than FEW
+        assert count.useful <= count.known
+
+
+@pytest.mark.parametrize("name", TRIED)
+def test_proposals_stay_within_the_limits_and_repeat(name: str) -> None:
+    problem = known_problem(0)
+    first, again = ([TRIED[name](problem).sample(np.random.default_rng(s)) for s in (3, 4)] for _ in range(2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first[0], first[1])
+    for q in first:
+        assert np.array_equal(q, problem.body.clamp(q))
+
+
+def test_powers_of_the_covariance_lie_between_spheres_and_covariance_scaling() -> None:
+    problem = known_problem(0)
+    sphere, whole = tempered(problem, 8.0, 0.0), tempered(problem, 8.0, 1.0)
+    shapes = [s._factor @ s._factor.T for s in (sphere, whole)]
+    np.testing.assert_allclose(shapes[1], 64.0 * problem.covariance, rtol=1e-6, atol=1e-9 * shapes[1].max())
+    n = len(problem.std)
+    scaled = shapes[0] / (np.trace(shapes[0]) / n)
+    np.testing.assert_allclose(scaled, problem.axes @ problem.axes.T, atol=1e-9)
+    assert np.linalg.slogdet(shapes[0])[1] == pytest.approx(np.linalg.slogdet(shapes[1])[1])

@@ -122,6 +122,28 @@ def test_gradient_is_the_central_difference(human: Body) -> None:
     assert min(seen.values()) >= 3, seen
 
 
+def test_curvature_is_the_central_difference_of_the_gradient(human: Body) -> None:
+    """Each contact alone, sides and ends of capsules and ellipsoids, apart and overlapping."""
+    self_collision, rng, kinds, h = SelfCollision(human), np.random.default_rng(5), set(), 2e-6
+    for _ in range(12):
+        q, v = random_pose(human, rng), rng.normal(size=human.nv)
+        contacts = self_collision.near(human.at(q))
+        moved = [self_collision.near(human.at(pin.integrate(human.model, q, s * h * v))) for s in (1.0, -1.0)]
+        for m, pair in enumerate(contacts.pair):
+            if contacts.distance[m] < -0.06:  # so deep that the axes of two capsules may cross
+                continue
+            ends = [near.gradient[near.pair == pair] @ v for near in moved]
+            if any(len(end) == 0 for end in ends):
+                continue
+            curvature, alone = np.zeros((human.nv, human.nv)), (np.arange(len(contacts.pair)) == m).astype(float)
+            self_collision.add_curvature(human.at(q), contacts, alone, curvature)
+            assert np.array_equal(curvature, curvature.T)
+            expected = float((ends[0] - ends[1])[0]) / (2.0 * h)
+            assert abs(v @ curvature @ v - expected) < 1e-4 * (1.0 + np.abs(curvature).max()) * float(v @ v)
+            kinds.add(_kind(self_collision, int(pair), float(contacts.distance[m])))
+    assert len(kinds) >= 4
+
+
 def test_broad_phase_misses_no_pair(human: Body) -> None:
     rng = np.random.default_rng(5)
     self_collision = SelfCollision(human, include=LOOSE)

@@ -71,3 +71,38 @@ def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # t
         image_jacobian[0, k] = u_a * da + u_b * db
         image_jacobian[1, k] = v_a * da + v_b * db
     return fx * ad + skew * bd + intrinsics[2], fy * bd + intrinsics[3], True
+
+
+@jit
+def add_projection_curvature(p, intrinsics, distortion, R, t, gu, gv, weight):  # type: ignore[no-untyped-def]
+    """Add gu d2u + gv d2v, the second derivatives of the pixel by the world point p (3,), to weight (3, 3) [1/m^2].
+
+    gu, gv [1/px]: an energy's derivatives by the pixel. The camera as for `project_point`; p is in front of it.
+    """
+    x, y, z = in_camera(p, R, t)
+    a, b = x / z, y / z
+    k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
+    r2 = a * a + b * b
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
+    bend = 2.0 * k2 + 6.0 * r2 * k3
+    ga, gb = gu * intrinsics[0], gu * intrinsics[4] + gv * intrinsics[1]  # by the distorted ray
+    mixed = 2.0 * a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
+    by_a = ga * (radial + 2.0 * a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a) + gb * mixed
+    by_b = ga * mixed + gb * (radial + 2.0 * b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a)
+    aab, abb = (
+        2.0 * b * slope + 4.0 * a * a * b * bend + 2.0 * p1,
+        2.0 * a * slope + 4.0 * a * b * b * bend + 2.0 * p2,
+    )
+    by_aa = ga * (6.0 * a * slope + 4.0 * a * a * a * bend + 6.0 * p2) + gb * aab
+    by_ab = ga * aab + gb * abb
+    by_bb = ga * abb + gb * (6.0 * b * slope + 4.0 * b * b * b * bend + 6.0 * p1)
+    for i in range(3):
+        da_i, db_i = (R[0, i] - a * R[2, i]) / z, (R[1, i] - b * R[2, i]) / z
+        for k in range(i + 1):
+            da_k, db_k = (R[0, k] - a * R[2, k]) / z, (R[1, k] - b * R[2, k]) / z
+            s = by_aa * da_i * da_k + by_ab * (da_i * db_k + db_i * da_k) + by_bb * db_i * db_k
+            s -= (by_a * (da_i * R[2, k] + da_k * R[2, i]) + by_b * (db_i * R[2, k] + db_k * R[2, i])) / z
+            weight[i, k] += s
+            if k != i:
+                weight[k, i] += s

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.projection import project_point, project_with_jacobian
+from estimator.cameras.projection import add_projection_curvature, project_point, project_with_jacobian
 from estimator.numerics.robust import rho
 from estimator.terms.points import to_world
 from estimator.terms.reprojection import BEHIND
@@ -55,6 +55,8 @@ def assigned_loads(  # type: ignore[no-untyped-def]
             left, right = hxx * J[0, i] + hxy * J[1, i], hxy * J[0, i] + hyy * J[1, i]
             for k in range(3):
                 W[i, k] = left * J[0, k] + right * J[1, k]
+        if exact:
+            add_projection_curvature(p, intrinsics, distortion, R, t, gx, gy, W)
     return value
 
 

@@ -20,8 +20,8 @@ class Interpenetration(BatchTerm):
     smooth and finite: the tangent at the margin is taken away, so that value and slope vanish there, where pairs come
     and go; and beyond an exponent of 3 it continues as the parabola that fits there.
 
-    The Hessian is f''(d) times the outer product of the distance's gradient, where f'' is positive; the curvature of
-    the distance itself is left out, so that the result is positive semi-definite.
+    The Hessian is f''(d) times the outer product of the distance's gradient, where f'' is positive; the exact one has
+    f'' of either sign and the curvature of the distance itself, f'(d) d2d, unless a solid is a hull.
 
     Parameters
     ----------
@@ -50,10 +50,13 @@ class Interpenetration(BatchTerm):
         self._settings = np.array([scale, weight, power, at_margin, slope_there, self_collision.margin])
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`; `exact` keeps f'' where it is negative (power above 1, outside)."""
+        """See `estimator.terms.term.Term`."""
         contacts = self.self_collision.near(posed)
         if not contacts.distance.size:
             return 0.0
+        if exact:
+            slopes = _slopes(contacts.distance, self._settings)
+            self.self_collision.add_curvature(posed, contacts, slopes, hessian)
         return float(_accumulate(contacts.distance, contacts.gradient, self._settings, gradient, hessian, exact))
 
     def values(self, placed: PlacedBodies) -> np.ndarray:
@@ -79,6 +82,16 @@ def _potential(distance: float, scale: float, power: float) -> tuple[float, floa
     beyond = z - at
     value = f + beyond * (first + 0.5 * beyond * second)
     return value, (first + beyond * second) / scale, second / (scale * scale)
+
+
+@jit
+def _slopes(distance: np.ndarray, settings: np.ndarray) -> np.ndarray:
+    """Derivatives (M,) of the energy by the distance (M,) of each contact; settings (6,)."""
+    scale, weight, power, _, slope, _ = settings
+    slopes = np.empty(distance.size)
+    for m in range(distance.size):
+        slopes[m] = weight * (_potential(distance[m], scale, power)[1] - slope)
+    return slopes
 
 
 @jit

@@ -58,7 +58,9 @@ class Transition(BatchTerm):
 
     q_previous (nq,): centre. std (nv,): scale of the change [m, rad]. The Gaussian potential is a random walk; a
     long-tailed one lets a mode jump with a penalty that grows with the logarithm of the distance, which is what lets a
-    search recover from a wrong interpretation (CSS section 1.1). One object serves one thread: it reuses buffers.
+    search recover from a wrong interpretation (CSS section 1.1). The exact Hessian leaves out the curvature of (-) in
+    joints of several degrees of freedom: with it searches take as many steps. One object serves one thread: it reuses
+    buffers.
     """
 
     name = "transition"

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.projection import pack_cameras, project_point, project_with_jacobian
+from estimator.cameras.projection import (
+    add_projection_curvature,
+    pack_cameras,
+    project_point,
+    project_with_jacobian,
+)
 from estimator.imaging.observation import Observation
 from estimator.numerics.robust import POTENTIALS, rho
 from estimator.terms.points import LoadedPoints, accumulate_points, to_world
@@ -119,6 +124,8 @@ def point_loads(  # type: ignore[no-untyped-def]
                 for k in range(3):
                     square = image_jacobian[0, i] * image_jacobian[0, k] + image_jacobian[1, i] * image_jacobian[1, k]
                     W[i, k] += pull * square + curve * along[i] * along[k]
+            if exact:
+                add_projection_curvature(p, intrinsics[c], distortion[c], R[c], t[c], -pull * ru, -pull * rv, W)
     return value
 
 

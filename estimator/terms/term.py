@@ -28,8 +28,9 @@ class Term(Protocol):
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """Add the term's gradient (nv,) and Hessian (nv, nv), both in the tangent space at `posed.q`; return its value.
 
-        The Hessian is positive semi-definite (Gauss-Newton with robust weights), unless `exact` asks for the true
-        curvature as far as the term knows it: that may be indefinite, and lets a search end in a few steps.
+        The Hessian is positive semi-definite (Gauss-Newton with robust weights), unless `exact` asks for the second
+        derivative: that may be indefinite, and lets a search end in a few steps. What a term leaves out of it, it says:
+        the transition, and the repulsion of hulls.
         """
         ...
 

@@ -12,7 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from humanoid.collision import broad_phase, witness
+from humanoid.collision import broad_phase, curvature, witness
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.shape.solids import Geometry, Solid, solids_of
 from humanoid.support.errors import InputError
@@ -127,6 +127,17 @@ class SelfCollision:
         )
         return Contacts(pair, distance, point_a, point_b, normal, gradient)
 
+    def add_curvature(self, posed: PosedBody, contacts: Contacts, factor: np.ndarray, hessian: np.ndarray) -> None:
+        """Add the second derivatives of the contacts' distances, times factor (M,), to hessian (nv, nv), in the tangent
+        space at the pose that the contacts are of. Those of hulls are left out, see `curvature.add_curvature`."""
+        broad_phase.place(posed.placements, self._joint, self._local, self._core, self._world, self._segment)
+        tree = self._body.tree
+        curvature.add_curvature(
+            posed.spatial_jacobian, tree.dof_joint, tree.dof_parent, self._pair_dof[contacts.pair],
+            self._solid_pairs[contacts.pair], self._kind, self._world, self._segment, self._radius, self._radii,
+            contacts.point_a, contacts.point_b, contacts.normal, contacts.distance, factor, hessian,
+        )  # fmt: skip
+
     def distances(self, placed: PlacedBodies) -> tuple[np.ndarray, np.ndarray]:
         """The signed distances of `near` alone, of N poses: where those of each pose begin, (N + 1,), and they, (M,).
 
@@ -201,6 +212,7 @@ class SelfCollision:
         self._core = np.array([[*s.core_centre, *s.core_half] for s in solids]).reshape(n, 6)
         self._radius = np.array([s.core_radius for s in solids])
         self._radii = np.array([s.radii for s in solids]).reshape(n, 3)
+        self._kind = np.array([_kind(s) for s in solids], dtype=np.int64)
         self._world, self._segment = np.zeros((n, 12)), np.zeros((n, 6))
         self._transforms = [coal.Transform3s() for _ in solids]
         self._rotations = [row[:9].reshape(3, 3).T for row in self._world]
@@ -285,6 +297,13 @@ def _sharpen(solids: tuple[np.ndarray, ...], pairs: np.ndarray, contacts: _Buffe
         guess: list[Any] = [*solids, i, j, *(array[failed] for array in points)]
         contacts.distance[failed] = broad_phase.guess_contact(*guess)
         failed = witness.sharpen(*[*listed, failed, True])
+
+
+def _kind(solid: Solid) -> int:
+    """Whose curvature is known, see `curvature`."""
+    if isinstance(solid.geometry, coal.Ellipsoid):
+        return curvature.ELLIPSOID
+    return curvature.CAPSULE if isinstance(solid.geometry, (coal.Capsule, coal.Sphere)) else curvature.UNKNOWN
 
 
 def _request(gjk_tolerance: float, epa_tolerance: float) -> coal.DistanceRequest:
