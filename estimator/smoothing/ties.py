@@ -65,7 +65,8 @@ Ties = Sequence[FlowTie]
 
 @jit
 def _pixels(placements, joints, local, intrinsics, distortion, R, t, pixels):  # type: ignore[no-untyped-def]
-    """Fill pixels (A, 2) of points local (A, 3) on joints (A,) for placements (njoints, 12); NaN behind the camera."""
+    """Fill pixels (A, 2), NaN behind the camera, of points local (A, 3) on joints (A,) for placements (njoints, 12); the
+    camera as in `_rows`."""
     p, J = np.empty(3), np.zeros((2, 3))
     for a in range(joints.shape[0]):
         to_world(placements[joints[a]], local[a], p)
@@ -92,13 +93,13 @@ def _rows(  # type: ignore[no-untyped-def]
     before, after, spatial_before, spatial_after, support, joints, local, intrinsics, distortion, R, t, start, target,
     precision, weight, kind, nu, rows, weighted, pull,
 ):  # fmt: skip
-    """Value of a tie. Fills rows (2 A, 2 nv), the derivatives of e, `weighted` (2 A, 2 nv), W times these, and pull
-    (2 A,), W e, W being the precision (A, 3) times weight (A,) and slope of the potential.
+    """Value of a tie. Fills rows (2 * A, 2 * nv), the derivatives of e, weighted (2 * A, 2 * nv), W times these, and
+    pull (2 * A,), W e, W being the precision (A, 3) times weight (A,) and slope of the potential.
 
-    before, after (njoints, 12), spatial_before, spatial_after (nv, 6): the two poses, see `PosedBody`. support (njoints,
-    nv): the degrees of freedom that move each joint. joints (A,), local (A, 3): the points. The camera as in
-    `project_with_jacobian`. start (A, 2): where they were followed from [px]. target (A, 2), kind, nu (A,): as in
-    `assigned_loads`.
+    before, after (njoints, 12), spatial_before, spatial_after (nv, 6): the two poses, see `PosedBody`. support
+    (njoints, nv): the degrees of freedom that move each joint. joints (A,), local (A, 3): the points. intrinsics,
+    distortion (5,), R (3, 3), t (3,): the camera. start (A, 2): where they were followed from [px]. target (A, 2),
+    kind, nu (A,): as in `assigned_loads`.
     """
     value, nv = 0.0, spatial_before.shape[0]
     p, J = np.empty(3), np.zeros((2, 3))
