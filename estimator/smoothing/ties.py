@@ -65,8 +65,8 @@ Ties = Sequence[FlowTie]
 
 @jit
 def _pixels(placements, joints, local, intrinsics, distortion, R, t, pixels):  # type: ignore[no-untyped-def]
-    """Fill pixels (A, 2), NaN behind the camera, of points local (A, 3) on joints (A,) for placements (njoints, 12); the
-    camera as in `_rows`."""
+    """Fill pixels (A, 2), NaN behind the camera, of points local (A, 3) on joints (A,) for placements (njoints, 12);
+    the camera as in `_rows`."""
     p, J = np.empty(3), np.zeros((2, 3))
     for a in range(joints.shape[0]):
         to_world(placements[joints[a]], local[a], p)
