@@ -100,17 +100,21 @@ class AssignedPoints(BatchTerm):
         point = parts[0]
         used, self._first, order = group_by_point(point, len(joint))
         self._features = in_order(order, *parts[1:])
-        self._body, self._camera, self._constant = body, camera, float(constant)
+        self._body, self.camera, self._constant = body, camera, float(constant)
         self._intrinsics, self._distortion, self._R, self._t = camera.arrays
         self._joint, self._local = joint[used], local[used]
         self._loaded: LoadedPoints | None = None
 
+    def points_of_features(self) -> tuple[np.ndarray, np.ndarray, Assignments]:
+        """The features one by one: joint (A,) and local (A, 3) [m] of the point of each, and the assignments, in which
+        feature a is that of point a."""
+        point = np.repeat(np.arange(len(self._first) - 1), np.diff(self._first))
+        return self._joint[point], self._local[point], Assignments(np.arange(len(point)), *self._features)
+
     def features(self, posed: PosedBody) -> Features:
         """The assigned features one by one, and where a pose has the points they are assigned to."""
-        point = np.repeat(np.arange(len(self._first) - 1), np.diff(self._first))
-        target, precision, weight = self._features[:3]
-        joint, local = self._joint[point], self._local[point]
-        pixels = self._camera.project(points_in_world(posed, joint, local))
+        joint, local, (_, target, precision, weight, *_) = self.points_of_features()
+        pixels = self.camera.project(points_in_world(posed, joint, local))
         x, y = (target - pixels).T
         squared = precision[:, 0] * x * x + 2.0 * precision[:, 1] * x * y + precision[:, 2] * y * y
         return Features(joint, local, pixels, target, np.sqrt(np.maximum(squared, 0.0)), weight)

@@ -13,10 +13,13 @@ from estimator.modes.motion import MotionPrior
 from estimator.numerics.robust import LORENTZIAN, robust_square
 from estimator.optimise.covariance import free_mask
 from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
+from estimator.smoothing.ties import Ties
 from estimator.terms.term import Cost
-from humanoid.kinematics.body import SHORTEST_STEP, Body
+from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
 
 DAMPING = Damping(first=1e-6)
+REACH = 2
+"""Frames before and after some that these hang on to: velocities and accelerations reach that far."""
 
 
 class ChainModel(NamedTuple):
@@ -35,12 +38,20 @@ class Chain:
     """Frames tied by the motion prior.
 
     costs (T): static energy of each frame. times (T,) [s], rising. tolerance: energy that a step must gain.
+    ties (T - 1): what the pictures say of the movement from each frame to the next; nothing unless given.
     """
 
     def __init__(
-        self, body: Body, costs: Sequence[Cost], times: np.ndarray, motion: MotionPrior, tolerance: float
+        self,
+        body: Body,
+        costs: Sequence[Cost],
+        times: np.ndarray,
+        motion: MotionPrior,
+        tolerance: float,
+        ties: Sequence[Ties] | None = None,
     ) -> None:
         self._body, self._costs, self._tolerance, self._nu = body, costs, tolerance, motion.nu
+        self._ties: Sequence[Ties] = ties if ties is not None else [()] * (len(costs) - 1)
         self._dt = np.maximum(np.diff(times), SHORTEST_STEP)
         self._velocity_precision = 1.0 / np.square(motion.velocity_std)
         self._acceleration_precision = 1.0 / np.square(motion.acceleration_std)
@@ -59,13 +70,29 @@ class Chain:
         count, nv = len(q), self._body.nv
         gradient, blocks = np.zeros((count, nv)), np.zeros((3, count, nv, nv))
         energy = 0.0
+        posed: list[PosedBody] = []
         for t, cost in enumerate(self._costs):
             own = cost.at(q[t])
+            posed.append(own.posed)
             energy += own.value
             gradient[t] += own.gradient
             blocks[0, t] += own.hessian
+        for t, ties in enumerate(self._ties):
+            if ties:
+                energy += self._tied(posed[t], posed[t + 1], ties, gradient[t : t + 2], blocks[:, t : t + 2])
         energy += self._motion(q, gradient, blocks)
         return ChainModel(energy, q, gradient, blocks)
+
+    def _tied(self, before: PosedBody, after: PosedBody, ties: Ties, gradient: np.ndarray, blocks: np.ndarray) -> float:
+        """Add ties to gradient (2, nv) and blocks (3, 2, nv, nv) of two successive frames."""
+        nv = self._body.nv
+        own, hessian = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
+        value = sum(tie.accumulate(before, after, own, hessian) for tie in ties)
+        gradient += own.reshape(2, nv)
+        blocks[0, 0] += hessian[:nv, :nv]
+        blocks[0, 1] += hessian[nv:, nv:]
+        blocks[1, 0] += hessian[:nv, nv:]
+        return value
 
     def _motion(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
         model, energy = self._body.model, 0.0

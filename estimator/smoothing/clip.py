@@ -15,8 +15,9 @@ from estimator.optimise.solution import STALLED, Solution
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.sequences.source import Cues, Progress
-from estimator.smoothing.chain import Chain
+from estimator.smoothing.chain import REACH, Chain
 from estimator.smoothing.frames import frame_costs, frame_energies, only
+from estimator.smoothing.renewal import Renewal, Trajectory
 from estimator.smoothing.settings import SmoothSettings
 from estimator.terms.priors import Transition
 from estimator.terms.term import Cost
@@ -40,7 +41,8 @@ def smooth_track(
 
     Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
-    mode reads them, `cues` are what its pictures show. Parts that the smoothing pushed into each other are parted again
+    mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
+    (`Renewal`). Parts that the smoothing pushed into each other are parted again
     (`estimator.optimise.contact`). `progress` is told how many frames of how many are done.
     """
     settings = settings or SmoothSettings()
@@ -80,20 +82,26 @@ class _Track:
             costs.append(of_frame[k])
         q = [self._results[t].q for t in self.some]
         other = best_path(self._search.body, q, energies, self._times, self._motion)
-        own = self._smoothed(costs, self._path, progress)
-        if np.array_equal(other, self._path):
-            return costs, own[0]
-        changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
-        rival = self._smoothed(changed, other, None)
-        return (changed, rival[0]) if rival[1] < own[1] else (costs, own[0])
+        rivals = [self._smoothed(costs, self._path, progress)]
+        if not np.array_equal(other, self._path):
+            changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
+            rivals.append(self._smoothed(changed, other, None))
+        renewal = Renewal(self._search, self._place, self.some, self._times, self._motion, self._settings)
+        if self._cues is not None and self._settings.rounds > 0:
+            renewal(rivals)
+        penalty = self._search.model.settings.exchange_penalty
+        best = min(rivals, key=lambda r: renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association))
+        return best.costs, best.q
 
-    def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> tuple[np.ndarray, float]:
-        body, settings = self._search.body, self._settings
+    def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
+        """Along a path, with the features of its modes."""
         start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
-        q = smooth(body, costs, self._times, start, self._motion, settings, progress)
-        exchanged = sum(self._results[t].association[k] == EXCHANGED for t, k in zip(self.some, path, strict=True))
-        energy = Chain(body, costs, self._times, self._motion, settings.tolerance).energy(q)
-        return q, energy + exchanged * self._search.model.settings.exchange_penalty
+        q = smooth(self._search.body, costs, self._times, start, self._motion, self._settings, progress)
+        associations = [self._results[t].association[k] for t, k in zip(self.some, path, strict=True)]
+        return Trajectory(q, associations, list(costs))
+
+    def _place(self, i: int) -> Observation:
+        return self._seen(self.some[i])
 
     def _cost(self, i: int, k: int) -> Cost:
         t = self.some[i]
@@ -134,7 +142,7 @@ def smooth(
     half = max(1, settings.window // 2)
     for first in range(0, max(1, len(q) - half), half):
         last = min(len(q), first + settings.window)
-        low, high = max(0, first - 2), min(len(q), last + 2)
+        low, high = max(0, first - REACH), min(len(q), last + REACH)
         held = np.ones(high - low, dtype=bool)
         held[first - low : last - low] = False
         chain = Chain(body, costs[low:high], times[low:high], motion, settings.tolerance)

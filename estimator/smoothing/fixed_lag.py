@@ -9,13 +9,11 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.modes.best_path import best_path
 from estimator.search.mode_search import ModeSearch
-from estimator.smoothing.chain import Chain
+from estimator.smoothing.chain import REACH, Chain
 from estimator.smoothing.frames import frame_costs, frame_energies
 from estimator.smoothing.settings import SmoothSettings
 from estimator.terms.term import Cost
 from estimator.trackers.frame_result import FrameResult
-
-SETTLED = 2  # poses already given out that the window still hangs on to: velocity and acceleration reach that far
 
 
 @dataclass
@@ -82,6 +80,6 @@ class FixedLag:
 
     def _give(self) -> tuple[int, np.ndarray]:
         frame = self._window.pop(0)
-        self._settled = [*self._settled, frame][-SETTLED:]
+        self._settled = [*self._settled, frame][-REACH:]
         assert frame.q is not None
         return frame.index, frame.q

@@ -9,9 +9,11 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
-from estimator.terms.term import Cost
+from estimator.smoothing.ties import Ties, ties_of
+from estimator.terms.term import Cost, Term
 from estimator.trackers.beginning import observable
 from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import PosedBody
 
 
 def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:
@@ -37,6 +39,24 @@ def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -
             for cost, q, association in zip(costs, result.q, result.association, strict=True)
         ]
     )
+
+
+def renewed_cost(search: ModeSearch, observation: Observation, association: str, posed: PosedBody) -> Cost:
+    """Static energy of a frame in an association, with image features assigned at a pose."""
+    if not observable(observation):
+        return search.model.cost(None)
+    likelihood = search.likelihood(observation, posed.q)
+    assigned = [] if likelihood is None else likelihood.assigned(posed)
+    return search.model.cost(search.term(observation, association), image_terms=assigned)
+
+
+def flow_ties(
+    search: ModeSearch, observation: Observation, before: PosedBody, posed: PosedBody
+) -> tuple[Ties, list[Term]]:
+    """What ties a frame to the one before, in which the body lay at `before`, and what can only be a term of the frame
+    itself, `before` being held."""
+    likelihood = search.likelihood(observation, posed.q)
+    return ((), []) if likelihood is None else ties_of(search.body, likelihood.followed(before, posed), before)
 
 
 def only(result: FrameResult, k: int) -> FrameResult:

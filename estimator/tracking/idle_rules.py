@@ -20,8 +20,13 @@ RULES = (
     idle_where("smooth.lag smooth.lag_iterations", "they are for live use; a clip is smoothed as a whole"),
     idle_where(
         "smooth.turn_acceleration smooth.root_turn_acceleration smooth.root_slide_acceleration smooth.iterations"
-        " smooth.tolerance smooth.window",
+        " smooth.tolerance smooth.window smooth.rounds smooth.round_gain smooth.renewed",
         smooth__enabled=False,
     ),
-    idle_without(PICTURES, "cost.image cues search.follow search.settled search.flow_in_covariance"),
+    idle_where("smooth.round_gain smooth.renewed", smooth__rounds=0),
+    idle_without(
+        PICTURES,
+        "cost.image cues search.follow search.settled search.flow_in_covariance smooth.rounds smooth.round_gain"
+        " smooth.renewed",
+    ),
 )  # fmt: skip
