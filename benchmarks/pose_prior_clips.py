@@ -89,7 +89,8 @@ def tracked(task: Task) -> dict[str, dict[str, TrackErrors]]:
     )  # fmt: skip
     truth, by_weight = Reference.load(clip.truth), {}
     for weight in task.weights:
-        changes = {"cost": {"pose_prior_weight": weight, "pose_prior_file": str(task.prior)}}
+        named = {"pose_prior_file": str(task.prior)} if weight > 0.0 else {}
+        changes = {"cost": {"pose_prior_weight": weight, **named}}
         run, _ = timed_track(
             clip.keypoints, clip.cameras, task.folder / f"{weight:g}.run", seed=task.seed, settings=changes
         )
