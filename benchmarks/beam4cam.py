@@ -1,8 +1,10 @@
 """Errors on the real clip beam4cam: each camera alone and all four, proportions fitted from the clip itself; and what
-the pictures add to the keypoints of one camera."""
+the pictures add to the keypoints of one camera. One track is luck: seeds of the tracker, and copies of the keypoints
+that differ by their rounding, tell the spread."""
 
 from __future__ import annotations
 
+import json as json_module
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +16,7 @@ from benchmarks.common import Changes, Several, beam_folder, in_processes, neste
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
 from estimator.results.reference_motion import Reference
+from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
@@ -25,7 +28,8 @@ TOGETHER_TARGET = 35.0
 ALONE, ALL = "keypoints alone", "all together"
 CUES = {ALONE: "off", "silhouette": "silhouette", "edges": "edges", "flow": "flow", ALL: "edges,flow,silhouette"}
 
-
+SPREAD = {"mpjpe": "MPJPE", "pa": "PA", "filtered_mpjpe": "filtered", "filtered_pa": "PA ", "best_pa": "best of K, PA"}
+ROUNDING_PX = 0.1  # of the copies
 Result = tuple[Scores, float]
 """Errors, and frames per second."""
 
@@ -34,13 +38,14 @@ Result = tuple[Scores, float]
 class Task:
     """One run: of a view, with the pictures for some of `CUES`.
 
-    folder, keypoints: of the clip, and of its keypoints there. work: where the run goes. how: arguments of
-    `timed_track`.
+    copy: of the keypoints, 0 for what they are. folder, keypoints: of the clip, and of its keypoints there. work: where
+    the run goes. how: arguments of `timed_track`.
     """
 
     view: str
     cues: str
     seed: int
+    copy: int
     folder: Path
     keypoints: str
     work: Path
@@ -49,22 +54,43 @@ class Task:
 
 def tracked(task: Task) -> Result:
     names = CAMERAS if task.view == TOGETHER else (task.view,)
-    files = {name: task.folder / task.keypoints / f"{name}.json" for name in names}
+    files = {name: copied(task.folder / task.keypoints / f"{name}.json", task.copy, task.work) for name in names}
     pictures = CUES[task.cues] != "off"
     clips = {name: task.folder / "videos" / f"{name}.mp4" for name in names} if pictures else None
-    out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.seed}.run"
+    out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.seed}_{task.copy}.run"
     run, times = timed_track(
         files, task.folder / "calibration.json", out, clips=clips, cues=CUES[task.cues], seed=task.seed, **task.how
     )
     scores = score(run, Reference.load(task.folder / "reference3d.npz"))
-    tell(f"{task.view}, {task.cues}, seed {task.seed}: {scores.mpjpe:.1f} mm, {times.rate:.1f} frames a second")
+    told = f"{scores.mpjpe:.1f}, {scores.pa:.1f} mm, {times.rate:.1f} frames a second"
+    tell(f"{task.view}, {task.cues}, seed {task.seed}, copy {task.copy}: {told}")
     return scores, times.rate
+
+
+def copied(path: Path, copy: int, work: Path) -> Path:
+    """The keypoints of one camera with every coordinate moved at random by at most half of `ROUNDING_PX` and rounded to
+    it, in a file of `work`; the file itself for copy 0. All views have the same copies."""
+    if copy == 0:
+        return path
+    content = json_module.loads(path.read_text(encoding="utf-8"))
+    rng = np.random.default_rng((copy, *path.stem.encode()))
+    for frame in content["frames"]:
+        if frame["keypoints"]:
+            keypoints = np.array(frame["keypoints"])
+            moved = keypoints[:, :2] + rng.uniform(-0.5, 0.5, (len(keypoints), 2)) * ROUNDING_PX
+            keypoints[:, :2] = np.round(moved / ROUNDING_PX) * ROUNDING_PX
+            frame["keypoints"] = keypoints.round(3).tolist()
+    made = work / f"{path.parent.name}_{path.stem}_{copy}.json"
+    with replacing(made) as temporary:
+        temporary.write_text(json_module.dumps(content), encoding="utf-8")
+    return made
 
 
 def main(
     *,
     data: Path | None = None,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
+    copies: Annotated[tuple[int, ...], Several] = (0,),
     views: Annotated[tuple[str, ...], Several] = (*CAMERAS, TOGETHER),
     cues: Annotated[bool, Parameter(negative="")] = False,
     tracker: str = "css",
@@ -83,6 +109,8 @@ def main(
         Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     seeds
         Seeds of the tracker.
+    copies
+        Copies of the keypoints: 0 as they are, others moved at random by at most 0.05 px and rounded to 0.1 px.
     views
         Cameras to track from alone, and "four" for all together.
     cues
@@ -102,24 +130,25 @@ def main(
     """
     folder, settings = beam_folder(data), nested(changes)
     how = {"tracker": tracker, "modes": modes, "settings": settings}
+    runs = [(seed, copy) for seed in seeds for copy in copies]
     shown = checked(views, CAMERAS if cues else (*CAMERAS, TOGETHER))
     with work_folder(work) as kept:
         tasks = [
-            Task(view, cue, seed, folder, keypoints, kept, how)
+            Task(view, cue, seed, copy, folder, keypoints, kept, how)
             for cue in (CUES if cues else (ALONE,))
             for view in shown
-            for seed in seeds
+            for seed, copy in runs
         ]
         results = in_processes(tracked, tasks, jobs)
     by_cues: dict[str, dict[str, list[Result]]] = {}
     for task, result in zip(tasks, results, strict=True):
         by_cues.setdefault(task.cues, {}).setdefault(task.view, []).append(result)
     if cues:
-        print_cues(by_cues, seeds)
-        save(json, {"measure": "beam4cam cues", "cues": {c: figures(f, seeds, how) for c, f in by_cues.items()}})
+        print_cues(by_cues, len(runs))
+        save(json, {"measure": "beam4cam cues", "cues": {c: figures(f, runs, how) for c, f in by_cues.items()}})
     else:
-        print_table(by_cues[ALONE], seeds)
-        save(json, {"measure": "beam4cam", **figures(by_cues[ALONE], seeds, how)})
+        print_table(by_cues[ALONE], len(runs))
+        save(json, {"measure": "beam4cam", **figures(by_cues[ALONE], runs, how)})
 
 
 def checked(views: tuple[str, ...], valid: tuple[str, ...]) -> tuple[str, ...]:
@@ -133,8 +162,8 @@ def checked(views: tuple[str, ...], valid: tuple[str, ...]) -> tuple[str, ...]:
     return chosen
 
 
-def print_table(by_view: dict[str, list[Result]], seeds: tuple[int, ...]) -> None:
-    made = report.table(f"beam4cam, {len(seeds)} seed(s), means over seeds", "view", *COLUMNS, "learned", "PA   ")
+def print_table(by_view: dict[str, list[Result]], runs: int) -> None:
+    made = report.table(f"beam4cam, means over {runs} run(s) of a view", "view", *COLUMNS, "learned", "PA   ")
     for view, results in by_view.items():
         learned = [f"{x:.0f}" for x in LEARNED.get(view, ())] or ["", ""]
         made.add_row(
@@ -149,18 +178,33 @@ def print_table(by_view: dict[str, list[Result]], seeds: tuple[int, ...]) -> Non
     out.width = max(out.width, 180)
     out.print(made)
     out.print(LEGEND)
+    if runs > 1:
+        print_spread(by_view)
     if TOGETHER in by_view:
         worst = max(s.mpjpe for s, _ in by_view[TOGETHER])
-        out.print(f"four cameras: {worst:.1f} mm in the worst seed, target at most {TOGETHER_TARGET:.0f} mm")
+        out.print(f"four cameras: {worst:.1f} mm in the worst run, target at most {TOGETHER_TARGET:.0f} mm")
 
 
-def print_cues(by_cues: dict[str, dict[str, list[Result]]], seeds: tuple[int, ...]) -> None:
+def print_spread(by_view: dict[str, list[Result]]) -> None:
+    """Mean and standard deviation over the runs of a view, and of the mean of the cameras."""
+    made = report.table("mean and standard deviation over runs [mm]", "view", *SPREAD.values())
+    errors = {v: np.array([[getattr(s, name) for name in SPREAD] for s, _ in of]) for v, of in by_view.items()}
+    alone = [of for view, of in errors.items() if view != TOGETHER]
+    if len(alone) > 1:
+        errors["mean alone"] = np.mean(alone, axis=0)
+    for view, of in errors.items():
+        rows = zip(of.mean(axis=0), of.std(axis=0, ddof=1), strict=True)
+        made.add_row(view, *(f"{mean:.1f} +- {deviation:.1f}" for mean, deviation in rows))
+    report.console().print(made)
+
+
+def print_cues(by_cues: dict[str, dict[str, list[Result]]], runs: int) -> None:
     """MPJPE and PA-MPJPE of every camera, with each cue beside the keypoints."""
     means = {
         cue: {view: mean_scores(s for s, _ in results) for view, results in of.items()} for cue, of in by_cues.items()
     }
     views = list(means[ALONE])
-    title = f"beam4cam, {len(seeds)} seed(s), one camera: MPJPE, PA-MPJPE [mm], frames per second"
+    title = f"beam4cam, {runs} run(s), one camera: MPJPE, PA-MPJPE [mm], frames per second"
     made = report.table(title, "keypoints and", *views, "mean", "fps")
     for cue, of in means.items():
         mean = mean_scores(of.values())
@@ -174,14 +218,16 @@ def print_cues(by_cues: dict[str, dict[str, list[Result]]], seeds: tuple[int, ..
         out.print(f"{ALL} is better than {ALONE} in {better} of {len(views)} cameras by {name}")
 
 
-def figures(by_view: dict[str, list[Result]], seeds: tuple[int, ...], how: dict[str, Any]) -> dict[str, Any]:
+def figures(by_view: dict[str, list[Result]], runs: list[tuple[int, int]], how: dict[str, Any]) -> dict[str, Any]:
     alone = [s for view, results in by_view.items() if view != TOGETHER for s, _ in results]
     return {
         "tracker": how["tracker"],
         "settings": how["settings"],
-        "seeds": seeds,
         "views": {
-            view: [{"seed": seed, "fps": rate, **asdict(s)} for seed, (s, rate) in zip(seeds, results, strict=True)]
+            view: [
+                {"seed": seed, "copy": copy, "fps": rate, **asdict(s)}
+                for (seed, copy), (s, rate) in zip(runs, results, strict=True)
+            ]
             for view, results in by_view.items()
         },
         "mean_alone": asdict(mean_scores(alone)) if alone else None,

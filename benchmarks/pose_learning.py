@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from estimator.terms.pose_mixture import PoseMixture
+from estimator.terms.pose_prior import joint_axes
 from humanoid.kinematics.body import Body
 
 FPS = 30.0
@@ -20,6 +20,7 @@ POINT_STD = 0.02  # [m] of a captured landmark about the body's own
 # [m]; skeletons do not agree where these are, and are off by the same in every frame
 VAGUE_STD = {"shoulder": 0.05, "toe": 0.05, "top": 0.05}
 ROOT_PRECISION = 1e-3  # the captured landmarks place the root; this only keeps the matrix regular
+POOR_FIT = 0.1  # [m] of a landmark from its target: the body cannot take this pose, as a limit or a wrong start has it
 FIRST_STD = 0.2  # [rad] of every component in every joint before the first iteration: poses go to the nearest seed
 ITERATIONS = 60
 
@@ -34,7 +35,7 @@ class LearnSettings:
     starts: random starts, the best likelihood wins.
     """
 
-    pairs: int = 4
+    pairs: int = 8
     spacing: float = 0.07
     prior_count: float = 100.0
     background: float = 0.2
@@ -66,18 +67,18 @@ def mirror_of(body: Body) -> tuple[np.ndarray, np.ndarray]:
     other = np.array([
         names.index(next((swap[s] + n.removeprefix(s) for s in swap if n.startswith(s)), n)) for n in names
     ])  # fmt: skip
-    axes = body.at(body.neutral).spatial_jacobian[-len(names) :, 3:]
-    across = np.abs(axes[:, 1]) > 0.5  # the neutral pose faces x with its left towards y
+    across = np.abs(joint_axes(body, names)[:, 1]) > 0.5
     return other, np.where((other != np.arange(len(names))) | across, 1.0, -1.0)
 
 
 def captured_poses(body: Body, path: Path, spacing: float) -> Poses:
-    """A captured motion on the body, thinned."""
+    """A captured motion on the body, thinned, without the poses that it cannot take."""
     mocap = load_mocap(path)
     followed = retarget(body, mocap, np.arange(0.0, mocap.seconds, 1.0 / FPS))
     first = body.nq - len(joints_of(body))
+    firm = [i for i, name in enumerate(followed.names) if name.split("_")[-1] not in VAGUE_STD]
     kept: list[np.ndarray] = []
-    for q in followed.q:
+    for q in followed.q[followed.residual[:, firm].max(axis=1) < POOR_FIT]:
         if all(np.sqrt(np.mean(np.square(q[first:] - k[first:]))) > spacing for k in kept):
             kept.append(q)
     index = [body.landmark_names.index({"left_toe": "left_big_toe", "right_toe": "right_big_toe"}.get(n, n))
@@ -114,7 +115,8 @@ def learned(body: Body, clips: Sequence[Poses], settings: LearnSettings, rng: np
     best: tuple[float, PoseMixture] | None = None
     for _ in range(settings.starts):
         start = PoseMixture(
-            joints_of(body), other, sign, settings.background, np.full(settings.pairs, 1.0 / settings.pairs),
+            joints_of(body), joint_axes(body, joints_of(body)), other, sign, settings.background,
+            np.full(settings.pairs, 1.0 / settings.pairs),
             _seeds(both.angles, settings.pairs, other, sign, rng),
             np.repeat(FIRST_STD**2 * np.eye(len(sign))[None], settings.pairs, axis=0),
         )  # fmt: skip
@@ -146,14 +148,12 @@ def _maximised(mixture: PoseMixture, poses: Poses, wide: np.ndarray, prior_count
         mass = share.sum(axis=1)
         mean = share @ poses.angles / mass[:, None]
         covariance = np.empty_like(mixture.covariance)
+        unsure = np.tensordot(share, poses.uncertainty, 1)
         for k in range(count):
             away = poses.angles - mean[k]
-            scatter = (share[k][:, None] * away).T @ away + np.tensordot(share[k], poses.uncertainty, 1)
+            scatter = (share[k][:, None] * away).T @ away + unsure[k]
             covariance[k] = (scatter + prior_count * wide) / (mass[k] + prior_count)
-        mixture = PoseMixture(
-            mixture.joints, mixture.other_side, mixture.mirror_sign, mixture.background, mass / mass.sum(), mean,
-            covariance,
-        )  # fmt: skip
+        mixture = replace(mixture, weight=mass / mass.sum(), mean=mean, covariance=covariance)
     return mixture
 
 
@@ -162,6 +162,6 @@ def gaussian_log_densities(mixture: PoseMixture, angles: np.ndarray) -> np.ndarr
     densities = []
     for share, mean, covariance in zip(*mixture.both_sides(), strict=True):
         L = np.linalg.cholesky(covariance)
-        square = np.square(solve_triangular(L, (angles - mean).T, lower=True)).sum(axis=0)
+        square = np.square((angles - mean) @ np.linalg.inv(L).T).sum(axis=1)
         densities.append(np.log(share) - 0.5 * (square + len(mean) * np.log(2.0 * np.pi)) - np.log(np.diag(L)).sum())
     return np.array(densities)

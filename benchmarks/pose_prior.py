@@ -1,7 +1,7 @@
-"""The pose prior that is shipped: learned from captured motion, tried on clips it was not learned from.
+"""The pose prior that is shipped: learned from captured motion, tried on people it was not learned from.
 
-Held-out likelihood decides the number of Gaussians: how much denser than the stabilisers a mixture learned from the
-other clips is at the poses of a clip. `--write` writes the numbers of the mixture of all clips.
+Held-out likelihood tells what a number of Gaussians is worth: how much denser than the stabilisers a mixture learned
+from the other people is at the poses of a clip. `--write` writes the numbers of the mixture of all clips.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Several, in_processes, save, start, work_folder
-from benchmarks.mocap import motion_files
+from benchmarks.common import Several, in_processes, save, start, tell, work_folder
 from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, learned
-from benchmarks.pose_prior_clips import Task, tracked
+from benchmarks.pose_prior_clips import Task, captured_files, spread_of, subject_of, tracked
 from benchmarks.scores import TRAJECTORIES, TrackErrors
 from estimator.terms.pose_mixture import SHIPPED, PoseMixture
 from estimator.terms.pose_prior import PosePrior
@@ -31,9 +30,8 @@ Errors = dict[str, dict[str, list[dict[str, TrackErrors]]]]
 """By clip and share of the prior: errors of every seed by trajectory."""
 
 SUBJECT = "human34"
-LEFT_OUT = ("wave_hello_fair1",)  # another skeleton: on human34 knees and back lie on their limits
-PAIRS = (1, 2, 3, 4, 6, 8)
-WEIGHTS = (0.0, 0.25, 0.5)
+PAIRS = (2, 4, 8, 12)
+WEIGHTS = (0.0, 0.25)
 ABOUT = (
     "Mixture of Gaussians over joint angles of human34 [rad], each with its mirror image. Made by `python -m"
     " benchmarks.pose_prior --write` from motion capture: the data used in this project was obtained from"
@@ -47,26 +45,29 @@ def main(
     write: Annotated[bool, Parameter(negative="")] = False,
     track: Annotated[bool, Parameter(negative="")] = False,
     weights: Annotated[tuple[float, ...], Several] = WEIGHTS,
-    seconds: float = 2.0,
+    clips: int = 3,
+    seconds: float = 3.0,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     jobs: int = 1,
     work: Path | None = None,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
-    """Learn the pose prior from motion capture and measure it on clips that were held out.
+    """Learn the pose prior from motion capture and measure it on people who were held out.
 
     Parameters
     ----------
     data
-        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
+        Folder with mocap and mocap_more in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     write
         Write the numbers that are shipped.
     track
-        Also track every clip from poor keypoints in one camera, with the prior learned from the others.
+        Also track clips of every person from poor keypoints in one camera, with the prior learned from the others.
     weights
         Shares of the prior in the rest-position priors that are tried then.
+    clips
+        So many of each person are tracked.
     seconds
-        So much of each clip is tracked.
+        So much of each.
     seeds
         Of the clips' noise and of the tracker.
     jobs
@@ -76,26 +77,32 @@ def main(
     json
         Also write the figures here.
     """
-    files = [f for f in motion_files(data, (), True) if f.stem not in LEFT_OUT]
+    files = captured_files(data)
     if not files:
-        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder with mocap and mocap_more")
         return
     body, settings = Body(load_subject(SUBJECT)), LearnSettings()
     poses = {f.stem: captured_poses(body, f, settings.spacing) for f in files}
     if write:
-        mixture = shipped_mixture(body, poses, settings)
+        mixture = mixture_of_all(body, poses, settings)
         mixture.save(SHIPPED, ABOUT.format(", ".join(poses)))
         print(f"{len(mixture.weight)} Gaussians and their mirror images: {SHIPPED.name}")
-    gains = held_out(body, poses, settings)
-    show_gains(gains, poses)
+    gains = {} if write or track else held_out(body, poses, settings)
+    if gains:
+        show_gains(gains, poses)
     errors: Errors = {}
     if track:
+        chosen = spread_of(files, clips)
         with work_folder(work) as folder:
-            tasks = []
-            for f in files:
-                prior = folder / f"without_{f.stem}.json"
-                without(body, poses, f.stem, settings).save(prior, f"Without {f.stem}.")
-                tasks += [Task(f, prior, tuple(weights), seconds, seed, folder / f"{f.stem}_{seed}") for seed in seeds]
+            priors = {}
+            for person in dict.fromkeys(subject_of(f.stem) for f in chosen):
+                priors[person] = folder / f"without_{person}.json"
+                without(body, poses, person, settings).save(priors[person], f"Without subject {person}.")
+            tasks = [
+                Task(f, priors[subject_of(f.stem)], tuple(weights), seconds, seed, folder / f"{f.stem}_{seed}")
+                for f in chosen
+                for seed in seeds
+            ]
             for task, by_weight in zip(tasks, in_processes(tracked, tasks, jobs), strict=True):
                 for weight, by_trajectory in by_weight.items():
                     errors.setdefault(task.motion.stem, {}).setdefault(weight, []).append(by_trajectory)
@@ -103,25 +110,28 @@ def main(
     save(json, {"measure": "pose prior", "gain": gains, "tracked": plain(errors)})
 
 
-def shipped_mixture(body: Body, poses: Mapping[str, Poses], settings: LearnSettings) -> PoseMixture:
-    """Of all clips."""
+def mixture_of_all(body: Body, poses: Mapping[str, Poses], settings: LearnSettings) -> PoseMixture:
+    """The shipped one, of all clips by name."""
     return learned(body, list(poses.values()), settings, np.random.default_rng(0))
 
 
-def without(body: Body, poses: Mapping[str, Poses], name: str, settings: LearnSettings) -> PoseMixture:
-    """Of all clips but one."""
-    return learned(body, [p for k, p in poses.items() if k != name], settings, np.random.default_rng(0))
+def without(body: Body, poses: Mapping[str, Poses], person: str, settings: LearnSettings) -> PoseMixture:
+    """Of the clips by name of everybody but one person."""
+    others = [p for name, p in poses.items() if subject_of(name) != person]
+    return learned(body, others, settings, np.random.default_rng(0))
 
 
 def held_out(body: Body, poses: Mapping[str, Poses], settings: LearnSettings) -> dict[int, dict[str, float]]:
     """Gain of log density over the stabilisers, mean over a clip's poses [nats a pose], by number of pairs and clip."""
-    return {
-        pairs: {
-            name: gain(body, without(body, poses, name, replace(settings, pairs=pairs)), clip)
-            for name, clip in poses.items()
+    gains: dict[int, dict[str, float]] = {}
+    for pairs in PAIRS:
+        tell(f"{pairs} pairs")
+        mixtures = {
+            person: without(body, poses, person, replace(settings, pairs=pairs))
+            for person in dict.fromkeys(map(subject_of, poses))
         }
-        for pairs in PAIRS
-    }
+        gains[pairs] = {name: gain(body, mixtures[subject_of(name)], clip) for name, clip in poses.items()}
+    return gains
 
 
 def gain(body: Body, mixture: PoseMixture, poses: Poses) -> float:
@@ -133,34 +143,52 @@ def gain(body: Body, mixture: PoseMixture, poses: Poses) -> float:
 
 
 def show_gains(gains: Mapping[int, Mapping[str, float]], poses: Mapping[str, Poses]) -> None:
+    """By person: means over the clips."""
     out = report.console()
     title = "held-out log density over the stabilisers' [nats a pose]"
-    made = report.table(title, "clip (poses)", *(f"{2 * pairs} Gaussians" for pairs in gains))
-    for name, clip in poses.items():
-        made.add_row(f"{name} ({len(clip.angles)})", *(f"{of[name]:.1f}" for of in gains.values()))
+    made = report.table(title, "person (clips, poses)", *(f"{pairs} pairs" for pairs in gains))
+    means: dict[int, list[float]] = {pairs: [] for pairs in gains}
+    for person in dict.fromkeys(map(subject_of, poses)):
+        names = [name for name in poses if subject_of(name) == person]
+        for pairs, of in gains.items():
+            means[pairs].append(float(np.mean([of[name] for name in names])))
+        count = sum(len(poses[name].angles) for name in names)
+        made.add_row(f"{person} ({len(names)}, {count})", *(f"{of[-1]:.1f}" for of in means.values()))
     made.add_section()
+    made.add_row("mean of people", *(f"{np.mean(of):.2f}" for of in means.values()))
     made.add_row("mean of clips", *(f"{np.mean(list(of.values())):.2f}" for of in gains.values()))
+    made.add_row("clips that gain", *(f"{sum(x > 0.0 for x in of.values())} of {len(of)}" for of in gains.values()))
     out.print(made)
-    out.print("each clip under the mixture that was learned from the others")
+    out.print("each person under the mixture that was learned from the others")
 
 
 def show_errors(errors: Errors) -> None:
-    """Means over the seeds, and over clips."""
+    """Means over the seeds; mean and median over clips, and of the differences from the first share."""
     out = report.console()
     for trajectory in TRAJECTORIES:
         shares = list(next(iter(errors.values())))
         made = report.table(f"hips aligned, PA [mm]: {trajectory}", "clip", *(f"share {w}" for w in shares))
-        for name, of in errors.items():
-            made.add_row(name, *(_errors([s[trajectory] for s in of[w]]) for w in shares))
+        by_clip = np.array([[_errors([s[trajectory] for s in of[w]]) for w in shares] for of in errors.values()])
+        for name, row in zip(errors, by_clip, strict=True):
+            made.add_row(name, *map(_pair, row))
         made.add_section()
-        every = [[s[trajectory] for of in errors.values() for s in of[w]] for w in shares]
-        made.add_row("mean", *(_errors(column) for column in every))
+        made.add_row("mean", *map(_pair, by_clip.mean(axis=0)))
+        made.add_row("median", *map(_pair, np.median(by_clip, axis=0)))
+        less = by_clip - by_clip[:, :1]
+        made.add_row("difference, mean", *map(_pair, less.mean(axis=0)))
+        made.add_row("difference, median", *map(_pair, np.median(less, axis=0)))
+        error = less.std(axis=0, ddof=1) / np.sqrt(len(less)) if len(less) > 1 else np.full_like(less[0], np.nan)
+        made.add_row("its standard error", *map(_pair, error))
         out.print(made)
-    out.print("keypoints of one camera; share: of the prior, learned from the other clips, in the rest-position priors")
+    out.print("keypoints of one camera; share: of the prior, learned from other people, in the rest-position priors")
 
 
-def _errors(errors: Sequence[TrackErrors]) -> str:
-    return f"{np.mean([e.aligned for e in errors]):.1f}, {np.mean([e.pa for e in errors]):.1f}"
+def _errors(errors: Sequence[TrackErrors]) -> tuple[float, float]:
+    return float(np.mean([e.aligned for e in errors])), float(np.mean([e.pa for e in errors]))
+
+
+def _pair(errors: np.ndarray) -> str:
+    return f"{errors[0]:.1f}, {errors[1]:.1f}"
 
 
 def plain(errors: Errors) -> dict[str, object]:

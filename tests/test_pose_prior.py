@@ -11,16 +11,18 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose, slope
 from scipy.stats import multivariate_normal, t
 
-from benchmarks.common import data_folder
 from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
-from benchmarks.pose_prior import LEFT_OUT, shipped_mixture
-from estimator.cost.model import CostModel, CostSettings
+from benchmarks.pose_prior import mixture_of_all
+from benchmarks.pose_prior_clips import captured_files
+from estimator.cost.model import CostModel, CostSettings, _pose_priors
 from estimator.optimise.seek import Seeker
 from estimator.terms.pose_mixture import SHIPPED, PoseMixture, load_mixture
-from estimator.terms.pose_prior import PosePrior
+from estimator.terms.pose_prior import PosePrior, joint_axes, misfit
 from estimator.terms.priors import Stabilisers
-from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
+from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
+from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
 
 BODY = body_of("human34")
@@ -132,12 +134,61 @@ def test_it_takes_the_place_of_the_stabilisers_in_the_energy() -> None:
     assert values[0.25] == pytest.approx(0.75 * values[0.0] + 0.25 * values[1.0])
 
 
-def test_a_body_without_the_joints_is_refused() -> None:
-    settings = settings_for("css", changes={"cost": {"pose_prior_weight": 0.5}})
-    with pytest.raises(InputError, match=r"needs joints it does not have: .*human34"):
-        make_tracker("css", body_of("arm8"), settings)
+def test_a_file_for_a_body_without_the_joints_is_refused() -> None:
+    settings = settings_for("css", changes={"cost": {"pose_prior_file": str(SHIPPED)}})
+    make_tracker("css", BODY, settings)
+    for name in ("arm8", "upper13"):
+        with pytest.raises(InputError, match=r"needs joints it does not have: .*human34"):
+            make_tracker("css", body_of(name), settings)
     with pytest.raises(InputError, match=r"pose_prior_weight.*at most 1"):
         settings_for("css", changes={"cost": {"pose_prior_weight": 1.5}})
+
+
+def kinds(body: Body, tracker: str = "css") -> list[str]:
+    return [term.name for term in _pose_priors(body, settings_for(tracker).cost)]
+
+
+def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
+    assert kinds(BODY) == ["stabilisers", "pose prior"]
+    assert kinds(body_of("upper13")) == kinds(body_of("arm8")) == ["stabilisers"]
+    q = body_of("upper13").neutral + 0.1
+    posed, gradient, hessian = body_of("upper13").at(q), np.zeros(13), np.zeros((13, 13))
+    (alone,) = _pose_priors(body_of("upper13"), CostSettings())
+    whole = Stabilisers(body_of("upper13"))
+    assert alone.accumulate(posed, gradient, hessian) == whole.accumulate(posed, gradient, hessian)
+    for tracker in TRACKERS:
+        assert kinds(BODY, tracker) == (["stabilisers", "pose prior"] if tracker == "css" else ["stabilisers"]), tracker
+
+
+def test_a_body_whose_joints_turn_the_other_way_is_not_for_it() -> None:
+    text = BODY.subject.urdf
+    place = text.index("<axis", text.index('<joint name="left_knee_flexion"'))
+    end = text.index("/>", place)
+    axis = text[place:end].split('"')[1]
+    other = " ".join(str(-float(x)) for x in axis.split())
+    turned = Body(subject_from_text(text[:place] + f'<axis xyz="{other}"' + text[end:], source="turned"))
+    assert misfit(turned, load_mixture()) == "another axis of left_knee_flexion"
+    assert kinds(turned) == ["stabilisers"]
+
+
+def test_locked_joints_leave_the_marginal_of_the_others() -> None:
+    locked = ("left_clavicle_elevation", "right_clavicle_protraction", "neck_axial")
+    body, mixture = Body(load_subject("human34", lock=locked)), load_mixture()
+    kept = [i for i, name in enumerate(mixture.joints) if name not in locked]
+    assert list(joints_of(body)) == [mixture.joints[i] for i in kept]
+    assert kinds(body) == ["stabilisers", "pose prior"]
+    rests = {s.joint: s for s in body.subject.stabilisers}
+    rest, std = (np.array([getattr(rests[name], of) for name in joints_of(body)]) for of in ("rest", "std"))
+    student = t(3.0, rest, std * math.sqrt(4.0 / 3.0))
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        angles = rng.dirichlet(np.ones(2 * len(mixture.weight))) @ mixture.both_sides()[1][:, kept]
+        density = mixture.background * np.exp(student.logpdf(angles).sum())
+        for share, mean, covariance in zip(*mixture.both_sides(), strict=True):
+            density += share * multivariate_normal(mean[kept], covariance[np.ix_(kept, kept)]).pdf(angles)
+        q = np.concatenate([body.neutral[:7], angles])
+        value = PosePrior(body, mixture).accumulate(body.at(q), np.zeros(body.nv), np.zeros((body.nv, body.nv)))
+        assert value == pytest.approx(student.logpdf(rest).sum() - math.log(density), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +215,7 @@ def test_a_file_says_what_was_written(tmp_path: Path) -> None:
     mixture.save(tmp_path / "again.json", "again")
     again = load_mixture(tmp_path / "again.json")
     assert again.joints == mixture.joints
-    for name in ("other_side", "mirror_sign", "weight", "mean", "covariance"):
+    for name in ("axes", "other_side", "mirror_sign", "weight", "mean", "covariance"):
         assert np.allclose(getattr(again, name), getattr(mixture, name), atol=1e-5)
 
 
@@ -172,8 +223,10 @@ def test_learning_finds_the_gaussians_that_poses_were_drawn_from() -> None:
     rng = np.random.default_rng(6)
     other, sign = mirror_of(BODY)
     D = len(joints_of(BODY))
-    truth = PoseMixture(joints_of(BODY), other, sign, 0.2, np.array([0.3, 0.7]), rng.normal(0.0, 0.8, (2, D)),
-                        np.array([0.01 * np.eye(D), 0.04 * np.eye(D)]))  # fmt: skip
+    truth = PoseMixture(
+        joints_of(BODY), joint_axes(BODY, joints_of(BODY)), other, sign, 0.2, np.array([0.3, 0.7]),
+        rng.normal(0.0, 0.8, (2, D)), np.array([0.01 * np.eye(D), 0.04 * np.eye(D)]),
+    )  # fmt: skip
     mean = np.repeat(truth.mean, [300, 700], axis=0)
     angles = mean + rng.normal(size=mean.shape) * np.repeat([0.1, 0.2], [300, 700])[:, None]
     some = rng.random(1000) < 0.5
@@ -190,14 +243,13 @@ def test_learning_finds_the_gaussians_that_poses_were_drawn_from() -> None:
 
 
 def test_the_shipped_numbers_are_what_the_script_makes() -> None:
-    folder = data_folder(None)
-    files = sorted((folder / "mocap").glob("*.bvh")) if folder else []
+    files = captured_files(None)
     if not files:
         pytest.skip("the motion capture is not here")
     settings = LearnSettings()
-    poses = {f.stem: captured_poses(BODY, f, settings.spacing) for f in files if f.stem not in LEFT_OUT}
-    made, shipped = PosePrior(BODY, shipped_mixture(BODY, poses, settings)), PosePrior(BODY, load_mixture())
+    poses = {f.stem: captured_poses(BODY, f, settings.spacing) for f in files}
+    made, shipped = PosePrior(BODY, mixture_of_all(BODY, poses, settings)), PosePrior(BODY, load_mixture())
     for clip in poses.values():
-        for angles in clip.angles[::4]:
+        for angles in clip.angles[::10]:
             q = posed(angles)
             assert evaluated(made, q)[0] == pytest.approx(evaluated(shipped, q)[0], abs=0.3)

@@ -100,7 +100,10 @@ IDLE = {
     ("css", "[css]\njumps = 0\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.jumps is 0"),
     ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css goes by [css]"),
     ("css", "[smooth]\nlag = 3\n"): ("[smooth] lag", "live use"),
-    ("css", "[cost]\npose_prior_file = 'a.json'\n"): ("[cost] pose_prior_file", "cost.pose_prior_weight is 0"),
+    ("css", "[cost]\npose_prior_weight = 0.0\npose_prior_file = 'a.json'\n"): (
+        "[cost] pose_prior_file",
+        "cost.pose_prior_weight is 0",
+    ),
     ("css", "[cost]\npotential = 'gaussian'\nnu = 3.0\n"): ("[cost] nu", "cost.potential is gaussian"),
     ("css", "[search]\nweigh_samples = 9\n"): ("[search] weigh_samples", "search.weigh is height"),
     ("css", "[cues]\nuse_flow = false\n[cues.flow]\ntolerance = 1.0\n"): ("[cues.flow] tolerance", "use_flow is off"),

@@ -13,8 +13,8 @@ from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.numerics.robust import POTENTIALS
 from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.pose_mixture import SHIPPED, load_mixture
-from estimator.terms.pose_prior import PosePrior
+from estimator.terms.pose_mixture import load_mixture, shipped_mixture
+from estimator.terms.pose_prior import PosePrior, misfit
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
@@ -38,7 +38,8 @@ class CostSettings:
         it keeps sharply detected points of the face from deciding the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
     pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
-        takes (`estimator.terms.pose_prior`); pose_prior_file: its numbers, empty for the shipped ones, of human34.
+        takes (`estimator.terms.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped ones,
+        of human34, and a body that they do not suit (`estimator.terms.pose_prior.misfit`) has the rest positions alone.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
@@ -54,7 +55,7 @@ class CostSettings:
     landmark_mismatch: float = setting(0.7, at_least=0)
     stabiliser_weight: float = setting(1.0, at_least=0)
     upright_weight: float = setting(1.0, at_least=0)
-    pose_prior_weight: float = setting(0.0, at_least=0, at_most=1)
+    pose_prior_weight: float = setting(0.25, at_least=0, at_most=1)
     pose_prior_file: str = ""
     interpenetration_weight: float = setting(1.0, at_least=0)
     clearance_scale: float = setting(0.005, above=0)
@@ -168,15 +169,18 @@ class CostModel:
 
 
 def _pose_priors(body: Body, settings: CostSettings) -> list[Term]:
-    """The stabilisers, a learned mixture, or a share of each."""
+    """The stabilisers, a learned mixture, or a share of each; the stabilisers alone for a body that the shipped mixture
+    does not suit."""
     strength, share = settings.stabiliser_weight, settings.pose_prior_weight
-    priors: list[Term] = []
-    if strength * (1.0 - share) > 0.0:
-        priors.append(Stabilisers(body, strength * (1.0 - share)))
+    mixture = None
     if strength * share > 0.0:
-        mixture = load_mixture(settings.pose_prior_file or SHIPPED)
-        priors.append(PosePrior(body, mixture, strength * share))
-    return priors
+        mixture = load_mixture(settings.pose_prior_file) if settings.pose_prior_file else shipped_mixture()
+        if not settings.pose_prior_file and misfit(body, mixture) is not None:
+            mixture = None
+    if mixture is None:
+        return [Stabilisers(body, strength)] if strength > 0.0 else []
+    own: list[Term] = [Stabilisers(body, strength * (1.0 - share))] if share < 1.0 else []
+    return [*own, PosePrior(body, mixture, strength * share)]
 
 
 def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:

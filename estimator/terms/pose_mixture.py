@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from humanoid.support.errors import InputError
 SHIPPED = Path(__file__).with_name("pose_prior.json")
 """Learned from captured motion by `python -m benchmarks.pose_prior --write`."""
 
+_AXIS_DECIMALS = 3
 _DECIMALS = 5  # of angles [rad] and covariances [rad^2] in a file
 
 
@@ -22,12 +24,14 @@ _DECIMALS = 5  # of angles [rad] and covariances [rad^2] in a file
 class PoseMixture:
     """Gaussians over the angles of D joints. Each stands for two: itself and its mirror image, half the weight each.
 
-    joints (D): names. other_side (D,) int, mirror_sign (D,): angle i of the mirrored pose is mirror_sign[i] times the
-    angle of joint other_side[i]. background: share of the poses that no component explains. weight (K,): shares of the
-    pairs, their sum is 1. mean (K, D) [rad], covariance (K, D, D) [rad^2].
+    joints (D): names. axes (D, 3): unit vectors about which they turn, in the root's frame with all angles at zero;
+    they tell a body of other conventions. other_side (D,) int, mirror_sign (D,): angle i of the mirrored pose is
+    mirror_sign[i] times the angle of joint other_side[i]. background: share of the poses that no component explains.
+    weight (K,): shares of the pairs, their sum is 1. mean (K, D) [rad], covariance (K, D, D) [rad^2].
     """
 
     joints: tuple[str, ...]
+    axes: np.ndarray
     other_side: np.ndarray
     mirror_sign: np.ndarray
     background: float
@@ -56,6 +60,7 @@ class PoseMixture:
         content = {
             "about": about,
             "joints": list(self.joints),
+            "axes": self.axes.round(_AXIS_DECIMALS).tolist(),
             "other_side": [self.joints[i] for i in self.other_side],
             "mirror_sign": self.mirror_sign.astype(int).tolist(),
             "background": self.background,
@@ -75,7 +80,7 @@ def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
     Raises
     ------
     InputError: the file is not readable or not a mixture: something is missing, has another size, is no share between
-        0 and 1, or a covariance is not positive definite.
+        0 and 1 or no axis, or a covariance is not positive definite.
     """
     content = mapping(read_json(path), path)
     joints = [str(name) for name in sequence(member(content, "joints", path, ""), path, "joints")]
@@ -83,6 +88,9 @@ def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
     if not joints or sorted(other) != sorted(joints) or len(set(joints)) < len(joints):
         raise InputError(path, "does not name every joint once", place="joints, other_side")
     count = len(joints)
+    axes = shaped(member(content, "axes", path, ""), (count, 3), path, "axes")
+    if not np.allclose(np.linalg.norm(axes, axis=1), 1.0, atol=0.01):
+        raise InputError(path, "has an axis that is no unit vector", place="axes")
     sign = shaped(member(content, "mirror_sign", path, ""), (count,), path, "mirror_sign")
     background = float(shaped(member(content, "background", path, ""), (), path, "background"))
     weight, mean, covariance = _components(content, count, path)
@@ -90,7 +98,23 @@ def load_mixture(path: str | Path = SHIPPED) -> PoseMixture:
         place, remedy = "background, weight, mirror_sign", "0 < background < 1, weights more than 0, signs 1 or -1"
         raise InputError(path, "has shares or signs that cannot work", place=place, remedy=remedy)
     index = np.array([joints.index(name) for name in other], dtype=np.int64)
-    return PoseMixture(tuple(joints), index, sign, background, weight / weight.sum(), mean, covariance)
+    return PoseMixture(tuple(joints), axes, index, sign, background, weight / weight.sum(), mean, covariance)
+
+
+@cache
+def shipped_mixture() -> PoseMixture:
+    """The one that is shipped, read once; its arrays cannot be written to."""
+    mixture = load_mixture(SHIPPED)
+    for array in (
+        mixture.axes,
+        mixture.other_side,
+        mixture.mirror_sign,
+        mixture.weight,
+        mixture.mean,
+        mixture.covariance,
+    ):
+        array.setflags(write=False)
+    return mixture
 
 
 def _components(content: object, count: int, path: str | Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
 from estimator.terms.pose_mixture import PoseMixture
 from estimator.terms.priors import STABILISER_NU as NU
@@ -26,32 +28,35 @@ class PosePrior(BatchTerm):
     alone equal to the stabilisers, so it lowers the energy of known poses below zero. Limits are not considered in
     any normalisation.
 
-    The shipped numbers are of eight short clips of five people. As a quarter of the rest-position priors they lowered
-    the errors on six of eight clips, each left out of the learning, and raised them on two whose motion no other clip
-    has. The greater the share, the more they mislead there.
+    A body some of whose joints are locked has the marginal density of the others.
 
     Parameters
     ----------
-    body: with all joints of the mixture, each of one degree of freedom and with a stabiliser.
-    mixture: see `PoseMixture`. weight: 1 is honest for a single frame.
+    body: it suits the mixture (`misfit`). mixture: see `PoseMixture`. weight: 1 is honest for a single frame.
 
     Raises
     ------
-    InputError: the body lacks a joint of the mixture, or its stabiliser.
+    InputError: the mixture is not for this body.
     """
 
     name = "pose prior"
 
     def __init__(self, body: Body, mixture: PoseMixture, weight: float = 1.0) -> None:
-        self._q_index, self._v_index = _places(body, mixture.joints)
+        problem = misfit(body, mixture)
+        if problem is not None:
+            raise InputError(body.subject.source, f"the pose prior needs {problem}", remedy=_REMEDY)
+        moving = _moving(body)
+        kept = [i for i, name in enumerate(mixture.joints) if name in moving]
+        joints = [mixture.joints[i] for i in kept]
+        model = body.model
+        self._q_index = np.array([model.idx_qs[moving[name]] for name in joints], dtype=np.int64)
+        self._v_index = np.array([model.idx_vs[moving[name]] for name in joints], dtype=np.int64)
         rests = {s.joint: s for s in body.subject.stabilisers}
-        missing = [name for name in mixture.joints if name not in rests]
-        if missing:
-            raise InputError(body.subject.source, f"no <stabiliser> for {_some(missing)}", remedy=_REMEDY)
-        self._rest = np.array([rests[name].rest for name in mixture.joints])
-        std = np.array([rests[name].std for name in mixture.joints])
+        self._rest = np.array([rests[name].rest for name in joints])
+        std = np.array([rests[name].std for name in joints])
         self._rest_precision = 1.0 / np.square(std)
-        share, self._mean, covariance = mixture.both_sides()
+        share, mean, covariance = mixture.both_sides()
+        self._mean, covariance = np.ascontiguousarray(mean[:, kept]), covariance[:, kept][:, :, kept]
         cholesky = np.linalg.cholesky(covariance)
         self._whiten = np.linalg.inv(cholesky)
         self._precision = np.ascontiguousarray(self._whiten.transpose(0, 2, 1) @ self._whiten)
@@ -85,21 +90,43 @@ def _log_heights(cholesky: np.ndarray, std: np.ndarray) -> np.ndarray:
 
 
 _REMEDY = "the shipped prior is for human34; without one: pose_prior_weight = 0"
+_SAME_AXIS = math.cos(math.radians(30.0))  # locked joints may turn those behind them a little
 
 
-def _places(body: Body, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Places of joints in q and in the tangent, (D,) and (D,)."""
-    model = body.model
-    known = {model.names[j]: j for j in range(1, body.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1}
-    missing = [name for name in joints if name not in known]
+def misfit(body: Body, mixture: PoseMixture) -> str | None:
+    """What a body lacks for a mixture of joint angles, None where nothing.
+
+    Each of the mixture's joints has to be a joint of one angle there, about the same axis and with a stabiliser, or is
+    locked: fixed, under the same name.
+    """
+    moving, model = _moving(body), body.model
+    locked = {frame.name for frame in model.frames if frame.type == pin.FrameType.FIXED_JOINT}
+    missing = [name for name in mixture.joints if name not in moving and name not in locked]
     if missing:
-        problem = f"the pose prior needs joints it does not have: {_some(missing)}"
-        raise InputError(body.subject.source, problem, remedy=_REMEDY)
-    index = [known[name] for name in joints]
-    return (
-        np.array([model.idx_qs[j] for j in index], dtype=np.int64),
-        np.array([model.idx_vs[j] for j in index], dtype=np.int64),
-    )
+        return f"joints it does not have: {_some(missing)}"
+    kept = [i for i, name in enumerate(mixture.joints) if name in moving]
+    joints = [mixture.joints[i] for i in kept]
+    if not joints:
+        return "joints that move"
+    held = {s.joint for s in body.subject.stabilisers}
+    if not held.issuperset(joints):
+        return f"a <stabiliser> for {_some([name for name in joints if name not in held])}"
+    along = np.einsum("ij,ij->i", joint_axes(body, joints), mixture.axes[kept])
+    turned = [name for name, same in zip(joints, along, strict=True) if same < _SAME_AXIS]
+    return f"another axis of {_some(turned)}" if turned else None
+
+
+def joint_axes(body: Body, joints: Sequence[str]) -> np.ndarray:
+    """Unit vectors (D, 3) about which joints of one angle turn, in the root's frame with all angles at zero."""
+    moving = _moving(body)
+    rows = [body.model.idx_vs[moving[name]] for name in joints]
+    return np.asarray(body.at(pin.neutral(body.model)).spatial_jacobian[rows, 3:])
+
+
+def _moving(body: Body) -> dict[str, int]:
+    """Its joints of one angle, by name."""
+    model = body.model
+    return {model.names[j]: j for j in range(1, body.njoints) if model.nqs[j] == 1 and model.nvs[j] == 1}
 
 
 def _some(names: list[str]) -> str:

@@ -17,7 +17,7 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.beginning import BeginsByKeypoints, observable
-from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, ONLY_FILTERS, OVERLAPPING, together
+from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, NO_CAPTURE, ONLY_FILTERS, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
@@ -87,7 +87,7 @@ def _spec(name: str, sentence: str, settings: SingleModeSettings, defaults: Mapp
         make=by_search(SingleMode),
         group="single_mode",
         settings=settings,
-        defaults=together(ONLY_FILTERS, defaults),
+        defaults=together(ONLY_FILTERS, NO_CAPTURE, defaults),
         idle=_IDLE,
         keeps_limits=lambda own: own.limits,
     )
