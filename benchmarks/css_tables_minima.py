@@ -98,10 +98,16 @@ def known_problem(pose: int, seen: str = "body", regime: Regime = PAPERS) -> Pro
     return joint_image_problem(pose, seen, regime=regime)
 
 
+def proposal(problem: Problem, name: str, scale: float) -> Proposal:
+    """The named one of `PROPOSALS`."""
+    return PROPOSALS[name](problem, scale)
+
+
 def searched(task: RowTask) -> Searches:
     """The row's samples, each searched to its end within the limits."""
     problem, rng = known_problem(task.pose), np.random.default_rng([task.seed, task.pose])
-    return searched_from(problem, partial(PROPOSALS[task.method], scale=task.scale), rng, task.samples, task.tolerance)
+    made = partial(proposal, name=task.method, scale=task.scale)
+    return searched_from(problem, made, rng, task.samples, task.tolerance)
 
 
 def searched_from(

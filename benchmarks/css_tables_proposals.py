@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.css_tables_jumps import Pool
-from benchmarks.css_tables_minima import PROPOSALS, Starts
+from benchmarks.css_tables_minima import PROPOSALS, Starts, proposal
 from benchmarks.css_tables_problem import Problem
 from estimator.optimise.covariance import mode_covariance
 from estimator.optimise.solution import Solution
@@ -182,7 +182,7 @@ class AboutKnown:
 
 
 def _table(name: str, scale: float) -> Callable[[Problem], Starts]:
-    return partial(PROPOSALS[name], scale=scale)
+    return partial(proposal, name=name, scale=scale)
 
 
 def _scales(problem: Problem, kind: str, scales: tuple[float, ...]) -> Mixed:

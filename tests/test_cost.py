@@ -196,7 +196,7 @@ def test_keypoint_noise_grows_with_the_person_in_the_image() -> None:
 
 def test_the_model_sums_its_terms() -> None:
     body, rng = body_of("human34"), np.random.default_rng(22)
-    settings = CostSettings(stabiliser_weight=2.0, interpenetration_weight=0.7)
+    settings = CostSettings(stabiliser_weight=2.0, interpenetration_weight=0.7, pose_prior_weight=0.0)
     self_collision = SelfCollision(body)
     model = CostModel(body, settings, self_collision)
     term = model.observation_term(observed(body, rng))

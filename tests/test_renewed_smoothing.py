@@ -53,7 +53,7 @@ def test_flow_between_two_poses(name: str) -> None:
 
     def at(before: np.ndarray, after: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         gradient, hessian = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
-        return tie.accumulate(body.at(before), body.at(after), gradient, hessian), gradient, hessian
+        return tie.accumulate_pair(body.at(before), body.at(after), gradient, hessian), gradient, hessian
 
     assert at(past, now)[0] == pytest.approx(0.0, abs=1e-12)
     alone, (value, gradient, hessian) = Cost(body, [term]).at(off), at(past, off)

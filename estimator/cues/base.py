@@ -116,6 +116,11 @@ class Matcher:
         """Terms that tie a pose to a past, from what `follow` has said of it."""
         return []
 
+    def leading(self, followed: Any) -> list[Term]:
+        """Terms by which a hypothesis is led from a past to where the image is looked at around it: those of `since`,
+        unless the cue leads more firmly than it weighs."""
+        return self.since(followed)
+
     def agreement(self, prediction: Prediction) -> float | None:
         """Share, 0 to 1, of what can be seen of a pose that the image agrees with; below half a frame is "hard". None
         where the cue cannot tell."""

@@ -96,6 +96,11 @@ class ImageLikelihood:
         pairs = zip(self.cameras, followed, strict=True)
         return [term for camera, said in pairs for term in camera.since(said)]
 
+    def leading(self, followed: Sequence[Followed]) -> list[Term]:
+        """The terms by which a hypothesis is led from a past to where the pictures are looked at around it."""
+        pairs = zip(self.cameras, followed, strict=True)
+        return [term for camera, said in pairs for term in camera.leading(said)]
+
     def agreement(self, posed: PosedBody) -> list[float]:
         """For every camera and every cue that can tell, the share of the pose that the image agrees with."""
         return [share for camera in self.cameras for share in camera.agreement(posed)]
@@ -187,6 +192,10 @@ class CameraLikelihood:
     def since(self, followed: Followed) -> list[Term]:
         """See `ImageLikelihood.terms_since`."""
         return [term for name, said in followed.items() for term in self.matchers[name].since(said)]
+
+    def leading(self, followed: Followed) -> list[Term]:
+        """See `ImageLikelihood.leading`."""
+        return [term for name, said in followed.items() for term in self.matchers[name].leading(said)]
 
     def agreement(self, posed: PosedBody) -> list[float]:
         """See `ImageLikelihood.agreement`."""

@@ -12,7 +12,7 @@ from estimator.cost.model import CostModel
 from estimator.cues.base import Past
 from estimator.likelihood.image_likelihood import Followed, ImageLikelihood
 from estimator.modes.mixture import Mode
-from estimator.modes.origin import Origin, PoseKey, PreviousPose
+from estimator.modes.origin import Family, Origin, PoseKey, PreviousPose
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
 from estimator.optimise.seek import Seeker
@@ -43,6 +43,7 @@ class FrameSearch:
         self.flows: dict[PoseKey, list[Followed]] = {}
         self._model, self._body, self._seeker, self._settings = model, model.body, seeker, settings
         self._bases: dict[tuple[int, bool, PoseKey | None], Cost] = {}
+        self._led: dict[tuple[int, bool, PoseKey], Solution] = {}
 
     def follow(self, previous: Sequence[PreviousPose]) -> list[list[Followed]]:
         """Work: the flow of the surface in every camera since it lay at each previous pose, looked for also where it
@@ -79,7 +80,7 @@ class FrameSearch:
     def explore(self, h: Hypothesis) -> Candidate:
         """Work: a short search."""
         base = self._base(h)
-        q, steps = (h.q, StepCounts()) if self.case.likelihood is None else self._followed(h, base)
+        q, steps = (h.q, StepCounts()) if self.case.likelihood is None else self._followed(h)
         solution = self._seeker.seek(base.plus(self._assigned(q, brief=True)), q, self._settings.explore)
         energy = solution.quadratic.value + self.case.associations[h.association].penalty
         landmarks = self._body.landmarks(solution.quadratic.posed)
@@ -132,18 +133,34 @@ class FrameSearch:
         cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, assigned)
         return h.prior_score - cost.value_at(h.q) - association.penalty
 
-    def _followed(self, h: Hypothesis, base: Cost) -> tuple[np.ndarray, StepCounts]:
-        """Where keypoints and flow take a hypothesis that begins where it has the body in the frame before, (nq,):
-        pictures are only looked at near it. It begins there or where its velocity has taken it, whichever these like
-        better. Besides, the steps that it took."""
+    def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
+        """Where keypoints and flow take a hypothesis, (nq,): pictures are only looked at near it. One that begins where
+        it has the body in the frame before is led from there; one about that pose moves along. Besides, the steps that
+        it took."""
         previous = h.origin.previous
-        if previous is None or not h.origin.family.at_previous:
+        if previous is None or not (h.origin.family.at_previous or h.origin.family is Family.SAMPLE):
             return h.q, StepCounts()
-        start = h.q
-        if previous.q_predicted is not None and base.value_at(previous.q_predicted) < base.value_at(h.q):
+        key = h.association, h.origin.q_paid is not None, previous.key
+        if key not in self._led:
+            self._led[key] = self._lead(h, previous)
+        led = self._led[key]
+        if h.origin.family.at_previous:
+            return led.q, led.steps
+        # the parent's steps are counted once, with the parent
+        return self._body.integrate(led.q, self._body.difference(previous.q, h.q)), StepCounts()
+
+    def _lead(self, h: Hypothesis, previous: PreviousPose) -> Solution:
+        """From the pose in the frame before, or from where its velocity takes it if keypoints and flow like that
+        better."""
+        assert self.case.likelihood is not None
+        followed = self.flows.get(previous.key)
+        flow = [] if followed is None else self.case.likelihood.leading(followed)
+        association = self.case.associations[h.association]
+        cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, flow)
+        start = previous.q
+        if previous.q_predicted is not None and cost.value_at(previous.q_predicted) < cost.value_at(start):
             start = previous.q_predicted
-        solution = self._seeker.seek(base, start, self._settings.follow)
-        return solution.q, solution.steps
+        return self._seeker.seek(cost, start, self._settings.follow)
 
     def _settled(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
         """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they

@@ -87,7 +87,7 @@ class Chain:
         """Add ties to gradient (2, nv) and blocks (3, 2, nv, nv) of two successive frames."""
         nv = self._body.nv
         own, hessian = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
-        value = sum(tie.accumulate(before, after, own, hessian) for tie in ties)
+        value = sum(tie.accumulate_pair(before, after, own, hessian) for tie in ties)
         gradient += own.reshape(2, nv)
         blocks[0, 0] += hessian[:nv, :nv]
         blocks[0, 1] += hessian[nv:, nv:]

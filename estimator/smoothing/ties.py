@@ -34,7 +34,7 @@ class FlowTie:
         _pixels(past.placements, self._joint, self._local, *self._camera, self._from)
         self._support = np.array([body.support(int(j)) for j in range(body.njoints)])
 
-    def accumulate(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
+    def accumulate_pair(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
         """Add gradient (2 nv,) and Gauss-Newton Hessian (2 nv, 2 nv) in the tangent spaces at both poses, the earlier
         one first; return the value."""
         count, nv = len(self._joint), self._body.nv

@@ -13,7 +13,6 @@ import numpy as np
 
 from estimator.cost.model import ALL_DETECTED
 from estimator.imaging.observation import Observation
-from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.modes.origin import Family
@@ -55,8 +54,8 @@ class CssSettings:
         t, 0 for a Gaussian.
     other_readings: parents with left and right of the keypoints exchanged.
     jumps: kinematic jumps, a limb or part at another depth along its rays (one camera only). jump_penalty: energy of
-        a jump, added once instead of the transition's. Where flow is looked at, only so far as keypoints are too: flow
-        already says where each limb went on from, and a jump to what looks the same would ignore that at no cost.
+        a jump, added once instead of the transition's: flow is followed from where the jump says that the limb was, so
+        it does not tell the two depths apart in one frame, and cheap jumps would go to and fro.
     limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, with the
         penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs
         that have lost their image, so keypoints of the whole person make a quarter of them enough.
@@ -75,7 +74,7 @@ class CssSettings:
     refine: str = setting(REFINE_BEST, one_of=REFINED)
     other_readings: int = setting(7, at_least=0)
     jumps: int = setting(5, at_least=0, formerly=("flips",))
-    jump_penalty: float = setting(6.0, at_least=0, formerly=("flip_penalty",))
+    jump_penalty: float = setting(12.0, at_least=0, formerly=("flip_penalty",))
     limb_penalty: float = setting(8.0, above=0)
     limb_samples: int = setting(40, at_least=0)
     limb_searches: int = setting(5, at_least=0)
@@ -129,9 +128,7 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         before = self.search.steps
         candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
         left = self.settings.budget.left(len(candidates), _rise(candidates, prior), 1.0 - float(prior.weights[0]))
-        candidates += self.search.explored(
-            allocated(left, self._sources(proposals, observation, likelihood)), case
-        )  # 1, 2
+        candidates += self.search.explored(allocated(left, self._sources(proposals, observation)), case)  # 1, 2
         every = self.settings.refine == REFINE_ALL
         mixture = self.search.best_of(candidates, case, self.settings.modes, rng, every=every)  # 3, 4
         if not self.settings.transition:
@@ -143,16 +140,13 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         """See `estimator.trackers.capabilities.SharesWork`."""
         return search_pool(self.search, processes)
 
-    def _sources(
-        self, proposals: Proposals, observation: Observation, likelihood: ImageLikelihood | None
-    ) -> list[Source]:
+    def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
         s = self.settings
         seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
-        depths = seen if likelihood is not None and likelihood.follows else 1.0
         lost = 1.0 - 0.75 * seen if observation.cues else 0.0
         return [
             Source(s.other_readings, proposals.other_associations),
-            Source(depths * s.jumps, proposals.kinematic_jumps),
+            Source(s.jumps, proposals.kinematic_jumps),
             Source(lost * s.limb_searches, partial(proposals.limbs, looks=round(lost * s.limb_samples))),
             Source(lost * s.exchanges, proposals.limb_exchanges),
             Source(s.samples, proposals.samples),

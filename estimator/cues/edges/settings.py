@@ -18,7 +18,7 @@ class EdgeLikelihoodSettings(SurfaceSettings):
     motion_boundary: k of W = 1 - k S_p, 0.2 to 0.4 in CSS.
     """
 
-    edge_evidence: float = setting(20.0, at_least=0)
+    edge_evidence: float = setting(40.0, at_least=0)
     edge_noise: float = setting(0.02, above=0)
     edge_window: float = setting(0.12, above=0)
     edge_candidates: int = setting(4, at_least=1)

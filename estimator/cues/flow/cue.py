@@ -80,13 +80,21 @@ class FlowMatcher(Matcher):
 
     def since(self, followed: Followed) -> list[Term]:
         """See `Matcher.since`."""
+        return self._tied(followed, self._settings.flow_evidence)
+
+    def leading(self, followed: Followed) -> list[Term]:
+        """See `Matcher.leading`."""
+        return self._tied(followed, max(self._settings.flow_evidence, self._settings.flow_leading))
+
+    def _tied(self, followed: Followed, evidence: float) -> list[Term]:
+        """The nodes at where they were followed to, as so many measurements together."""
         s, view = self._settings, self.view
         point, before, target, sure = followed
         if not len(point):
             return []
         length = np.linalg.norm(target - before, axis=1)
         precision = 1.0 / np.square(s.flow_noise + s.flow_share * length)
-        weight = view.weight * s.flow_evidence / len(point) * sure
+        weight = view.weight * evidence / len(point) * sure
         group = assignments(point, target, isotropic(precision), weight, LORENTZIAN, s.flow_nu)
         surface = view.surface
         return [AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name=Flow.name)]

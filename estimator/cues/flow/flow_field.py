@@ -86,7 +86,7 @@ def flow_field(previous_bgr: np.ndarray, bgr: np.ndarray, settings: FlowSettings
     with one_thread():
         x, y, width, height = changed_box(before, now)
         box = slice(y, y + height), slice(x, x + width)
-        maps = _flow_maps(*(np.ascontiguousarray(image[box]) for image in (before, now)), settings)
+        maps = _flow_maps(np.ascontiguousarray(before[box]), np.ascontiguousarray(now[box]), settings)
     return FlowField(*maps, (x, y), (now.shape[1], now.shape[0]))
 
 

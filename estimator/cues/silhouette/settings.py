@@ -17,7 +17,7 @@ class OutlineLikelihoodSettings(SurfaceSettings):
         outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way (Lorentzian).
     """
 
-    outline_evidence: float = setting(40.0, at_least=0)
+    outline_evidence: float = setting(60.0, at_least=0)
     outline_noise: float = setting(0.02, above=0)
     outline_nu: float = setting(8.0, above=0)
 
