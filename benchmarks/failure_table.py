@@ -154,7 +154,7 @@ def order(attempts: Sequence[Attempt], rows: Sequence[Row]) -> list[str]:
         target = f"at least {LEAST_LOST}" if single else f"at most {MOST_LOST[name]}"
         said.append(
             f"{name}: lost in {j.lost} of {j.runs}, target {target} of {RUNS}: {_reached(good)}"
-            f" ({j.unscaled} by {FAR_PX:.0f} px whatever the picture's size)"
+            f" ({j.doubled} by {2.0 * FAR_PX:.0f} px)"
         )
     for motion in dict.fromkeys(row.motion for row in rows if row.motion != ALL):
         said.append(_ahead(motion, {name: [a for a in runs if a.motion == motion] for name, runs in of.items()}))

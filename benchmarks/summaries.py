@@ -82,8 +82,8 @@ class Judged(NamedTuple):
 
     error: mean errors [mm]. lost, runs: runs with a lost frame, and all. lost_at: of the lost ones the median of the
     first lost frame, NaN without any. of_limits, worst_of_limits: mean and largest over the runs of the largest error
-    in terms of its limit; the mean is of the runs that have a pose in every frame. unscaled: runs lost if the limit in
-    the image were the same number of pixels whatever the picture's size.
+    in terms of its limit; the mean is of the runs that have a pose in every frame. doubled: runs lost if the limit in
+    the image were twice as wide, at 640 x 480.
     """
 
     error: Spread
@@ -92,7 +92,7 @@ class Judged(NamedTuple):
     lost_at: float
     of_limits: float
     worst_of_limits: float
-    unscaled: int
+    doubled: int
 
     @property
     def mean_and_error(self) -> str:
@@ -120,5 +120,5 @@ def judged(errors: Sequence[TrackErrors], groups: Sequence[Hashable], measure: s
         lost_at=float(np.median(lost)) if lost else float("nan"),
         of_limits=float(known.mean()) if len(known) else float("inf"),
         worst_of_limits=float(near.max(initial=0.0)),
-        unscaled=sum(not (e.worst <= FAR_MM and e.pixels <= FAR_PX) for e in errors),
+        doubled=sum(not (e.worst <= FAR_MM and e.pixels <= 2.0 * FAR_PX) for e in errors),
     )

@@ -120,8 +120,8 @@ def test_runs_are_judged() -> None:
     assert (j.error.mean, j.lost, j.runs, j.lost_at) == (30.0, 2, 3, 5.0)
     assert j.of_limits == pytest.approx(0.95)
     assert j.worst_of_limits == math.inf
-    assert j.unscaled == 0
-    assert judged([replace(runs[0], pixels=15.1), replace(runs[0], worst=math.nan)], "ab").unscaled == 2
+    assert j.doubled == 0
+    assert judged([replace(runs[0], pixels=30.1), replace(runs[0], worst=math.nan)], "ab").doubled == 2
 
 
 KEYS = {(clip, seed): 30.0 + clip + 0.1 * seed for clip in (1, 2, 3) for seed in (0, 1, 2)}

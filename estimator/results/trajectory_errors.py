@@ -12,7 +12,7 @@ from estimator.results.evaluation import mpjpe
 
 FAR = 0.25
 """Mean error of a frame's landmarks from which it is lost [m]."""
-FAR_PX, FAR_PX_SIZE = 15.0, (320, 240)
+FAR_PX, FAR_PX_SIZE = 15.0, (640, 480)
 """The same of their images [px], in a picture of this size; in others as much of the diagonal. CSS says when its
 sequences are lost, neither by which measure nor how large the pictures are."""
 
