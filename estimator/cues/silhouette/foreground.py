@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 from estimator.cues.silhouette.background import learn_background
 from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
 from estimator.media.threads import one_thread
+from humanoid.support.compiled import jit
 
 __all__ = [
     "Background",
@@ -24,7 +26,7 @@ _BEHIND = 3.0  # px inside the outline where it is asked whether the background 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
 _SMOOTHING_REACH = 8  # px around the foreground beyond which that and the slope see nothing of it
-_NEAR = 32  # px around the foreground's box up to which distances are exact
+_NEAR = 32  # px around the foreground's box beyond which distances are to the outline's own pixels
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,7 @@ class Silhouette:
     boundary (M, 2) float64: points (x, y) on the outlines, about one a pixel, holes' outlines included [px].
     normal (M, 2) float64: unit normals there, out of the person.
     nearest (H, W) int32: index into boundary of the outline point nearest to each pixel; -1 where there is none.
-    distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none. More than 32 px
-        outside the box of the mask it is the chamfer distance, 2 % from the exact one.
+    distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none.
     known (H, W) bool: where the background is known; elsewhere the mask is True for want of knowledge.
     certain (M,) bool: whether the outline point bounds a region that was told from a known background.
     """
@@ -109,17 +110,35 @@ def silhouette_of(mask: np.ndarray, known: np.ndarray | None = None) -> Silhouet
         return Silhouette(mask, boundary, normal, nowhere, _signed_distance(inside), known, none)
     off_outline = np.ones(mask.shape, np.uint8)
     off_outline[outline[:, 1], outline[:, 0]] = 0
-    distance, label = cv2.distanceTransformWithLabels(
+    _, label = cv2.distanceTransformWithLabels(
         off_outline, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    near = _box(inside, _NEAR)
-    distance -= np.float32(0.5)
-    distance[near] = _signed_distance(np.ascontiguousarray(inside[near]))
-    index = np.full(int(label.max()) + 1, -1, np.int32)
+    index = np.full(int(label[outline[:, 1], outline[:, 0]].max()) + 1, -1, np.int32)
     index[label[outline[:, 1], outline[:, 0]]] = np.arange(len(outline))
+    nearest, distance = np.empty(mask.shape, np.int32), np.empty(mask.shape, np.float32)
+    _to_nearest(label, index, outline, nearest, distance)
+    near = _box(inside, _NEAR) if _off_border(inside) else np.s_[:, :]  # outlines there are left out
+    distance[near] = _signed_distance(np.ascontiguousarray(inside[near]))
     x, y = np.round(boundary - _BEHIND * normal).astype(int).T
     certain = known[y.clip(0, len(known) - 1), x.clip(0, known.shape[1] - 1)]
-    return Silhouette(mask, boundary, normal, index[label], distance, known, certain)
+    return Silhouette(mask, boundary, normal, nearest, distance, known, certain)
+
+
+def _off_border(inside: np.ndarray) -> bool:
+    """Whether nothing of a mask lies on the image's border."""
+    return not (inside[[0, -1]].any() or inside[:, [0, -1]].any())
+
+
+@jit
+def _to_nearest(label, index, outline, nearest, distance):  # type: ignore[no-untyped-def]
+    """From the labels (H, W) of nearest pixels, `index` of each label and outline (M, 2), all int: index of the outline
+    pixel nearest to each pixel and distance beyond it, half a pixel less than to it; fills nearest and distance (H, W).
+    """
+    for y in range(label.shape[0]):
+        for x in range(label.shape[1]):
+            k = index[label[y, x]]
+            dx, dy = x - outline[k, 0], y - outline[k, 1]
+            nearest[y, x], distance[y, x] = k, math.sqrt(dx * dx + dy * dy) - 0.5
 
 
 def _outline(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
