@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 from estimator.cues.silhouette.background import learn_background
 from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
 from estimator.media.threads import one_thread
+from humanoid.support.compiled import jit
 
 __all__ = [
     "Background",
@@ -23,6 +25,8 @@ __all__ = [
 _BEHIND = 3.0  # px inside the outline where it is asked whether the background is known
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
+_SMOOTHING_REACH = 8  # px around the foreground beyond which that and the slope see nothing of it
+_NEAR = 32  # px around the foreground's box beyond which distances are to the outline's own pixels
 
 
 @dataclass(frozen=True)
@@ -70,15 +74,29 @@ def _tidy(mask: np.ndarray, smallest: float) -> np.ndarray:
     """A mask without specks, gaps and small holes."""
     closed = cv2.morphologyEx(cv2.medianBlur(mask.astype(np.uint8), 5), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     filled = ~_larger(closed == 0, smallest)
-    return _larger(filled, smallest)
+    parts = np.zeros_like(filled)
+    box = _box(filled, 0)
+    parts[box] = _larger(filled[box], smallest)
+    return parts
 
 
 def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
     """The parts of a mask that have at least so many pixels."""
     _, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    keep = stats[:, cv2.CC_STAT_AREA] >= smallest
-    keep[0] = False
-    return np.asarray(keep[label])
+    small = stats[:, cv2.CC_STAT_AREA] < smallest
+    small[0] = False
+    if not small.any():
+        return mask
+    small[0] = True
+    return np.asarray(~small[label])
+
+
+def _box(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
+    """Rows and columns of a mask's true pixels and so many around them; none where there are no such pixels."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    if not width:
+        return slice(0), slice(0)
+    return slice(max(0, y - margin), y + height + margin), slice(max(0, x - margin), x + width + margin)
 
 
 @one_thread()
@@ -87,20 +105,40 @@ def silhouette_of(mask: np.ndarray, known: np.ndarray | None = None) -> Silhouet
     known = np.ones(mask.shape, dtype=bool) if known is None else known
     inside = np.ascontiguousarray(mask, dtype=np.uint8)
     outline, boundary, normal = _outline(inside)
-    distance = _signed_distance(inside)
     if len(boundary) == 0:
         nowhere, none = np.full(mask.shape, -1, np.int32), np.zeros(0, dtype=bool)
-        return Silhouette(mask, boundary, normal, nowhere, distance, known, none)
+        return Silhouette(mask, boundary, normal, nowhere, _signed_distance(inside), known, none)
     off_outline = np.ones(mask.shape, np.uint8)
     off_outline[outline[:, 1], outline[:, 0]] = 0
     _, label = cv2.distanceTransformWithLabels(
         off_outline, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    index = np.full(int(label.max()) + 1, -1, np.int32)
+    index = np.full(int(label[outline[:, 1], outline[:, 0]].max()) + 1, -1, np.int32)
     index[label[outline[:, 1], outline[:, 0]]] = np.arange(len(outline))
+    nearest, distance = np.empty(mask.shape, np.int32), np.empty(mask.shape, np.float32)
+    _to_nearest(label, index, outline, nearest, distance)
+    near = _box(inside, _NEAR) if _off_border(inside) else np.s_[:, :]  # outlines there are left out
+    distance[near] = _signed_distance(np.ascontiguousarray(inside[near]))
     x, y = np.round(boundary - _BEHIND * normal).astype(int).T
     certain = known[y.clip(0, len(known) - 1), x.clip(0, known.shape[1] - 1)]
-    return Silhouette(mask, boundary, normal, index[label], distance, known, certain)
+    return Silhouette(mask, boundary, normal, nearest, distance, known, certain)
+
+
+def _off_border(inside: np.ndarray) -> bool:
+    """Whether nothing of a mask lies on the image's border."""
+    return not (inside[[0, -1]].any() or inside[:, [0, -1]].any())
+
+
+@jit
+def _to_nearest(label, index, outline, nearest, distance):  # type: ignore[no-untyped-def]
+    """From the labels (H, W) of nearest pixels, `index` of each label and outline (M, 2), all int: index of the outline
+    pixel nearest to each pixel and distance beyond it, half a pixel less than to it; fills nearest and distance (H, W).
+    """
+    for y in range(label.shape[0]):
+        for x in range(label.shape[1]):
+            k = index[label[y, x]]
+            dx, dy = x - outline[k, 0], y - outline[k, 1]
+            nearest[y, x], distance[y, x] = k, math.sqrt(dx * dx + dy * dy) - 0.5
 
 
 def _outline(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -109,21 +147,23 @@ def _outline(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     contours, _ = cv2.findContours(inside, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not contours:
         return np.empty((0, 2), int), np.empty((0, 2)), np.empty((0, 2))
-    pixels = np.unique(np.concatenate(contours)[:, 0], axis=0)
+    x, y = np.concatenate(contours)[:, 0].T
+    order = np.unique(x.astype(np.int64) * height + y)
+    pixels = np.stack((order // height, order % height), axis=-1)
     x, y = pixels.T
     pixels = pixels[(x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)]
-    smooth = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), _OUTLINE_SMOOTHING)
-    slope = [
-        cv2.Sobel(smooth, cv2.CV_32F, *order, scale=0.125)[pixels[:, 1], pixels[:, 0]] for order in ((1, 0), (0, 1))
-    ]
+    box = _box(inside, _SMOOTHING_REACH)
+    x, y = (pixels - (box[1].start, box[0].start)).T
+    smooth = cv2.GaussianBlur(inside[box].astype(np.float32), (0, 0), _OUTLINE_SMOOTHING)
+    slope = [cv2.Sobel(smooth, cv2.CV_32F, *order, scale=0.125)[y, x] for order in ((1, 0), (0, 1))]
     gradient = np.stack(slope, axis=-1).astype(np.float64)
     length = np.linalg.norm(gradient, axis=-1)
     clear = length > 0.02  # a line one pixel wide has no outside
+    # one Newton step to where the smoothed mask is one half, the place of the outline between the pixels
+    within = smooth[y, x][clear, None]
     pixels, gradient, length = pixels[clear], gradient[clear], length[clear, None]
     normal = -gradient / length
-    # one Newton step to where the smoothed mask is one half, the place of the outline between the pixels
-    beyond = (smooth[pixels[:, 1], pixels[:, 0], None] - 0.5) / length
-    return pixels, pixels + np.clip(beyond, 0.0, 1.0) * normal, normal
+    return pixels, pixels + np.clip((within - 0.5) / length, 0.0, 1.0) * normal, normal
 
 
 def _signed_distance(inside: np.ndarray) -> np.ndarray:
