@@ -29,17 +29,19 @@ ITERATIONS = 60
 class LearnSettings:
     """How a mixture is learned.
 
-    pairs: Gaussians, each with its mirror image. spacing [rad]: poses of a clip nearer to each other than this, root
-    mean square over the joints, count once, so that standing still weighs no more than moving. prior_count: as many
-    poses with the covariance of all are added to each Gaussian. background: share of poses that none explains.
-    starts: random starts, the best likelihood wins.
+    pairs: Gaussians, each with its mirror image. person_poses: so many poses of a person at most, drawn at random, so
+    that those of whom there is much do not decide for the others. spacing [rad]: poses of a clip nearer to each other
+    than this, root mean square over the joints, count once, so that standing still weighs no more than moving.
+    prior_count: as many poses with the covariance of all are added to each Gaussian. background: share of poses that
+    none explains. starts: random starts, the best likelihood wins.
     """
 
     pairs: int = 8
+    person_poses: int = 150
     spacing: float = 0.07
     prior_count: float = 100.0
     background: float = 0.2
-    starts: int = 3
+    starts: int = 1
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,23 @@ def _uncertainty(body: Body, q: np.ndarray, index: list[int]) -> np.ndarray:
     return np.asarray(np.linalg.inv(J.T @ J + np.diag(prior))[-count:, -count:])
 
 
+def balanced(people: Sequence[Sequence[Poses]], most: int, rng: np.random.Generator) -> list[Poses]:
+    """The poses of every person, from the clips of each: all, or `most` drawn without replacement."""
+    of_people = []
+    for clips in people:
+        poses = joined(clips)
+        if len(poses.angles) > most:
+            drawn = rng.permutation(len(poses.angles))[:most]
+            poses = Poses(poses.angles[drawn], poses.uncertainty[drawn])
+        of_people.append(poses)
+    return of_people
+
+
+def joined(clips: Sequence[Poses]) -> Poses:
+    """The poses of all clips."""
+    return Poses(np.concatenate([c.angles for c in clips]), np.concatenate([c.uncertainty for c in clips]))
+
+
 def learned(body: Body, clips: Sequence[Poses], settings: LearnSettings, rng: np.random.Generator) -> PoseMixture:
     """The mixture of the best likelihood among a few random starts of expectation maximisation.
 
@@ -106,7 +125,7 @@ def learned(body: Body, clips: Sequence[Poses], settings: LearnSettings, rng: np
     inverse Wishart prior: the clips are few, and poses of one clip are no independent draws.
     """
     other, sign = mirror_of(body)
-    poses = Poses(np.concatenate([c.angles for c in clips]), np.concatenate([c.uncertainty for c in clips]))
+    poses = joined(clips)
     turned = poses.uncertainty[:, other][:, :, other] * np.outer(sign, sign)
     both = Poses(
         np.concatenate([poses.angles, sign * poses.angles[:, other]]), np.concatenate([poses.uncertainty, turned])

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 import kinemode as km
 from benchmarks.common import data_folder, tell
 from benchmarks.mocap import DETECTOR, FPS, person
@@ -57,12 +55,12 @@ def _trial(name: str) -> re.Match[str]:
 
 
 def spread_of(files: Sequence[Path], count: int) -> list[Path]:
-    """At most `count` clips of each person, evenly spread over that person's trials."""
+    """At most `count` clips of each person, the middle ones of as many equal parts of that person's trials."""
     chosen = []
     for who in dict.fromkeys(subject_of(f.stem) for f in files):
         own = [f for f in files if subject_of(f.stem) == who]
-        places = np.linspace(0, len(own) - 1, min(count, len(own))).round().astype(int)
-        chosen += [own[i] for i in places]
+        parts = min(count, len(own))
+        chosen += [own[int((i + 0.5) * len(own) / parts)] for i in range(parts)]
     return chosen
 
 

@@ -105,7 +105,8 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
 def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
     """Track into the run file; returns what the run then says against subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
-    tracker = make_tracker(job.tracker, Body(subject), job.settings)
+    body = Body(subject)
+    tracker = make_tracker(job.tracker, body, job.settings)
     check_capabilities(tracker, job.chosen, job.workers)
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
@@ -114,6 +115,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
         notes = (*subject.notes, *inputs.notes, *notes_on(choice, inputs, chosen))
         cameras = len(inputs.observations[0].cameras)
         notes += tuple(job.chosen.notes(cues=chosen, cameras=cameras, fits=job.fits(subject)))
+        notes += tuple(job.chosen.notes_on_body(body))
         notes += tuple(notes_on_fit(inputs.observations) if job.fits(subject) else ())
         if cues is not None and chosen is not None:
             notes += (*cues.notes, *doubts(cues, inputs, chosen))

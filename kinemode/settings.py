@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
+from estimator.cost.model import without_prior
 from estimator.formats.settings_file import load_settings, settings_text
 from estimator.likelihood.settings import CueSettings
 from estimator.tracking.idle_settings import (
@@ -27,6 +28,7 @@ from estimator.tracking.registry import (
     shares_work,
 )
 from estimator.tracking.settings import Settings
+from humanoid.kinematics.body import Body
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
@@ -62,6 +64,15 @@ class Chosen:
     def used(self, fits: bool) -> dict[str, Any]:
         """The changes without those that have no effect."""
         return without(self.changes, [idle.name for idle in self.idle(fits)])
+
+    def notes_on_body(self, body: Body) -> list[str]:
+        """A share that was given to the pose prior, where the body goes without."""
+        cost = self.settings.cost
+        given = "pose_prior_weight" in self.changes.get("cost", {})
+        problem = without_prior(body, cost) if given and cost.stabiliser_weight * cost.pose_prior_weight > 0.0 else None
+        if problem is None:
+            return []
+        return [f"settings without effect here: cost.pose_prior_weight (the pose prior shipped needs {problem})"]
 
     def notes(self, *, cues: CueSettings | None, cameras: int, fits: bool) -> list[str]:
         """What has no effect on this input, and former names. cues: those that are looked at, None for none."""

@@ -12,6 +12,8 @@ from estimator.formats.settings_file import load_settings, settings_text
 from estimator.likelihood.settings import idle_rules
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import TRACKERS, settings_for
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.idle import ONE_CAMERA, PICTURES
 from humanoid.support.settings import declared, every_setting, is_group, members, setting
@@ -230,6 +232,18 @@ def test_what_has_no_effect_on_this_input_is_noted() -> None:
     (edges,) = chosen.notes(cues=chosen.settings.cues.using(["edges", "silhouette"]), cameras=1, fits=False)
     assert "flow_nu" in edges
     assert "edge_nu" not in edges
+
+
+def test_a_pose_prior_that_the_body_does_not_suit_is_noted() -> None:
+    other, human34 = Body(load_subject("upper13")), Body(load_subject("human34"))
+    asked = {"cost": {"pose_prior_weight": 0.5}}
+    for tracker in ("css", "css-paper"):
+        (note,) = choose(tracker, asked).notes_on_body(other)
+        assert note.startswith("settings without effect here: cost.pose_prior_weight (")
+        assert "joints it does not have" in note
+        assert choose(tracker, asked).notes_on_body(human34) == []
+    for silent in (None, {"cost": {"pose_prior_weight": 0.0}}, {"cost": {"nu": 5.0}}):
+        assert choose("css", silent).notes_on_body(other) == []
 
 
 BAD = {

@@ -172,15 +172,17 @@ def _pose_priors(body: Body, settings: CostSettings) -> list[Term]:
     """The stabilisers, a learned mixture, or a share of each; the stabilisers alone for a body that the shipped mixture
     does not suit."""
     strength, share = settings.stabiliser_weight, settings.pose_prior_weight
-    mixture = None
-    if strength * share > 0.0:
-        mixture = load_mixture(settings.pose_prior_file) if settings.pose_prior_file else shipped_mixture()
-        if not settings.pose_prior_file and misfit(body, mixture) is not None:
-            mixture = None
-    if mixture is None:
+    if strength * share <= 0.0 or without_prior(body, settings) is not None:
         return [Stabilisers(body, strength)] if strength > 0.0 else []
+    mixture = load_mixture(settings.pose_prior_file) if settings.pose_prior_file else shipped_mixture()
     own: list[Term] = [Stabilisers(body, strength * (1.0 - share))] if share < 1.0 else []
     return [*own, PosePrior(body, mixture, strength * share)]
+
+
+def without_prior(body: Body, settings: CostSettings) -> str | None:
+    """What a body lacks for the shipped mixture, which is then left out; None where nothing, or a file is named, which
+    has to suit it."""
+    return None if settings.pose_prior_file else misfit(body, shipped_mixture())
 
 
 def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:
