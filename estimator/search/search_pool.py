@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import NamedTuple
 
 from estimator.cost.model import CostModel, CostSettings
@@ -95,7 +94,7 @@ class CaseMessage(NamedTuple):
     @staticmethod
     def of(case: FrameCase) -> CaseMessage:
         """The message that tells of a case."""
-        associations = tuple((a.name, replace(a.term.observation, cues=()), a.penalty) for a in case.associations)
+        associations = tuple((a.name, a.term.observation, a.penalty) for a in case.associations)
         cameras = () if case.likelihood is None else case.likelihood.cameras
         detected = cameras[0].detected if cameras else 0.0
         cues = tuple(c.cues if c.needs_picture else c.cues.without_picture() for c in cameras)

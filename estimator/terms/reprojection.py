@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimator.cameras.projection import (
@@ -39,7 +41,8 @@ class Reprojection(BatchTerm):
         self, body: Body, observation: Observation, sigma: np.ndarray, potential: str = "lorentzian", nu: float = 4.0
     ) -> None:
         self._body = body
-        self.observation, self.cameras = observation, observation.cameras
+        # a smoother keeps the terms of all frames, which must not keep all pictures
+        self.observation, self.cameras = replace(observation, cues=()), observation.cameras
         self._kind, self._nu = POTENTIALS[potential], float(nu)
         self._intrinsics, self._distortion, self._R, self._t = pack_cameras(observation.cameras)
         valid = (observation.confidence > 0.0) & np.isfinite(observation.pixels).all(axis=-1)
