@@ -53,8 +53,8 @@ def test_a_shift_is_measured_as_it_is() -> None:
     [
         (0.249 * AWAY, None),
         (0.251 * AWAY, 2),  # too far in the world, hardly moved in the image
-        (29.9 * DEPTH / CAMERA.K[0, 0] * TO_THE_SIDE, None),
-        (30.1 * DEPTH / CAMERA.K[0, 0] * TO_THE_SIDE, 2),  # too far in the image, 196 mm in the world
+        (14.9 * DEPTH / CAMERA.K[0, 0] * TO_THE_SIDE, None),
+        (15.1 * DEPTH / CAMERA.K[0, 0] * TO_THE_SIDE, 2),  # too far in the image, 98 mm in the world
         (-2.0 * DEPTH * AWAY, 2),  # behind the camera
         (np.full(3, np.nan), 2),
     ],

@@ -129,8 +129,9 @@ class Chain:
         return value
 
     def at(self, q: np.ndarray, step: np.ndarray) -> ChainModel:
-        """The energy's model after a step (T, nv) from q (T, nq)."""
-        return self._model(np.array([self._body.integrate(a, v) for a, v in zip(q, step, strict=True)]))
+        """The energy's model after a step (T, nv) from q (T, nq); a frame that stays keeps its bits."""
+        moved = [self._body.integrate(a, v) if v.any() else a for a, v in zip(q, step, strict=True)]
+        return self._model(np.array(moved))
 
     def step(self, model: ChainModel, held: np.ndarray, damping: float) -> np.ndarray:
         """Damped Newton step (T, nv) of the variables that neither a limit nor `held` (T,) stops."""
