@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.imaging.limbs import Limbs, limbs_of
+from estimator.imaging.resolution import resized_pixels
 from humanoid.kinematics.body import Body
 
 _FEWEST = 3  # keypoints; fewer do not tell where a body is
@@ -39,7 +40,7 @@ class KnownPerson:
 
     def drawn(self, instant: int, size: tuple[int, int], width: float) -> np.ndarray:
         """Mask (H, W) bool of the body in a picture of `size` (width, height), at `width` times its own width."""
-        pixels = (self.pixels[instant] + 0.5) * np.array(size) / self.image_size - 0.5
+        pixels = resized_pixels(self.pixels[instant], self.image_size, size)
         return self.limbs.drawn(pixels, self.seen[instant], size, width)
 
 

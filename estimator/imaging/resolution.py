@@ -48,10 +48,14 @@ def scaled_camera(camera: Camera, factor: float) -> Camera:
     return resized_camera(camera, size)
 
 
+def resized_pixels(pixels: np.ndarray, old: Size, new: Size) -> np.ndarray:
+    """Places (..., 2) [px] in pictures of size `old`, in pictures resized to `new`: pixel centres are at integers."""
+    return np.asarray((pixels + 0.5) * (np.array(new) / np.array(old)) - 0.5)
+
+
 def resized_track(track: KeypointTrack, old: Size, new: Size) -> KeypointTrack:
     """Keypoints found in pictures of size `old`, in pictures resized to `new`."""
-    ratio = np.array(new) / np.array(old)
-    return replace(track, pixels=(track.pixels + 0.5) * ratio - 0.5, image_size=new)
+    return replace(track, pixels=resized_pixels(track.pixels, old, new), image_size=new)
 
 
 def declared_size(track: KeypointTrack, given: Size | None) -> Size | None:

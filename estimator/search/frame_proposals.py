@@ -92,7 +92,8 @@ class Proposals:
         for i in np.unique(parents):
             proposal, origin = self._proposal(int(i)), self._origin(int(i), Family.SAMPLE)
             drawn = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
-            hypotheses += [self._continued(int(i), q, self._own[i], origin) for q in drawn]
+            about = [self._continued(int(i), q, self._own[i], origin) for q in drawn]
+            hypotheses += [h._replace(moves_along=True) for h in about]
         return hypotheses
 
     def kinematic_jumps(self, count: int) -> list[Hypothesis]:

@@ -12,7 +12,7 @@ from estimator.cost.model import CostModel
 from estimator.cues.base import Past
 from estimator.likelihood.image_likelihood import Followed, ImageLikelihood
 from estimator.modes.mixture import Mode
-from estimator.modes.origin import Family, Origin, PoseKey, PreviousPose
+from estimator.modes.origin import Origin, PoseKey, PreviousPose
 from estimator.optimise.contact import separate
 from estimator.optimise.covariance import mode_covariance
 from estimator.optimise.seek import Seeker
@@ -43,6 +43,7 @@ class FrameSearch:
         self.flows: dict[PoseKey, list[Followed]] = {}
         self._model, self._body, self._seeker, self._settings = model, model.body, seeker, settings
         self._bases: dict[tuple[int, bool, PoseKey | None], Cost] = {}
+        self._ties: dict[PoseKey, list[Term]] = {}
         self._led: dict[tuple[int, bool, PoseKey], Solution] = {}
 
     def follow(self, previous: Sequence[PreviousPose]) -> list[list[Followed]]:
@@ -121,8 +122,11 @@ class FrameSearch:
     def _flow(self, h: Hypothesis) -> list[Term]:
         """What the pictures say of the movement since a hypothesis' previous pose."""
         previous, likelihood = h.origin.previous, self.case.likelihood
-        followed = None if previous is None else self.flows.get(previous.key)
-        return [] if followed is None or likelihood is None else list(likelihood.terms_since(followed))
+        if previous is None or likelihood is None or previous.key not in self.flows:
+            return []
+        if previous.key not in self._ties:
+            self._ties[previous.key] = likelihood.terms_since(self.flows[previous.key])
+        return self._ties[previous.key]
 
     def _assigned(self, q: np.ndarray, brief: bool = False) -> list[Term]:
         """What the pictures say around q (nq,); see `ImageLikelihood.assigned`."""
@@ -138,7 +142,7 @@ class FrameSearch:
         it has the body in the frame before is led from there; one about that pose moves along. Besides, the steps that
         it took."""
         previous = h.origin.previous
-        if previous is None or not (h.origin.family.at_previous or h.origin.family is Family.SAMPLE):
+        if previous is None or not (h.origin.family.at_previous or h.moves_along):
             return h.q, StepCounts()
         key = h.association, h.origin.q_paid is not None, previous.key
         if key not in self._led:
@@ -146,7 +150,7 @@ class FrameSearch:
         led = self._led[key]
         if h.origin.family.at_previous:
             return led.q, led.steps
-        # the parent's steps are counted once, with the parent
+        # the steps are the parent's, and counted where it is searched from
         return self._body.integrate(led.q, self._body.difference(previous.q, h.q)), StepCounts()
 
     def _lead(self, h: Hypothesis, previous: PreviousPose) -> Solution:

@@ -187,6 +187,7 @@ _IDLE = (
     idle_where("css.other_readings", search__exchange=False),
     idle_where(
         "search.follow", css__keep=False, css__other_readings=0, css__jumps=0, css__limb_searches=0, css__exchanges=0,
+        css__samples=0,
     ),
     idle_where("cost.transition_potential cost.transition_nu", css__transition=False),
     idle_where("css.jump_penalty css.limb_penalty css.momentum", css__transition=False),
