@@ -58,15 +58,16 @@ class PosePrior(BatchTerm):
         share, mean, covariance = mixture.both_sides()
         self._mean, covariance = np.ascontiguousarray(mean[:, kept]), covariance[:, kept][:, :, kept]
         cholesky = np.linalg.cholesky(covariance)
-        self._whiten = np.linalg.inv(cholesky)
-        self._precision = np.ascontiguousarray(self._whiten.transpose(0, 2, 1) @ self._whiten)
+        whiten = np.linalg.inv(cholesky)
+        self._whiten_t = np.ascontiguousarray(whiten.transpose(0, 2, 1))
+        self._precision = np.ascontiguousarray(self._whiten_t @ whiten)
         self._log_share = np.log(share) + _log_heights(cholesky, std)
         self._log_background, self._weight = math.log(mixture.background), float(weight)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
         """See `estimator.terms.term.Term`."""
         value: float = mixture_energy(
-            posed.q, self._q_index, self._v_index, self._log_share, self._mean, self._whiten, self._precision,
+            posed.q, self._q_index, self._v_index, self._log_share, self._mean, self._whiten_t, self._precision,
             self._log_background, self._rest, self._rest_precision, self._weight, exact, gradient, hessian,
         )  # fmt: skip
         return value
@@ -75,7 +76,7 @@ class PosePrior(BatchTerm):
         """See `BatchTerm`."""
         values = np.empty(len(placed.q))
         mixture_values(
-            placed.q, self._q_index, self._log_share, self._mean, self._whiten, self._log_background, self._rest,
+            placed.q, self._q_index, self._log_share, self._mean, self._whiten_t, self._log_background, self._rest,
             self._rest_precision, self._weight, values,
         )  # fmt: skip
         return values
@@ -135,105 +136,102 @@ def _some(names: list[str]) -> str:
 
 @jit
 def mixture_energy(  # type: ignore[no-untyped-def]
-    q, q_index, v_index, log_share, mean, whiten, precision, log_background, rest, rest_precision, weight, exact,
+    q, q_index, v_index, log_share, mean, whiten_t, precision, log_background, rest, rest_precision, weight, exact,
     gradient, hessian,
 ):  # fmt: skip
     """-weight log(sum of the densities); adds its gradient (nv,) and hessian (nv, nv).
 
     q (nq,). q_index, v_index (D,): places of the D angles in q and in the tangent.
-    log_share (K,): log of each Gaussian's height. mean (K, D); whiten (K, D, D): inverse Cholesky factors; precision
-    (K, D, D). log_background; rest, rest_precision (D,): of the background.
+    log_share (K,): log of each Gaussian's height. mean (K, D); whiten_t (K, D, D): transposed inverse Cholesky factors,
+    so that the loops run along rows; precision (K, D, D). log_background; rest, rest_precision (D,): of the background.
     """
     K, D = mean.shape
     log_density = np.empty(K + 1)
-    _log_densities(q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density)
+    _log_densities(q, q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, log_density)
     highest = log_density.max()
     share = np.exp(log_density - highest)
     total = share.sum()
     share /= total
-    force, own = np.zeros(D), np.empty(D)
+    force, own, bend = np.zeros(D), np.empty(D), np.zeros((D, D))
     for k in range(K + 1):
         if share[k] < _NEGLIGIBLE:
             continue
-        _pull(q, q_index, k, mean, precision, rest, rest_precision, own)
+        if k == K:
+            _background(q, q_index, share[k], rest, rest_precision, exact, own, bend)
+        else:
+            _gaussian(q, q_index, share[k], mean[k], precision[k], exact, own, bend)
         for i in range(D):
             force[i] += share[k] * own[i]
-        _bend(q, q_index, v_index, k, precision, rest, rest_precision, weight * share[k], exact, own, hessian)
     for i in range(D):
         gradient[v_index[i]] += weight * force[i]
-        if exact:
-            for j in range(D):
-                hessian[v_index[i], v_index[j]] += weight * force[i] * force[j]
+        for j in range(D):
+            mean_force = force[i] * force[j] if exact else 0.0
+            hessian[v_index[i], v_index[j]] += weight * (bend[i, j] + mean_force)
     return -weight * (highest + math.log(total))
 
 
 @jit
 def mixture_values(  # type: ignore[no-untyped-def]
-    q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, weight, values
+    q, q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, weight, values
 ):
     """Fill values (N,) with those of `mixture_energy` at q (N, nq)."""
     log_density = np.empty(mean.shape[0] + 1)
     for n in range(q.shape[0]):
-        _log_densities(q[n], q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density)
+        _log_densities(q[n], q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, log_density)
         highest = log_density.max()
         values[n] = -weight * (highest + math.log(np.exp(log_density - highest).sum()))
 
 
 @jit
-def _log_densities(q, q_index, log_share, mean, whiten, log_background, rest, rest_precision, log_density):  # type: ignore[no-untyped-def]
+def _log_densities(q, q_index, log_share, mean, whiten_t, log_background, rest, rest_precision, log_density):  # type: ignore[no-untyped-def]
     """Fill log_density (K + 1,) at q (nq,): of the K Gaussians, then of the background; see `mixture_energy`."""
     K, D = mean.shape
     log_density[K] = log_background
     for i in range(D):
         e = q[q_index[i]] - rest[i]
         log_density[K] -= 0.5 * NU * math.log1p(e * e * rest_precision[i] / NU)
-    away = np.empty(D)
+    white = np.empty(D)
     for k in range(K):
-        for i in range(D):
-            away[i] = q[q_index[i]] - mean[k, i]
+        white[:] = 0.0
+        for j in range(D):
+            away = q[q_index[j]] - mean[k, j]
+            for i in range(j, D):
+                white[i] += whiten_t[k, j, i] * away
         square = 0.0
         for i in range(D):
-            y = 0.0
-            for j in range(i + 1):
-                y += whiten[k, i, j] * away[j]
-            square += y * y
+            square += white[i] * white[i]
         log_density[k] = log_share[k] - 0.5 * square
 
 
 @jit
-def _pull(q, q_index, k, mean, precision, rest, rest_precision, own):  # type: ignore[no-untyped-def]
-    """Fill own (D,), the gradient of -log density of component k; the background comes after the Gaussians.
+def _gaussian(q, q_index, share, mean, precision, exact, own, bend):  # type: ignore[no-untyped-def]
+    """Fill own (D,), the gradient of -log density of a Gaussian, and add its share of the curvature to bend (D, D).
 
-    The other arrays: see `mixture_energy`.
+    The exact curvature lacks the product of the mean forces, added once for all. mean (D,), precision (D, D).
     """
-    K, D = mean.shape
+    D = mean.shape[0]
+    own[:] = 0.0
+    for j in range(D):
+        away = q[q_index[j]] - mean[j]
+        for i in range(D):
+            own[i] += precision[j, i] * away
     for i in range(D):
-        own[i] = 0.0
-        if k == K:
-            e = q[q_index[i]] - rest[i]
-            own[i] = rest_precision[i] * e / (1.0 + e * e * rest_precision[i] / NU)
-        else:
-            for j in range(D):
-                own[i] += precision[k, i, j] * (q[q_index[j]] - mean[k, j])
+        pull = own[i] if exact else 0.0
+        for j in range(D):
+            bend[i, j] += share * (precision[i, j] - pull * own[j])
 
 
 @jit
-def _bend(q, q_index, v_index, k, precision, rest, rest_precision, weight, exact, own, hessian):  # type: ignore[no-untyped-def]
-    """Adds the curvature of component k; the exact one lacks the product of the mean forces, added once for all.
-
-    own (D,): see `_pull`. The other arrays: see `mixture_energy`.
-    """
+def _background(q, q_index, share, rest, rest_precision, exact, own, bend):  # type: ignore[no-untyped-def]
+    """The same as `_gaussian` for the background."""
     D = rest.shape[0]
     for i in range(D):
-        a = v_index[i]
-        if k == precision.shape[0]:
-            e = q[q_index[i]] - rest[i]
-            slope = 1.0 / (1.0 + e * e * rest_precision[i] / NU)
-            bending = 2.0 * slope * slope * e * e * rest_precision[i] / NU if exact else 0.0
-            hessian[a, a] += weight * rest_precision[i] * (slope - bending)
-        else:
+        e = q[q_index[i]] - rest[i]
+        slope = 1.0 / (1.0 + e * e * rest_precision[i] / NU)
+        own[i] = rest_precision[i] * e * slope
+        bending = 2.0 * slope * slope * e * e * rest_precision[i] / NU if exact else 0.0
+        bend[i, i] += share * rest_precision[i] * (slope - bending)
+    if exact:
+        for i in range(D):
             for j in range(D):
-                hessian[a, v_index[j]] += weight * precision[k, i, j]
-        if exact:
-            for j in range(D):
-                hessian[a, v_index[j]] -= weight * own[i] * own[j]
+                bend[i, j] -= share * own[i] * own[j]
