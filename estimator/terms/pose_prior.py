@@ -207,8 +207,8 @@ def _log_densities(q, q_index, log_share, mean, whiten_t, log_background, rest, 
 def _gaussian(q, q_index, share, mean, precision, exact, own, bend):  # type: ignore[no-untyped-def]
     """Fill own (D,), the gradient of -log density of a Gaussian, and add its share of the curvature to bend (D, D).
 
-    The exact curvature lacks the product of the mean forces, added once for all. mean (D,), precision (D, D). The other arrays: see
-    `mixture_energy`.
+    The exact curvature lacks the product of the mean forces, added once for all. mean (D,), precision (D, D). The other
+    arrays: see `mixture_energy`.
     """
     D = mean.shape[0]
     own[:] = 0.0
