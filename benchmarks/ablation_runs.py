@@ -13,6 +13,8 @@ from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import CUES, beam_folder
 from benchmarks.failure_runs import CSS, Tracking
 from benchmarks.kept_runs import Figures, Kept, Piece, kept_clip, removed
+from benchmarks.mocap_person import DETECTOR, person
+from benchmarks.mocap_person import FPS as FILMED_FPS
 from benchmarks.scores import TrackErrors, outcome
 from benchmarks.sequences import FPS, Task, clip_folder
 from benchmarks.tracking import Times, timed_track
@@ -121,7 +123,7 @@ class Captured:
             longest = load_mocap(self.motion).seconds
             seconds = None if self.seconds is None else min(self.seconds, longest)
             km.render(
-                folder, self.motion, subject=mocap.person(), detector=mocap.DETECTOR, fps=mocap.FPS, seconds=seconds,
+                folder, self.motion, subject=person(), detector=DETECTOR, fps=FILMED_FPS, seconds=seconds,
                 seed=MOCAP_CLIP_SEED,
             )  # fmt: skip
 
@@ -220,6 +222,7 @@ def parts(suite: str, row: str, changes: Mapping[str, Any], wanted: Wanted) -> l
         raise InputError(
             "mocap", "the motion capture is not here", remedy="--data DIR or KINEMODE_DATA names its folder"
         )
+    settings = together({"cost": {"pose_prior_weight": 0.0}}, settings)  # it was learned from these people
     chosen, pictures = _some([f.stem for f in files], wanted), SUITES[suite].pictures
     return [
         Part(suite, row, f.stem, s, Captured(f, wanted.seconds, wanted.clips, pictures, s, settings))

@@ -16,6 +16,7 @@ from benchmarks.failure_table import by_tracker, figures_of, in_markdown, order,
 from benchmarks.kept_runs import Kept, all_done
 from benchmarks.runs_plot import write_runs
 from benchmarks.sequences import Motion, Task, rendered
+from estimator.trackers.defaults import together
 from estimator.tracking.registry import TRACKERS
 from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
@@ -42,6 +43,8 @@ def main(
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
     """Track the rendered arm, pivoting body and turning body with every tracker, in equal time.
+
+    The pose prior is off, as only css has it.
 
     All of it is 270 runs, four to six hours of one core. An interrupted measure goes on if its --work is given again.
 
@@ -82,7 +85,11 @@ def main(
     """
     rivals = _rivals(trackers, trial)
     chosen = () if (detected := source == "keypoints") else cue_choice(cues) or ()
-    how = {"cues": ",".join(chosen) or "off", "modes": modes, "settings": nested(changes)}
+    how = {
+        "cues": ",".join(chosen) or "off",
+        "modes": modes,
+        "settings": together({"cost": {"pose_prior_weight": 0.0}}, nested(changes)),
+    }
     plate = background == "plate" and "silhouette" in chosen
     with work_folder(work) as folder:
         clips = [Task(m, s, seconds, plate, folder / "clips", how, detected) for m in motions for s in clip_seeds]

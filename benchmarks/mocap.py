@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from cyclopts import Parameter
@@ -13,30 +13,31 @@ from rich.table import Table
 
 import kinemode as km
 from benchmarks.common import CUES, Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.mocap_person import DETECTOR, FPS, person
+from benchmarks.pose_prior import unseen_priors
+from benchmarks.pose_prior_clips import LEFT_OUT, subject_of
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import timed_track
-from estimator.synthesis import DetectorSettings
 from estimator.synthesis.mocap import load_mocap
-from humanoid.subject.subject import Subject
+from estimator.trackers.defaults import together
 from humanoid.support.errors import InputError
-from kinemode import demo
 from kinemode.terminal import report
 
 DEFAULT = ("walk_straight_07_01", "run_02_03", "jump_16_01", "walk_turn_26_01", "punch_02_05")
-FPS = 30.0
-DETECTOR = DetectorSettings(noise_px=5.0, outlier_fraction=0.05, missing_fraction=0.1)
-LIMBS = ("upper_arm", "forearm", "thigh", "shank")
-GIRTH = 1.08  # of the limbs in the pictures, over those of the body that is tracked
 TARGET_MM = 70.0
-PICTURES, KEYPOINTS, BOTH = "cues alone", "keypoints alone", "keypoints and cues"
-CONDITIONS = (PICTURES, KEYPOINTS, BOTH)
+Condition = Literal["cues alone", "keypoints alone", "keypoints and cues"]
+PICTURES: Final = "cues alone"
+KEYPOINTS: Final = "keypoints alone"
+BOTH: Final = "keypoints and cues"
+CONDITIONS: tuple[Condition, ...] = (PICTURES, KEYPOINTS, BOTH)
 
 
 @dataclass(frozen=True)
 class Task:
     """One captured motion to render and to track in every condition.
 
-    seconds: only so much of it. plate: whether the empty scene is given. how: arguments of `timed_track`.
+    seconds: only so much of it. plate: whether the empty scene is given. conditions: some of `CONDITIONS`. how:
+    arguments of `timed_track`.
     """
 
     motion: Path
@@ -44,18 +45,8 @@ class Task:
     seconds: float | None
     plate: bool
     folder: Path
+    conditions: tuple[str, ...]
     how: dict[str, Any]
-
-
-def person() -> Subject:
-    """The body in the pictures: human34 with the lengths of the demonstration's person and thicker limbs."""
-    subject = demo.demo_subject()
-    thicker: dict[int | str, list[float]] = {
-        i: (part.parameters * np.array([GIRTH, GIRTH, 1, 1, 1, 1, 1, 1, 1])).tolist()
-        for i, part in enumerate(subject.flesh)
-        if part.link.endswith(LIMBS)
-    }
-    return subject.reshaped(thicker)
 
 
 def tracked(task: Task) -> dict[str, Outcome]:
@@ -67,7 +58,7 @@ def tracked(task: Task) -> dict[str, Outcome]:
     )
     tell(f"{name}: rendered")
     outcomes = {}
-    for condition in CONDITIONS:
+    for condition in task.conditions:
         run, times = timed_track(
             clip.first_frame if condition == PICTURES else clip.keypoints,
             clip.cameras,
@@ -90,6 +81,8 @@ def main(
     every: Annotated[bool, Parameter(name="--all", negative="")] = False,
     seconds: float | None = None,
     background: Literal["learned", "plate"] = "learned",
+    conditions: Annotated[tuple[Condition, ...], Several] = CONDITIONS,
+    prior: Literal["unseen", "shipped", "off"] = "unseen",
     clip_seed: int = 2,
     seed: int = 0,
     modes: int = 7,
@@ -112,6 +105,11 @@ def main(
         Only so much of each.
     background
         Learned from the clip, or a picture of the empty scene is given.
+    conditions
+        Cues alone, keypoints alone, keypoints and cues.
+    prior
+        Pose prior: learned from everybody but the person tracked; the one that is shipped, which knows these clips; or
+        off.
     clip_seed
         Seed of the clips: room, clothes, noise and the errors of the keypoints.
     seed
@@ -131,14 +129,19 @@ def main(
     if not files:
         print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
         return
-    how = {"seed": seed, "modes": modes, "settings": nested(changes)}
+    how = {"seed": seed, "modes": modes}
     with work_folder(work) as folder:
-        tasks = [Task(f, clip_seed, seconds, background == "plate", folder / f.stem, how) for f in files]
+        settings = with_prior(prior, files, data, nested(changes), folder / "priors")
+        tasks = [
+            Task(f, clip_seed, seconds, background == "plate", folder / f.stem, conditions, how | {"settings": s})
+            for f, s in zip(files, settings, strict=True)
+        ]
         outcomes = in_processes(tracked, tasks, jobs)
     by_clip = {f.stem: by_condition for f, by_condition in zip(files, outcomes, strict=True)}
     show(by_clip, background)
-    save(json, {"measure": "mocap", "background": background, "how": how, "target_mm": TARGET_MM, "clips": {
-        name: {condition: asdict(o) for condition, o in of.items()} for name, of in by_clip.items()}})  # fmt: skip
+    figures = {name: {condition: asdict(o) for condition, o in of.items()} for name, of in by_clip.items()}
+    told = how | {"prior": prior, "settings": nested(changes)}
+    save(json, {"measure": "mocap", "background": background, "how": told, "target_mm": TARGET_MM, "clips": figures})
 
 
 def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[Path]:
@@ -154,9 +157,20 @@ def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[P
     return list(present.values()) if every else [present[name] for name in names]
 
 
+def with_prior(
+    prior: str, files: Sequence[Path], data: Path | None, changes: dict[str, Any], folder: Path
+) -> list[dict[str, Any]]:
+    """The changes to the settings of every clip, which say what pose prior it has."""
+    if prior != "unseen":
+        return [together({"cost": {"pose_prior_weight": 0.0}} if prior == "off" else {}, changes) for _ in files]
+    people = [None if f.stem in LEFT_OUT else subject_of(f.stem) for f in files]
+    paths = unseen_priors(data, dict.fromkeys(p for p in people if p is not None), folder)
+    return [together({"cost": {"pose_prior_file": str(paths[p])}} if p else {}, changes) for p in people]
+
+
 def show(by_clip: dict[str, dict[str, Outcome]], background: str) -> None:
     out = report.console()
-    for condition in CONDITIONS:
+    for condition in next(iter(by_clip.values())):
         outcomes = {name: of[condition] for name, of in by_clip.items()}
         out.print(tabulated(f"{condition}, background {background}", outcomes))
     out.print(TRACK_LEGEND)
@@ -164,6 +178,8 @@ def show(by_clip: dict[str, dict[str, Outcome]], background: str) -> None:
         for condition, scored in of.items():
             for note in scored.notes:
                 out.print(f"{name}, {condition}: {note}")
+    if set(next(iter(by_clip.values()))) < set(CONDITIONS):
+        return
     for line in verdicts({c: [of[c].errors["smoothed"] for of in by_clip.values()] for c in CONDITIONS}):
         out.print(line)
 

@@ -6,7 +6,7 @@ from the other people is at the poses of a clip. `--write` writes the numbers of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
@@ -24,6 +24,8 @@ from estimator.terms.priors import Stabilisers
 from estimator.terms.term import Cost
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
+from kinemode.target import made_folder
 from kinemode.terminal import report
 
 Errors = dict[str, dict[str, list[dict[str, TrackErrors]]]]
@@ -95,10 +97,7 @@ def main(
     if track:
         chosen = spread_of(files, clips)
         with work_folder(work) as folder:
-            priors = {}
-            for person in dict.fromkeys(subject_of(f.stem) for f in chosen):
-                priors[person] = folder / f"without_{person}.json"
-                without(body, poses, person, settings).save(priors[person], f"Without subject {person}.")
+            priors = priors_without(body, poses, dict.fromkeys(subject_of(f.stem) for f in chosen), folder)
             tasks = [
                 Task(f, priors[subject_of(f.stem)], tuple(weights), seconds, seed, folder / f"{f.stem}_{seed}")
                 for f in chosen
@@ -123,6 +122,32 @@ def mixture_of_all(body: Body, poses: Mapping[str, Poses], settings: LearnSettin
 def without(body: Body, poses: Mapping[str, Poses], person: str, settings: LearnSettings) -> PoseMixture:
     """Of the clips by name of everybody but one person."""
     return mixture_of_all(body, {name: p for name, p in poses.items() if subject_of(name) != person}, settings)
+
+
+def priors_without(body: Body, poses: Mapping[str, Poses], people: Iterable[str], folder: Path) -> dict[str, Path]:
+    """By person, the file of the mixture learned from everybody else, made where it is not there."""
+    paths = {person: folder / f"without_{person}.json" for person in people}
+    for person, path in paths.items():
+        if not path.is_file():
+            without(body, poses, person, LearnSettings()).save(path, f"Without subject {person}.")
+    return paths
+
+
+def unseen_priors(data: Path | None, people: Iterable[str], folder: Path) -> dict[str, Path]:
+    """The same from the captured clips in `data`, which are read only where a file is to be made.
+
+    Raises
+    ------
+    InputError: they are not there.
+    """
+    wanted, poses, body = list(people), {}, Body(load_subject(SUBJECT))
+    if not all((folder / f"without_{person}.json").is_file() for person in wanted):
+        files = captured_files(data)
+        if not files:
+            raise InputError("the pose prior", "learns from mocap_more too, which is not here", remedy="--prior off")
+        tell("learning the pose prior without those who are tracked")
+        poses = {f.stem: captured_poses(body, f, LearnSettings().spacing) for f in files}
+    return priors_without(body, poses, wanted, made_folder(folder))
 
 
 def held_out(body: Body, poses: Mapping[str, Poses], settings: LearnSettings) -> dict[int, dict[str, float]]:

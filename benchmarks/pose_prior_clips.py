@@ -10,7 +10,7 @@ from pathlib import Path
 
 import kinemode as km
 from benchmarks.common import data_folder, tell
-from benchmarks.mocap import DETECTOR, FPS, person
+from benchmarks.mocap_person import DETECTOR, FPS, person
 from benchmarks.scores import TrackErrors, trajectories
 from benchmarks.tracking import timed_track
 from estimator.results.reference_motion import Reference

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import mocap, outline, sequences
+from benchmarks import mocap, mocap_person, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
 from estimator.cameras.camera import guessed_camera
@@ -102,14 +102,14 @@ def test_the_trajectories_of_a_run() -> None:
 
 
 def test_the_person_in_the_pictures_has_thicker_limbs_and_nothing_else() -> None:
-    person, thin = mocap.person(), demo.demo_subject()
+    person, thin = mocap_person.person(), demo.demo_subject()
     widened = set()
     for ours, theirs in zip(person.flesh, thin.flesh, strict=True):
         ratio = np.array(ours.size) / theirs.size
         if not np.allclose(ratio, 1.0):
-            np.testing.assert_allclose(ratio, (mocap.GIRTH, mocap.GIRTH, 1.0))
+            np.testing.assert_allclose(ratio, (mocap_person.GIRTH, mocap_person.GIRTH, 1.0))
             widened.add(ours.link)
-    assert widened == {f"{side}_{limb}" for side in ("left", "right") for limb in mocap.LIMBS}
+    assert widened == {f"{side}_{limb}" for side in ("left", "right") for limb in mocap_person.LIMBS}
     bodies = Body(person), Body(thin), Body(load_subject("human34"))
     placed, same, standard = (body.landmarks(body.at(body.neutral)) for body in bodies)
     np.testing.assert_allclose(placed, same, atol=1e-9)
