@@ -24,7 +24,7 @@ from benchmarks.calibration_clips import (
     tracked,
 )
 from benchmarks.calibration_plot import write_reliability
-from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell
+from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.credible_levels import (
     KINDS,
     Levels,
@@ -34,6 +34,7 @@ from benchmarks.credible_levels import (
     fitted_calibration,
     together,
 )
+from benchmarks.pose_prior import PriorChoice, prior_settings
 from estimator.results.calibration import Calibration
 from kinemode.terminal import report
 
@@ -58,6 +59,7 @@ def main(
     ablate: bool = False,
     seed: int = 0,
     changes: Changes = (),
+    prior: PriorChoice = "unseen",
     jobs: int = 1,
     plot: Path | None = None,
     json: Annotated[Path | None, Parameter(name="--json")] = None,
@@ -88,6 +90,9 @@ def main(
         Of the clips; held-out clips differ from training clips in any case.
     changes
         Changes to the settings, as cost.nu=8 css.scale=4.
+    prior
+        Pose prior: learned from everybody but the person tracked; the one that is shipped, which knows all captured
+        clips; or off.
     jobs
         Clips at a time, each in a process of its own.
     plot
@@ -98,14 +103,18 @@ def main(
     if data_folder(data) is None:
         print("only authored motions: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
     known = partial(Task, known_body=known_body, known_noise=known_noise)
-    make = partial(known, seconds=seconds, every=every, tracker=tracker, changes=nested(changes))
-    calibration = _fitted(data, make, seed, jobs) if fit else Calibration()
-    held_out = _clips(data, HELD_OUT, make, 2000 + 100 * seed, jobs)
+    make = partial(known, seconds=seconds, every=every, tracker=tracker)
+    with work_folder(None) as folder:
+        clips = partial(_clips, data, make, prior=prior, changes=nested(changes), folder=folder, jobs=jobs)
+        calibration = _fitted(clips(TRAINING, 1000 + 100 * seed), jobs) if fit else Calibration()
+        held_out = clips(HELD_OUT, 2000 + 100 * seed)
+        more = data_folder(data)
+        strange = unseen and more is not None and (more / "mocap_more").is_dir()
+        strangers = clips(UNSEEN, 3000 + 100 * seed) if strange else []
     levels = {name: measured(held_out, c, jobs) for name, c in _variants(calibration, ablate).items()}
     show(levels, held_out)
     apart = groups(levels["calibrated"], held_out)
-    if unseen and (folder := data_folder(data)) is not None and (folder / "mocap_more").is_dir():
-        strangers = _clips(data, UNSEEN, make, 3000 + 100 * seed, jobs)
+    if strangers:
         apart[UNSEEN_PEOPLE] = together(measured(strangers, calibration, jobs))
     show_groups(apart)
     if plot is not None:
@@ -115,9 +124,9 @@ def main(
     save(json, _figures_of_all(calibration, levels) | {"by what set the stabilisers": apart_figures})
 
 
-def _fitted(data: Path | None, make: partial[Task], seed: int, jobs: int) -> Calibration:
+def _fitted(training: Sequence[Tracked], jobs: int) -> Calibration:
     """The calibration that the training motions ask for."""
-    calibration = fitted_calibration(_clips(data, TRAINING, make, 1000 + 100 * seed, jobs), jobs, tell)
+    calibration = fitted_calibration(training, jobs, tell)
     print(f"fitted: {calibration}")
     return calibration
 
@@ -140,8 +149,24 @@ def _variants(calibration: Calibration, ablate: bool) -> dict[str, Calibration]:
     return variants
 
 
-def _clips(data: Path | None, names: Sequence[str], make: partial[Task], seed: int, jobs: int) -> list[Tracked]:
-    tasks = [make(m, c, seed + i) for i, m in enumerate(motions(data, names)) for c in CONDITIONS]
+def _clips(
+    data: Path | None,
+    make: partial[Task],
+    names: Sequence[str],
+    seed: int,
+    *,
+    prior: PriorChoice,
+    changes: Mapping[str, Any],
+    folder: Path,
+    jobs: int,
+) -> list[Tracked]:
+    files = motions(data, names)
+    settings = prior_settings(prior, [f.stem for f in files], data, changes, folder)
+    tasks = [
+        make(m, c, seed + i, changes=s)
+        for i, (m, s) in enumerate(zip(files, settings, strict=True))
+        for c in CONDITIONS
+    ]
     tell(f"{len(tasks)} clips to track")
     return in_processes(tracked, tasks, jobs)
 

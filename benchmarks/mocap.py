@@ -14,12 +14,10 @@ from rich.table import Table
 import kinemode as km
 from benchmarks.common import CUES, Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.mocap_person import DETECTOR, FPS, person
-from benchmarks.pose_prior import unseen_priors
-from benchmarks.pose_prior_clips import LEFT_OUT, subject_of
+from benchmarks.pose_prior import PriorChoice, prior_settings
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import timed_track
 from estimator.synthesis.mocap import load_mocap
-from estimator.trackers.defaults import together
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
@@ -82,7 +80,7 @@ def main(
     seconds: float | None = None,
     background: Literal["learned", "plate"] = "learned",
     conditions: Annotated[tuple[Condition, ...], Several] = CONDITIONS,
-    prior: Literal["unseen", "shipped", "off"] = "unseen",
+    prior: PriorChoice = "unseen",
     clip_seed: int = 2,
     seed: int = 0,
     modes: int = 7,
@@ -131,7 +129,7 @@ def main(
         return
     how = {"seed": seed, "modes": modes}
     with work_folder(work) as folder:
-        settings = with_prior(prior, files, data, nested(changes), folder / "priors")
+        settings = prior_settings(prior, [f.stem for f in files], data, nested(changes), folder / "priors")
         tasks = [
             Task(f, clip_seed, seconds, background == "plate", folder / f.stem, conditions, how | {"settings": s})
             for f, s in zip(files, settings, strict=True)
@@ -155,17 +153,6 @@ def motion_files(data: Path | None, names: Sequence[str], every: bool) -> list[P
         problem = f"there is no {', '.join(absent)}" if present else "has no mocap folder with BVH files"
         raise InputError(folder or "mocap", problem, remedy=f"it has {', '.join(present)}" if present else "")
     return list(present.values()) if every else [present[name] for name in names]
-
-
-def with_prior(
-    prior: str, files: Sequence[Path], data: Path | None, changes: dict[str, Any], folder: Path
-) -> list[dict[str, Any]]:
-    """The changes to the settings of every clip, which say what pose prior it has."""
-    if prior != "unseen":
-        return [together({"cost": {"pose_prior_weight": 0.0}} if prior == "off" else {}, changes) for _ in files]
-    people = [None if f.stem in LEFT_OUT else subject_of(f.stem) for f in files]
-    paths = unseen_priors(data, dict.fromkeys(p for p in people if p is not None), folder)
-    return [together({"cost": {"pose_prior_file": str(paths[p])}} if p else {}, changes) for p in people]
 
 
 def show(by_clip: dict[str, dict[str, Outcome]], background: str) -> None:

@@ -9,19 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.common import Several, in_processes, save, start, tell, work_folder
 from benchmarks.pose_learning import LearnSettings, Poses, balanced, captured_poses, learned
-from benchmarks.pose_prior_clips import Task, captured_files, spread_of, subject_of, tracked
+from benchmarks.pose_prior_clips import Task, captured_files, learned_person, spread_of, subject_of, tracked
 from benchmarks.scores import TRAJECTORIES, TrackErrors
 from estimator.terms.pose_mixture import SHIPPED, PoseMixture
 from estimator.terms.pose_prior import PosePrior
 from estimator.terms.priors import Stabilisers
 from estimator.terms.term import Cost
+from estimator.trackers.defaults import together
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -30,6 +31,9 @@ from kinemode.terminal import report
 
 Errors = dict[str, dict[str, list[dict[str, TrackErrors]]]]
 """By clip and share of the prior: errors of every seed by trajectory."""
+
+PriorChoice = Literal["unseen", "shipped", "off"]
+"""Learned from everybody but the person tracked; the one that is shipped; or none."""
 
 SUBJECT = "human34"
 DRAWN = 5  # seed of the poses of people of whom there is much
@@ -133,21 +137,34 @@ def priors_without(body: Body, poses: Mapping[str, Poses], people: Iterable[str]
     return paths
 
 
-def unseen_priors(data: Path | None, people: Iterable[str], folder: Path) -> dict[str, Path]:
-    """The same from the captured clips in `data`, which are read only where a file is to be made.
+def prior_settings(
+    prior: PriorChoice, names: Sequence[str], data: Path | None, changes: Mapping[str, Any], folder: Path
+) -> list[dict[str, Any]]:
+    """For each of some clips by name, the changes to the settings, with those that give it this prior.
+
+    folder: of the mixtures, which are learned where it does not have them.
 
     Raises
     ------
-    InputError: they are not there.
+    InputError: there is nothing to learn them from.
     """
-    wanted, poses, body = list(people), {}, Body(load_subject(SUBJECT))
-    if not all((folder / f"without_{person}.json").is_file() for person in wanted):
+    if prior != "unseen":
+        return [together({"cost": {"pose_prior_weight": 0.0}} if prior == "off" else {}, changes) for _ in names]
+    people = [learned_person(name) for name in names]
+    paths = _unseen(data, list(dict.fromkeys(p for p in people if p is not None)), folder)
+    return [together({} if p is None else {"cost": {"pose_prior_file": str(paths[p])}}, changes) for p in people]
+
+
+def _unseen(data: Path | None, people: Sequence[str], folder: Path) -> dict[str, Path]:
+    """As `priors_without`, from the captured clips in `data`, which are read only where a file is to be made."""
+    poses, body = dict[str, Poses](), Body(load_subject(SUBJECT))
+    if not all((folder / f"without_{person}.json").is_file() for person in people):
         files = captured_files(data)
         if not files:
             raise InputError("the pose prior", "learns from mocap_more too, which is not here", remedy="--prior off")
         tell("learning the pose prior without those who are tracked")
         poses = {f.stem: captured_poses(body, f, LearnSettings().spacing) for f in files}
-    return priors_without(body, poses, wanted, made_folder(folder))
+    return priors_without(body, poses, people, made_folder(folder))
 
 
 def held_out(body: Body, poses: Mapping[str, Poses], settings: LearnSettings) -> dict[int, dict[str, float]]:

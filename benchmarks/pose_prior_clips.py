@@ -47,6 +47,11 @@ def subject_of(name: str) -> str:
     return _trial(name).group(1)
 
 
+def learned_person(name: str) -> str | None:
+    """Number of the person of a clip if the shipped prior was learned from them, None otherwise."""
+    return subject_of(name) if name not in LEFT_OUT and _TRIAL.search(name) else None
+
+
 def _trial(name: str) -> re.Match[str]:
     match = _TRIAL.search(name)
     if match is None:
