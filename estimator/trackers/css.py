@@ -41,11 +41,12 @@ class CssSettings:
     """The search of each frame.
 
     modes: hypotheses kept (7 for the body, 3 for the arm in CSS section 6). forgetting: power of a parent's weight that
-    is handed on, 1 in Figure 6; less lets an early mistake be forgotten. transition: penalise the change since
-    the parent; off in the paper, whose search is static (footnote 5). keep: search from the parents' own poses
-    too, not from samples alone. momentum: share of its velocity that carries a parent to where pictures are looked at
-    too (constant velocity beside driftless dynamics). refine: which searches are led to convergence, "all" as printed
-    (Figure 6, step 2.3), or the "best" of those that differ after a short search.
+    is handed on, 1 in Figure 6; less, as the same clutter misleads frame after frame, which are not independent.
+    transition: penalise the change since the parent; off in the paper, whose search is static (footnote 5). keep:
+    search from the parents' own poses too, not from samples alone. momentum: share of its velocity that carries a
+    parent to where pictures are looked at too (constant velocity beside driftless dynamics). refine: which searches
+    are led to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that differ after a short
+    search.
 
     budget: how many searches a frame gets. What the parents leave of it is shared in proportion to:
     samples: about the parents. shape: of their distribution, "covariance" (CSS), "spherical" (of equal volume, the
@@ -67,7 +68,7 @@ class CssSettings:
     shape: str = setting("covariance", one_of=SHAPES)
     scale: float = setting(3.0, above=0)
     tail: float = setting(0.0, at_least=0)
-    forgetting: float = setting(0.95, at_least=0)
+    forgetting: float = setting(0.8, at_least=0)
     transition: bool = True
     keep: bool = True
     momentum: float = setting(0.8, at_least=0)
