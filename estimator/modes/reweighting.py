@@ -1,0 +1,47 @@
+"""Modes of one frame's likelihood, found without the past, weighed by what the past says of them (ELMO section 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from estimator.modes.mixture import Mixture
+from humanoid.kinematics.body import Body
+
+
+class Reweighted(NamedTuple):
+    """log_scores (L,): of the modes, unnormalised. parent (L,) int64: the mode of the prior that says most for each."""
+
+    log_scores: np.ndarray
+    parent: np.ndarray
+
+
+def reweighted(
+    body: Body, q: Sequence[np.ndarray], log_shares: np.ndarray, prior: Mixture, std: np.ndarray
+) -> Reweighted:
+    """Eq. 6: log of ŵ_i sum_j w_j N(mu_i; mu_j, C_eta).
+
+    It is the product of the likelihood, a mixture, with the prior diffused by C_eta, where C_eta is much wider than the
+    modes (eq. 5): then a mode stays where it is and how wide it is, and only its weight changes. Differences are taken
+    in the tangent space at the prior's modes. In logarithms, and relative to each other, the weights of modes that are
+    all far from the prior do not vanish: after a gap the prior says little, and the likelihood decides.
+
+    q (L) of (nq,): the modes. log_shares (L,): log ŵ, height times volume, not height alone. prior: of the frame
+    before. std (nv,): square root of the diagonal of C_eta, all positive.
+    """
+    away = np.array([[body.difference(mode.q, x) for mode in prior.modes] for x in q])  # (L, K, nv)
+    with np.errstate(divide="ignore"):
+        of_pair = np.log(prior.weights)[None, :] - 0.5 * np.square(away / std).sum(axis=-1)
+    return Reweighted(log_shares + logsumexp(of_pair, axis=1), of_pair.argmax(axis=1))
+
+
+def diffusion_std(speed: np.ndarray, seconds: float, floor: np.ndarray) -> np.ndarray:
+    """Standard deviations (nv,) of C_eta, `seconds` after the last frame that was seen.
+
+    speed (nv,) [per second], floor (nv,): what a frame may change at least, however short: modes are found anew in
+    every frame and do not lie where the last one's would have moved.
+    """
+    return np.asarray(np.hypot(speed * seconds, floor))

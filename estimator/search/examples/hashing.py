@@ -1,0 +1,116 @@
+"""Parameter-sensitive hashing: the examples that look like a picture, from the buckets that it falls into
+(Shakhnarovich, Viola, Darrell 2003, section 3.2; Gionis, Indyk, Motwani 1999)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from humanoid.support.compiled import jit
+
+TABLES, KEY_BITS = 50, 18  # ELMO section 4
+
+
+class Neighbours(NamedTuple):
+    """Numbers of the examples (K,) int64, the nearest first, and in how many bits they differ (K,) int64.
+
+    looked_at: with how many the picture was compared. fell_back: all, because too few shared a bucket with it.
+    """
+
+    numbers: np.ndarray
+    distance: np.ndarray
+    looked_at: int
+    fell_back: bool
+
+
+class HashTables:
+    """Examples, N, in buckets: each table sorts them by a key of some of their bits, drawn at random.
+
+    Parameters
+    ----------
+    values (N, M) bool: the examples' bits. rng: draws the keys. tables, key_bits: how many, and of how many bits.
+
+    Raises
+    ------
+    ValueError: there are fewer bits than a key has, or no examples.
+    """
+
+    def __init__(
+        self, values: np.ndarray, rng: np.random.Generator, tables: int = TABLES, key_bits: int = KEY_BITS
+    ) -> None:
+        count, bits = values.shape
+        if not count or bits < key_bits:
+            raise ValueError(f"{count} examples of {bits} bits: keys of {key_bits} bits need as many and an example")
+        self._codes = packed(values)
+        self._chosen = np.array([rng.choice(bits, key_bits, replace=False) for _ in range(tables)])
+        keys = self._keys(values)
+        self._order = np.argsort(keys, axis=1, kind="stable").astype(np.int32)
+        self._sorted = np.take_along_axis(keys, self._order, axis=1)
+        self._seen = np.zeros(count, np.int32)
+        self._query = 0
+
+    def __len__(self) -> int:
+        return len(self._codes)
+
+    def nearest(self, value: np.ndarray, count: int) -> Neighbours:
+        """The `count` examples that differ least from value (M,) bool among those in one of its buckets, or among all
+        if fewer are there; of equals the first. At most as many as there are examples."""
+        code, keys = packed(value[None])[0], self._keys(value[None])[:, 0]
+        first = np.array([np.searchsorted(s, k, "left") for s, k in zip(self._sorted, keys, strict=True)])
+        last = np.array([np.searchsorted(s, k, "right") for s, k in zip(self._sorted, keys, strict=True)])
+        self._query += 1
+        candidates = np.empty(min(len(self), int((last - first).sum())), np.int64)
+        candidates = candidates[: _union(self._order, first, last, self._query, self._seen, candidates)]
+        fell_back = len(candidates) < min(count, len(self))
+        if fell_back:
+            candidates = np.arange(len(self))
+        distance = np.empty(len(candidates), np.int64)
+        _differing(self._codes, code, candidates, distance)
+        order = np.lexsort((candidates, distance))[:count]
+        return Neighbours(candidates[order], distance[order], len(candidates), fell_back)
+
+    def _keys(self, values: np.ndarray) -> np.ndarray:
+        """Keys (tables, N) of values (N, M)."""
+        weight = 1 << np.arange(self._chosen.shape[1], dtype=np.int64)
+        return np.array([values[:, chosen] @ weight for chosen in self._chosen])
+
+
+def packed(values: np.ndarray) -> np.ndarray:
+    """Bits (N, M) bool in words (N, ceil(M / 64)) uint64, filled up with zeros."""
+    count, bits = values.shape
+    padded = np.zeros((count, -(-bits // 64) * 64), bool)
+    padded[:, :bits] = values
+    return np.packbits(padded, axis=1).view(np.uint64)
+
+
+@jit
+def _union(order, first, last, query, seen, candidates):  # type: ignore[no-untyped-def]
+    """Fill candidates (C,) with the examples in any bucket, each once, and return how many they are.
+
+    order (T, N): examples by key. first, last (T,): where the bucket of each table begins and ends there. query: a
+    number that seen (N,) does not have; it is set for those that are in.
+    """
+    count = 0
+    for t in range(order.shape[0]):
+        for i in range(first[t], last[t]):
+            example = order[t, i]
+            if seen[example] != query:
+                seen[example] = query
+                candidates[count] = example
+                count += 1
+    return count
+
+
+@jit
+def _differing(codes, code, candidates, distance):  # type: ignore[no-untyped-def]
+    """Fill distance (C,): bits in which codes (N, W) of the candidates (C,) differ from code (W,), words of 64 bits."""
+    for c in range(candidates.shape[0]):
+        differing = np.uint64(0)
+        for w in range(codes.shape[1]):
+            x = codes[candidates[c], w] ^ code[w]
+            x -= (x >> np.uint64(1)) & np.uint64(0x5555555555555555)
+            x = (x & np.uint64(0x3333333333333333)) + ((x >> np.uint64(2)) & np.uint64(0x3333333333333333))
+            x = (x + (x >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+            differing += (x * np.uint64(0x0101010101010101)) >> np.uint64(56)
+        distance[c] = differing

@@ -1,0 +1,145 @@
+"""Edge direction histograms, the bits learned from them, and the examples found by these bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimator.imaging.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram
+from estimator.search.examples.bits import Bits, learned_bits
+from estimator.search.examples.hashing import HashTables, packed
+
+
+def stripes(angle: float, period: float = 16.0) -> np.ndarray:
+    """A picture of bars whose normal has this angle [degrees], x to y."""
+    y, x = np.mgrid[:SIDE, :SIDE]
+    across = x * np.cos(np.radians(angle)) + y * np.sin(np.radians(angle))
+    return np.where(across % period < 0.5 * period, 60, 180).astype(np.uint8)
+
+
+def test_the_bins_are_those_of_the_paper() -> None:
+    assert bin_count() == 13076
+    assert edge_histogram(np.zeros((SIDE, SIDE), np.uint8)).shape == (13076,)
+
+
+@pytest.mark.parametrize("direction", range(DIRECTIONS))
+def test_edges_count_in_their_own_direction(direction: int) -> None:
+    by_direction = edge_histogram(stripes(45.0 * direction)).reshape(-1, DIRECTIONS).sum(axis=0)
+    assert by_direction[direction] > 0.9 * by_direction.sum() > 0.0
+
+
+def test_a_direction_has_no_sign() -> None:
+    picture = stripes(10.0)
+    np.testing.assert_array_equal(edge_histogram(picture), edge_histogram(255 - picture))
+
+
+def test_windows_count_the_pixels_in_them() -> None:
+    """Every window against the pixels that the smallest windows, which overlap by half, have counted."""
+    rng = np.random.default_rng(0)
+    where = np.zeros((SIDE, SIDE), bool)
+    picture = np.kron(rng.integers(0, 256, (20, 20)), np.ones((10, 10))).astype(np.uint8)
+    bins = edge_histogram(picture)
+    sizes = np.split(bins, np.cumsum([(SIDE // (w // 2)) ** 2 * DIRECTIONS for w in WINDOWS])[:-1])
+    for size, counts in zip(WINDOWS, sizes, strict=True):
+        n = SIDE // (size // 2)
+        windows = counts.reshape(n, n, DIRECTIONS)
+        for i, j in ((0, 0), (3, n - 1), (n - 1, 5), (n - 1, n - 1)):
+            where[:] = False
+            rows, columns = (slice(k * size // 2, k * size // 2 + size) for k in (i, j))
+            where[rows, columns] = True
+            alone = np.split(edge_histogram(picture, where), [sizes[0].size])[0].reshape(50, 50, DIRECTIONS)
+            # windows of 8 px at steps of 8 cover every pixel once
+            np.testing.assert_array_equal(windows[i, j], alone[::2, ::2].sum(axis=(0, 1)))
+
+
+def test_a_picture_of_another_kind_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"float64 \(200, 200\)"):
+        edge_histogram(np.zeros((SIDE, SIDE)))
+    with pytest.raises(ValueError, match=r"\(100, 100\)"):
+        edge_histogram(np.zeros((100, 100), np.uint8))
+
+
+def pairs(rng: np.random.Generator, count: int) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Similar and dissimilar pairs of descriptions: the first feature tells them apart, the second tells nothing, the
+    third differs always between similar ones."""
+    first = rng.integers(0, 40, (4, count))
+    informative = [first[0], np.clip(first[0] + rng.integers(-2, 3, count), 0, 60), first[1], first[2]]
+    noise = rng.integers(0, 40, (4, count))
+    opposite = [np.zeros(count, int), np.full(count, 9), noise[0], noise[0]]
+    columns = [np.stack([informative[k], noise[k], opposite[k]], axis=1).astype(np.uint16) for k in range(4)]
+    return (columns[0], columns[1]), (columns[2], columns[3])
+
+
+def test_bits_that_tell_are_kept_with_their_best_threshold() -> None:
+    similar, dissimilar = pairs(np.random.default_rng(1), 4000)
+    bits = learned_bits(similar, dissimilar)
+    assert bits.feature.tolist() == [0]
+
+    def rates(threshold: int) -> tuple[float, float]:
+        same = [np.mean((a[:, 0] >= threshold) == (b[:, 0] >= threshold)) for a, b in (similar, dissimilar)]
+        return float(same[0]), float(same[1])
+
+    every = {t: rates(t) for t in range(45)}
+    best = max((t for t in every if every[t][0] >= 0.65), key=lambda t: every[t][0] - every[t][1])
+    assert bits.threshold[0] == best
+    np.testing.assert_allclose((bits.true_rate[0], bits.false_rate[0]), every[best])
+
+
+def test_bits_need_pairs_of_both_kinds() -> None:
+    similar, _ = pairs(np.random.default_rng(1), 4)
+    with pytest.raises(ValueError, match="4 similar and 0 dissimilar"):
+        learned_bits(similar, (similar[0][:0], similar[1][:0]))
+
+
+def test_a_bit_is_a_threshold_that_is_reached() -> None:
+    bits = Bits(np.array([2, 0], np.int32), np.array([5, 1], np.uint16), np.ones(2), np.zeros(2))
+    np.testing.assert_array_equal(bits.of(np.array([[0, 9, 5], [1, 9, 4]], np.uint16)), [[True, False], [False, True]])
+
+
+def clustered(rng: np.random.Generator, count: int = 3000, bits: int = 300) -> np.ndarray:
+    """Values (count, bits): a hundred families whose members differ in few bits."""
+    families = rng.random((100, bits)) < 0.5
+    return np.asarray(families[rng.integers(0, 100, count)] ^ (rng.random((count, bits)) < 0.02))
+
+
+def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
+    rng = np.random.default_rng(2)
+    values = clustered(rng)
+    tables, exact = HashTables(values, np.random.default_rng(0)), 0
+    for query in values[:20] ^ (rng.random((20, values.shape[1])) < 0.02):
+        near = tables.nearest(query, 10)
+        differing = (values ^ query).sum(axis=1)
+        np.testing.assert_array_equal(near.distance, differing[near.numbers])
+        assert not near.fell_back
+        assert near.looked_at < 0.2 * len(values)
+        exact += set(near.numbers) == set(np.lexsort((np.arange(len(values)), differing))[:10])
+    assert exact >= 18
+
+
+def test_empty_buckets_fall_back_to_all_examples() -> None:
+    values = clustered(np.random.default_rng(2))
+    near = HashTables(values, np.random.default_rng(0)).nearest(~values[0], 5)
+    differing = (values ^ ~values[0]).sum(axis=1)
+    assert near.fell_back
+    assert near.looked_at == len(values)
+    np.testing.assert_array_equal(near.numbers, np.lexsort((np.arange(len(values)), differing))[:5])
+
+
+def test_the_same_seed_gives_the_same_neighbours() -> None:
+    values = clustered(np.random.default_rng(2))
+    a, b = (HashTables(values, np.random.default_rng(7)).nearest(values[5], 50) for _ in range(2))
+    np.testing.assert_array_equal(a.numbers, b.numbers)
+    assert a.numbers[0] == 5
+    assert a.distance[0] == 0
+
+
+def test_keys_need_as_many_bits() -> None:
+    with pytest.raises(ValueError, match="10 examples of 12 bits"):
+        HashTables(np.zeros((10, 12), bool), np.random.default_rng(0))
+
+
+def test_packing_keeps_every_bit() -> None:
+    values = np.random.default_rng(3).random((5, 130)) < 0.5
+    words = packed(values)
+    assert words.shape == (5, 3)
+    np.testing.assert_array_equal(np.unpackbits(words.view(np.uint8), axis=1)[:, :130], values)
