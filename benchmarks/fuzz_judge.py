@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from benchmarks.fuzz_cases import GOOD, MOST_MEMORY, MOST_SECONDS, Case, Verdict, peak_memory
+from benchmarks.fuzz_cases import GOOD, MOST_MEMORY, MOST_SECONDS, Case, Verdict, already_held, forget_peak, peak_memory
 from benchmarks.fuzz_corpus import Files
 from benchmarks.fuzz_readers import CORPUS_OF, READERS, damaged
 from humanoid.support.errors import LONGEST, InputError
@@ -31,7 +31,8 @@ def prepare(case: Case, corpus: Mapping[str, list[Files]], folder: Path) -> Path
 
 def judge(reader: str, path: Path) -> Verdict:
     """What a reader makes of a file: a result, or an InputError that can be read; anything else is a fault."""
-    began = time.perf_counter()
+    forget_peak()
+    held, began = already_held(), time.perf_counter()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         try:
@@ -45,12 +46,13 @@ def judge(reader: str, path: Path) -> Verdict:
     if numeric and outcome in GOOD:
         where = "/".join(Path(numeric[0].filename).parts[-2:])
         outcome, said = "warned", f"{where}:{numeric[0].lineno}: {numeric[0].message}"
-    return timed(outcome, said, time.perf_counter() - began)
+    return timed(outcome, said, time.perf_counter() - began, held)
 
 
-def timed(outcome: str, said: str, seconds: float) -> Verdict:
-    """A verdict, which is bad where the time or the memory was too much."""
-    memory = peak_memory()
+def timed(outcome: str, said: str, seconds: float, held: int = 0) -> Verdict:
+    """A verdict, which is bad where the time or the memory was too much; held: of the memory before, see
+    `already_held`."""
+    memory = peak_memory() - held
     if outcome in GOOD and seconds > MOST_SECONDS:
         outcome = "slow"
     if outcome in GOOD and memory > MOST_MEMORY:

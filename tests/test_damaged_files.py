@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import fuzz_judge, fuzz_readers
 from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
 from benchmarks.fuzz_judge import judge
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
@@ -216,3 +217,19 @@ def test_a_body_behind_the_camera_has_an_energy_all_the_same() -> None:
         case = Case(search, observation, "as_detected", posed, None, False, 0.0, None, posed, likelihood)
         parts = energy_parts(case)
         assert np.isfinite([part.energy for part in parts]).all()
+
+
+def test_memory_is_judged_by_what_reading_adds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process of the tests is large before it reads anything."""
+
+    class Greedy:
+        def read(self, path: Path) -> np.ndarray:
+            return np.ones(len(path.read_bytes()) * 1_000_000)
+
+    monkeypatch.setitem(fuzz_readers.READERS, "greedy", Greedy())
+    monkeypatch.setattr(fuzz_judge, "MOST_MEMORY", 400_000_000)
+    path = tmp_path / "bytes"
+    path.write_bytes(bytes(1))
+    assert judge("greedy", path).outcome == "read"
+    path.write_bytes(bytes(40))  # 320 MB
+    assert judge("greedy", path).outcome == "memory"
