@@ -81,7 +81,7 @@ def main(
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
     """Track with CSS without one of its parts at a time: stand-ins and motion capture from pictures alone, motion
-    capture and beam4cam from keypoints.
+    capture and beam4cam from keypoints. Captured motions without the pose prior, which knows these people.
 
     All of it is 540 runs, about six hours of one core. An interrupted measure goes on if its --work is given again;
     runs of css on the stand-ins are shared with `benchmarks.failures` in the same folder.

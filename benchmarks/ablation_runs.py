@@ -20,7 +20,7 @@ from benchmarks.sequences import FPS, Task, clip_folder
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
 from estimator.synthesis.mocap import load_mocap
-from estimator.trackers.defaults import together
+from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.tracking.registry import settings_for
 from humanoid.support.errors import InputError
 from kinemode.rendering.files import RenderedClip
@@ -222,7 +222,7 @@ def parts(suite: str, row: str, changes: Mapping[str, Any], wanted: Wanted) -> l
         raise InputError(
             "mocap", "the motion capture is not here", remedy="--data DIR or KINEMODE_DATA names its folder"
         )
-    settings = together({"cost": {"pose_prior_weight": 0.0}}, settings)  # it was learned from these people
+    settings = together(NO_CAPTURE, settings)  # it was learned from these people
     chosen, pictures = _some([f.stem for f in files], wanted), SUITES[suite].pictures
     return [
         Part(suite, row, f.stem, s, Captured(f, wanted.seconds, wanted.clips, pictures, s, settings))

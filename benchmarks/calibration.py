@@ -100,7 +100,8 @@ def main(
     json
         Also write the figures here.
     """
-    if data_folder(data) is None:
+    here = data_folder(data)
+    if here is None:
         print("only authored motions: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
     known = partial(Task, known_body=known_body, known_noise=known_noise)
     make = partial(known, seconds=seconds, every=every, tracker=tracker)
@@ -108,8 +109,7 @@ def main(
         clips = partial(_clips, data, make, prior=prior, changes=nested(changes), folder=folder, jobs=jobs)
         calibration = _fitted(clips(TRAINING, 1000 + 100 * seed), jobs) if fit else Calibration()
         held_out = clips(HELD_OUT, 2000 + 100 * seed)
-        more = data_folder(data)
-        strange = unseen and more is not None and (more / "mocap_more").is_dir()
+        strange = unseen and here is not None and (here / "mocap_more").is_dir()
         strangers = clips(UNSEEN, 3000 + 100 * seed) if strange else []
     levels = {name: measured(held_out, c, jobs) for name, c in _variants(calibration, ablate).items()}
     show(levels, held_out)

@@ -16,7 +16,7 @@ from benchmarks.failure_table import by_tracker, figures_of, in_markdown, order,
 from benchmarks.kept_runs import Kept, all_done
 from benchmarks.runs_plot import write_runs
 from benchmarks.sequences import Motion, Task, rendered
-from estimator.trackers.defaults import together
+from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.tracking.registry import TRACKERS
 from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
@@ -88,7 +88,7 @@ def main(
     how = {
         "cues": ",".join(chosen) or "off",
         "modes": modes,
-        "settings": together({"cost": {"pose_prior_weight": 0.0}}, nested(changes)),
+        "settings": together(NO_CAPTURE, nested(changes)),
     }
     plate = background == "plate" and "silhouette" in chosen
     with work_folder(work) as folder:

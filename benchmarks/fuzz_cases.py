@@ -49,11 +49,7 @@ class Verdict:
 
 def already_held() -> int:
     """What this process holds beyond a worker that has only loaded the readers [B]: not a damaged input's doing."""
-    with suppress(OSError):
-        line = re.search(r"VmRSS:\s*(\d+) kB", Path("/proc/self/status").read_text())
-        if line:
-            return max(0, 1024 * int(line[1]) - _OF_READERS)
-    return 0
+    return max(0, (_told("VmRSS") or 0) - _OF_READERS)
 
 
 def forget_peak() -> None:
@@ -64,9 +60,17 @@ def forget_peak() -> None:
 
 def peak_memory() -> int:
     """The largest resident size this process had since `forget_peak` [B]."""
-    with suppress(OSError):
-        line = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
-        if line:
-            return 1024 * int(line[1])
+    told = _told("VmHWM")
+    if told is not None:
+        return told
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def _told(name: str) -> int | None:
+    """A size that the system tells of this process [B], None where it does not."""
+    with suppress(OSError):
+        line = re.search(rf"{name}:\s*(\d+) kB", Path("/proc/self/status").read_text())
+        if line:
+            return 1024 * int(line[1])
+    return None

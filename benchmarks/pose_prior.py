@@ -22,7 +22,7 @@ from estimator.terms.pose_mixture import SHIPPED, PoseMixture
 from estimator.terms.pose_prior import PosePrior
 from estimator.terms.priors import Stabilisers
 from estimator.terms.term import Cost
-from estimator.trackers.defaults import together
+from estimator.trackers.defaults import NO_CAPTURE, together
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -129,12 +129,15 @@ def without(body: Body, poses: Mapping[str, Poses], person: str, settings: Learn
 
 
 def priors_without(body: Body, poses: Mapping[str, Poses], people: Iterable[str], folder: Path) -> dict[str, Path]:
-    """By person, the file of the mixture learned from everybody else, made where it is not there."""
-    paths = {person: folder / f"without_{person}.json" for person in people}
+    """By person, the file of the mixture learned from everybody else."""
+    paths = {person: _file_without(person, folder) for person in people}
     for person, path in paths.items():
-        if not path.is_file():
-            without(body, poses, person, LearnSettings()).save(path, f"Without subject {person}.")
+        without(body, poses, person, LearnSettings()).save(path, f"Without subject {person}.")
     return paths
+
+
+def _file_without(person: str, folder: Path) -> Path:
+    return folder / f"without_{person}.json"
 
 
 def prior_settings(
@@ -149,7 +152,7 @@ def prior_settings(
     InputError: there is nothing to learn them from.
     """
     if prior != "unseen":
-        return [together({"cost": {"pose_prior_weight": 0.0}} if prior == "off" else {}, changes) for _ in names]
+        return [together(NO_CAPTURE if prior == "off" else {}, changes) for _ in names]
     people = [learned_person(name) for name in names]
     paths = _unseen(data, list(dict.fromkeys(p for p in people if p is not None)), folder)
     return [together({} if p is None else {"cost": {"pose_prior_file": str(paths[p])}}, changes) for p in people]
@@ -157,14 +160,16 @@ def prior_settings(
 
 def _unseen(data: Path | None, people: Sequence[str], folder: Path) -> dict[str, Path]:
     """As `priors_without`, from the captured clips in `data`, which are read only where a file is to be made."""
-    poses, body = dict[str, Poses](), Body(load_subject(SUBJECT))
-    if not all((folder / f"without_{person}.json").is_file() for person in people):
-        files = captured_files(data)
+    paths = {person: _file_without(person, folder) for person in people}
+    missing = [person for person, path in paths.items() if not path.is_file()]
+    if missing:
+        files, body = captured_files(data), Body(load_subject(SUBJECT))
         if not files:
             raise InputError("the pose prior", "learns from mocap_more too, which is not here", remedy="--prior off")
         tell("learning the pose prior without those who are tracked")
         poses = {f.stem: captured_poses(body, f, LearnSettings().spacing) for f in files}
-    return priors_without(body, poses, people, made_folder(folder))
+        priors_without(body, poses, missing, made_folder(folder))
+    return paths
 
 
 def held_out(body: Body, poses: Mapping[str, Poses], settings: LearnSettings) -> dict[int, dict[str, float]]:

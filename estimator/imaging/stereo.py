@@ -68,7 +68,8 @@ class StereoPair:
             raise _refused(left, right, "the cameras stand one above the other", "a pair side by side")
         if P_right[0, 3] > 0.0:
             raise _refused(left, right, f"{right.name} stands to the left", f"{right.name}={left.name}")
-        self.baseline = float(-P_right[0, 3] / P_right[0, 0])
+        self._scale = float(-P_right[0, 3])  # focal length times baseline: depth times disparity [px m]
+        self.baseline = self._scale / float(P_right[0, 0])
         self.camera = Camera(
             left.name, size, P_left[:, :3], np.zeros(5), R_left @ left.R_camera_world, R_left @ left.t_camera_world
         )
@@ -94,15 +95,15 @@ class StereoPair:
         grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in self.rectified(left, right)]
         disparity = self._matcher.compute(*grey).astype(np.float32) / _SUBPIXEL
         disparity[disparity <= 0.0] = np.nan
-        return np.asarray(np.float32(self.camera.K[0, 0] * self.baseline) / disparity)
+        return np.asarray(np.float32(self._scale) / disparity)
 
     def std(self, depth: np.ndarray) -> np.ndarray:
         """Standard deviations of depths [m], which grow with their square."""
-        return np.asarray(np.square(depth) * self.settings.noise / (self.camera.K[0, 0] * self.baseline))
+        return np.asarray(np.square(depth) * self.settings.noise / self._scale)
 
     def _made_matcher(self) -> cv2.StereoSGBM:
         s, width = self.settings, self.camera.image_size[0]
-        largest = self.camera.K[0, 0] * self.baseline / s.nearest
+        largest = self._scale / s.nearest
         blocks = int(np.clip(np.ceil(largest / _BLOCKS), 1, max(1, width // (2 * _BLOCKS))))
         area = s.block**2
         return cv2.StereoSGBM.create(

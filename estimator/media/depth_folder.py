@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from estimator.media.clip import listed, natural_order
+from estimator.media.picture import read_numbers
 from humanoid.support.errors import InputError
-from humanoid.support.quiet import overheard
 
 KINDS = {".png": 1e-3, ".npy": 1.0}
 """By ending, metres of one unit."""
@@ -71,18 +70,11 @@ class DepthFolder:
 def _read(path: Path) -> np.ndarray:
     """A file's numbers as they are."""
     if path.suffix.lower() == ".png":
-        try:
-            data = np.fromfile(path, dtype=np.uint8)
-            with overheard():
-                image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-        except (OSError, cv2.error):
-            image = None
-        if image is None:
-            raise InputError(path, "is no image that can be decoded")
+        image = read_numbers(path)
         if image.dtype != np.uint16 or image.ndim != 2:
             bits, channels = 8 * image.dtype.itemsize, 1 if image.ndim == 2 else image.shape[2]
             raise InputError(path, f"has {channels} channels of {bits} bits", remedy="a picture of one, of 16 bits")
-        return np.asarray(image)
+        return image
     try:
         array = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:

@@ -22,15 +22,31 @@ def read_picture(path: Path) -> tuple[np.ndarray, bool]:
     ------
     InputError: no picture, or none that can be decoded.
     """
+    image, said = _decoded(path, cv2.IMREAD_COLOR)
+    return np.asarray(image, dtype=np.uint8), not any(_DAMAGED in text for text in said)
+
+
+def read_numbers(path: Path) -> np.ndarray:
+    """The picture as it is stored, (H, W) or (H, W, channels), of any depth.
+
+    Raises
+    ------
+    InputError: no picture, or none that can be decoded.
+    """
+    return _decoded(path, cv2.IMREAD_UNCHANGED)[0]
+
+
+def _decoded(path: Path, flags: int) -> tuple[np.ndarray, list[str]]:
+    """A picture and what its decoder had to say."""
     try:
         data = np.fromfile(path, dtype=np.uint8)
         with overheard() as said:
-            image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+            image = cv2.imdecode(data, flags) if data.size else None
     except (OSError, cv2.error):
         image = None
     if image is None:
         raise InputError(path, "is no image that can be decoded")
-    return np.asarray(image, dtype=np.uint8), not any(_DAMAGED in text for text in said)
+    return np.asarray(image), said
 
 
 def write_picture(path: str | Path, image: np.ndarray) -> Path:
