@@ -14,7 +14,7 @@ from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
 from kinemode.public.tracking import track
-from kinemode.rendering.files import RenderedClip
+from kinemode.rendering.files import RenderedClip, Wanted
 from kinemode.rendering.shot import Draws, Shot, write_shot
 from kinemode.target import made_folder
 from kinemode.terminal import report
@@ -66,7 +66,7 @@ def make_clip(
     # the sensors' noise goes on where the scene's random numbers end: the clip stays the one of earlier versions
     draws = Draws(np.random.default_rng((seed, 0)), scene, [scene] * len(cameras))
     shot = Shot(body, q, times, FPS, cameras, synthesis.SceneSettings())
-    return write_shot(folder, shot, draws, synthesis.DetectorSettings(), videos=videos, progress=progress)
+    return write_shot(folder, shot, draws, synthesis.DetectorSettings(), wanted=Wanted(videos), progress=progress)
 
 
 def track_clip(

@@ -145,7 +145,12 @@ def cue_reader(run: Run, settings: Settings) -> CueReader:
     masks, plates = ([Path(f[n]) if n in f else None for n in names] for f in (header.masks, header.backgrounds))
     frames = [header.frames_of(name) if name in header.clip_frames else None for name in names]
     persons = persons_before(run.subject, header.cameras, run.pixels, run.confidence, settings.cues)
-    return CueReader(clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames, persons=persons)
+    rights = [names.index(header.stereo[name]) if name in header.stereo else None for name in names]
+    depths = [Path(header.depths[name]) if name in header.depths else None for name in names]
+    return CueReader(
+        clips, header.cameras, settings.cues, masks=masks, plates=plates, frames=frames, persons=persons,
+        rights=rights, depths=depths,
+    )  # fmt: skip
 
 
 def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Case:

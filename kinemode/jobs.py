@@ -256,6 +256,8 @@ def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], 
         cues=cues,
         masks=_absolute(names, inputs.masks) if cues else {},
         backgrounds=_absolute(names, inputs.backgrounds) if cues else {},
+        stereo={n: names[r] for n, r in zip(names, inputs.rights, strict=True) if r is not None} if cues else {},
+        depths=_absolute(names, inputs.depths) if cues else {},
         clip_frames={
             name: tuple(frames.tolist())
             for name, frames in zip(names, inputs.frames, strict=True)

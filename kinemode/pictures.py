@@ -43,15 +43,21 @@ def chosen_cues(
 ) -> CueSettings | None:
     """Settings of the cues to look at, None to track from keypoints alone. source: the file they are from, for errors.
 
-    Left to decide, all cues that the settings allow are used where there are clips and most frames lack keypoints.
+    Left to decide, all cues that the settings allow are used where there are clips and most frames lack keypoints, or
+    where there is depth.
 
     Raises
     ------
-    InputError: cues without clips, or that the settings switch off; masks or backgrounds without a use for them.
+    InputError: cues without clips, or that the settings switch off; masks, backgrounds or depth without a use for
+        them; depth that is asked for and not given.
     """
     if choice is None:
-        allowed = settings if None not in inputs.clips and keypoint_share(inputs) < ENOUGH else None
-        return allowed if allowed is not None and names_of(allowed) else None
+        wanted = inputs.has_depth or keypoint_share(inputs) < ENOUGH
+        possible = [n for n in names_of(settings) if inputs.has_depth or not CUES[n].needs_depth]
+        return settings.using(possible) if possible and wanted and None not in inputs.clips else None
+    if inputs.has_depth and not any(CUES[name].needs_depth for name in choice):
+        users = " or ".join(name for name, cue in CUES.items() if cue.needs_depth)
+        raise InputError("depth", f"is for the cue {users}, which is not looked at", remedy=f"--cues {users}")
     extras = [path for path in (*inputs.masks, *inputs.backgrounds) if path is not None]
     takers = [cue.name for cue in CUES.values() if cue.uses_masks]
     if extras and not set(takers) & set(choice):
@@ -60,6 +66,9 @@ def chosen_cues(
     if choice and None in inputs.clips:
         raise InputError("cues", f"{', '.join(choice)} need the pictures", remedy="give the clips, or --cues off")
     for name in choice:
+        if CUES[name].needs_depth and not inputs.has_depth:
+            remedy = "name a pair of cameras with --stereo or a folder of depth pictures with --depth"
+            raise InputError("cues", f"{name} needs depth, and none is given", remedy=remedy)
         if name not in names_of(settings):
             raise Idle(f"cues.use_{name}", f"--cues asks for {name}").refused(source)
     return settings.using(choice) if choice else None
@@ -127,6 +136,8 @@ def opened_cues(subject: Subject, inputs: Inputs, chosen: CueSettings | None) ->
             plates=inputs.backgrounds,
             frames=inputs.frames,
             persons=persons,
+            rights=inputs.rights or None,
+            depths=inputs.depths or None,
         )
     )
     try:

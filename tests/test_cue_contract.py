@@ -39,7 +39,8 @@ def seen(clip: RenderedClip) -> Seen:
     camera = load_cameras(clip.cameras)[name]
     body = Body(load_subject(clip.subject))
     q = np.load(clip.truth)["q"][:3]
-    return Seen(body, partial(CameraPictures, video, camera, 160, masks=clip.masks[name]), q)
+    opened = partial(CameraPictures, video, camera, 160, masks=clip.masks[name], depth=clip.depths[name])
+    return Seen(body, opened, q)
 
 
 @pytest.mark.parametrize("name", list(CUES))

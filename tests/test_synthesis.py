@@ -257,7 +257,7 @@ def _surfaces(body: Body, q: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: SceneSettings(background="sea"), "one of room, pillar, black, moving"),
+        (lambda: SceneSettings(background="sea"), "one of room, textured, pillar, black, moving"),
         (lambda: SceneSettings(shutter=1.5), "shutter: is 1.5"),
         (lambda: SceneSettings(noise=float("nan")), "noise"),
         (lambda: ViewSettings(count=0), "cameras"),

@@ -127,7 +127,7 @@ def test_it_is_listed_and_its_settings_are_told(monkeypatch: pytest.MonkeyPatch)
     assert "where the picture is bright" in told["cues"]
     assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in told["settings"]
     assert "use_toy = true" in told["settings"]
-    with pytest.raises(AssertionError, match="edges, flow, silhouette, toy"):
+    with pytest.raises(AssertionError, match="edges, flow, silhouette, depth, toy"):
         printed_by({"refused": ["track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run"]})
 
 

@@ -14,11 +14,12 @@ QUICK: dict[str, Any] = {"css": {"samples": 2, "jumps": 0, "modes": 2}, "cues": 
 
 
 def tiny_clip(folder: Path, *, frames: int = 5, fps: float = 5.0) -> RenderedClip:
-    """human34 reaching, 160 x 120 pixels, one camera, with masks and the empty scene."""
+    """human34 reaching, 160 x 120 pixels, one camera, with masks, depth and the empty scene."""
     view = ViewSettings(image_size=(160, 120))
     detector = DetectorSettings(noise_px=0.6, outlier_fraction=0.0, missing_fraction=0.0)
-    seconds = frames / fps
-    return km.render(folder, "reach", view=view, detector=detector, fps=fps, seconds=seconds, seed=3, masks=True)
+    return km.render(
+        folder, "reach", view=view, detector=detector, fps=fps, seconds=frames / fps, seed=3, masks=True, depths=True
+    )
 
 
 def named(clip: RenderedClip) -> dict[str, Any]:

@@ -139,7 +139,8 @@ class Cue:
     follows: whether it ties a pose to where the body was in the frame before. on_contours: whether its features lie on
     the body's contours, to which the shape of a body can be fitted. needs_picture: whether its matcher looks at
     `ImageCues.picture`, which otherwise stays in the process that reads it. uses_masks: whether it takes given masks of
-    the person, or pictures of the empty scene.
+    the person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
+    pictures are given.
     idle: which of its settings, in `cues.NAME` and `cost.image`, have no effect under which others. That the group of a
     cue that is not used has none need not be said.
     """
@@ -151,6 +152,7 @@ class Cue:
     on_contours: ClassVar[bool] = False
     needs_picture: ClassVar[bool] = False
     uses_masks: ClassVar[bool] = False
+    needs_depth: ClassVar[bool] = False
     idle: ClassVar[tuple[IdleRule, ...]] = ()
 
     def prepare(self, pictures: CameraPictures, settings: Any) -> Any:

@@ -11,6 +11,7 @@ from estimator.cameras.camera import Camera
 from estimator.imaging.known_person import KnownPerson
 from estimator.imaging.resolution import scaled_camera
 from estimator.media.clip import Clip
+from estimator.media.depth_folder import DepthFolder
 from estimator.media.picture import read_picture
 from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
@@ -22,6 +23,8 @@ class CameraPictures:
     """One camera's clip, with masks of the person and a picture of the empty scene where these are given.
 
     camera: at the working resolution. notes: what a user should know; readers of cues add theirs with `note`.
+    right: the pictures of the camera that makes a stereo pair with this one, standing to its right, None where there is
+    none.
 
     Parameters
     ----------
@@ -30,6 +33,7 @@ class CameraPictures:
     masks: a folder of images or a video, white on the person, or None. plate: a picture of the empty scene, or None.
     frames: the number of the clip's frame at each instant (T,), or None where that is the instant's.
     person: where keypoints say that the person is, or None.
+    depth: a folder of depth pictures, one for every frame of the clip (`estimator.media.depth_folder`), or None.
 
     Raises
     ------
@@ -46,7 +50,9 @@ class CameraPictures:
         plate: Path | None = None,
         frames: np.ndarray | None = None,
         person: KnownPerson | None = None,
+        depth: Path | None = None,
     ) -> None:
+        self.right: CameraPictures | None = None
         self._clip = clip if isinstance(clip, Clip) else Clip.open(clip)
         self._frames = frames
         self._person = person
@@ -56,6 +62,7 @@ class CameraPictures:
         self._masks = Clip.open(masks) if masks else None
         if self._masks is not None:
             _check_size(self._masks.path, self._masks.image_size, camera)
+        self._depth = None if depth is None else DepthFolder(depth, camera.image_size)
         self._latest: dict[int, np.ndarray] = {}
         self.notes: tuple[str, ...] = ()
 
@@ -100,12 +107,35 @@ class CameraPictures:
         _check_size(self._plate, (plate.shape[1], plate.shape[0]), self._original)
         return self._reduced(plate)
 
+    @property
+    def has_depth(self) -> bool:
+        """Whether depth pictures are given."""
+        return self._depth is not None
+
+    def depth(self, instant: int) -> np.ndarray | None:
+        """The given depth (H, W) float32 [m] of an instant, NaN where it is not known; None where none is given.
+        Reduced pictures have the depth of one of the pixels that they unite: a mean would lie between two surfaces.
+        InputError past the clip's end."""
+        if self._depth is None:
+            return None
+        frame = self._frame_of(instant)
+        if frame >= self._length:
+            raise InputError(self._clip.path, "has no such frame", place=f"frame {frame}")
+        whole = self._depth.at(frame)
+        (width, height), (rows, columns) = self.camera.image_size, whole.shape
+        at_rows = ((np.arange(height) + 0.5) * rows / height).astype(int)
+        return np.asarray(whole[at_rows[:, None], ((np.arange(width) + 0.5) * columns / width).astype(int)])
+
+    def instants(self, count: int) -> list[int]:
+        """Up to `count` instants, spread evenly over the whole clip."""
+        length = self._length if self._frames is None else len(self._frames)
+        return list(np.unique(np.linspace(0, length - 1, count).astype(int)).tolist())
+
     def spread(self, count: int) -> tuple[list[np.ndarray], list[int | None]]:
         """Up to `count` pictures (H, W, 3) uint8 BGR, spread evenly over the whole clip, and one in which the person's
         keypoints are, unless it is among them. For each an instant at which these are known, or None."""
-        length = self._clip.frame_count or self._clip.report.read
         known = {} if self._person is None else {self._frame_of(int(i)): int(i) for i in self._person.instants[::-1]}
-        chosen = np.unique(np.linspace(0, length - 1, count).astype(int)).tolist()
+        chosen = np.unique(np.linspace(0, self._length - 1, count).astype(int)).tolist()
         if known and not known.keys() & set(chosen):
             chosen = sorted([*chosen, min(known)])
         return [self._reduced(self._clip.frame(i)) for i in chosen], [known.get(i) for i in chosen]
@@ -121,6 +151,10 @@ class CameraPictures:
         self._clip.close()
         if self._masks is not None:
             self._masks.close()
+
+    @property
+    def _length(self) -> int:
+        return self._clip.frame_count or self._clip.report.read
 
     def _frame_of(self, instant: int) -> int:
         if self._frames is None:

@@ -33,7 +33,7 @@ class StereoSettings:
     uniqueness: int = setting(10, at_least=0)
     agreement: int = setting(1, at_least=0)
     speck: int = setting(100, at_least=0)
-    noise: float = setting(0.5, above=0)
+    noise: float = setting(0.25, above=0)
 
     def __post_init__(self) -> None:
         check(self)

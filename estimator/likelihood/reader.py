@@ -25,6 +25,8 @@ class CueReader:
     plates: for each camera a picture of the empty scene, or None.
     frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
     persons: for each camera where keypoints say that the person is, or None (`estimator.imaging.known_person`).
+    rights: for each camera the number of the one to its right that makes a stereo pair with it, or None.
+    depths: for each camera a folder of depth pictures (`estimator.media.depth_folder`), or None.
 
     Attributes
     ----------
@@ -45,16 +47,18 @@ class CueReader:
         plates: Sequence[Path | None] | None = None,
         frames: Sequence[np.ndarray | None] | None = None,
         persons: Sequence[KnownPerson | None] | None = None,
+        rights: Sequence[int | None] | None = None,
+        depths: Sequence[Path | None] | None = None,
     ) -> None:
-        none = (None,) * len(cameras)
-        views = []
-        for clip, camera, mask, plate, numbers, person in zip(
-            clips, cameras, masks or none, plates or none, frames or none, persons or none, strict=True
-        ):
-            size = settings.working_size
-            pictures = CameraPictures(clip, camera, size, masks=mask, plate=plate, frames=numbers, person=person)
-            views.append(_View(pictures, settings))
-        self._views = tuple(views)
+        none, size = (None,) * len(cameras), settings.working_size
+        given = (masks or none, plates or none, frames or none, persons or none, depths or none)
+        each = [
+            CameraPictures(clip, camera, size, masks=mask, plate=plate, frames=numbers, person=person, depth=depth)
+            for clip, camera, mask, plate, numbers, person, depth in zip(clips, cameras, *given, strict=True)
+        ]
+        for pictures, right in zip(each, rights or none, strict=True):
+            pictures.right = None if right is None else each[right]
+        self._views = tuple(_View(pictures, settings) for pictures in each)
         self.notes = tuple(note for view in self._views for note in view.pictures.notes)
 
     def at(self, index: int) -> tuple[ImageCues, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from estimator.cues.base import Cue
+from estimator.cues.depth.cue import Depth
 from estimator.cues.edges.cue import Edges
 from estimator.cues.flow.cue import Flow
 from estimator.cues.silhouette.cue import Outline
@@ -17,7 +18,7 @@ def _check(cue: Cue, others: Iterable[Cue]) -> None:
         raise InputError("cue", f"none can be named {cue.name!r}", remedy="a plain word, not auto or off")
 
 
-CUES: Registry[Cue] = Registry("cue", (Edges(), Flow(), Outline()), _check)
+CUES: Registry[Cue] = Registry("cue", (Edges(), Flow(), Outline(), Depth()), _check)
 """All cues by name, in the order in which their energies are summed."""
 
 

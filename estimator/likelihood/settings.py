@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from estimator.cues.base import Cue
+from estimator.cues.depth.settings import DepthLikelihoodSettings
 from estimator.cues.edges.settings import EdgeLikelihoodSettings
 from estimator.cues.flow.settings import FlowLikelihoodSettings
 from estimator.cues.silhouette.settings import OutlineLikelihoodSettings
@@ -19,7 +20,7 @@ _USE = "use_"
 
 
 @dataclass(frozen=True)
-class ImageSettings(OutlineLikelihoodSettings, FlowLikelihoodSettings, EdgeLikelihoodSettings):
+class ImageSettings(DepthLikelihoodSettings, OutlineLikelihoodSettings, FlowLikelihoodSettings, EdgeLikelihoodSettings):
     """How pictures enter the energy.
 
     Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as `..._evidence` independent

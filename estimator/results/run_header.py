@@ -31,6 +31,8 @@ class RunHeader:
     cues: which of the pictures' cues were looked at; none for keypoints alone.
     masks, backgrounds: by camera, path of its given masks and of its picture of the empty scene, where there are any.
     clip_frames: by camera, number of its clip's frame at each instant (T,), where that is not the instant's own number.
+    stereo: by camera, the one to its right whose clip shows depth together with its own. depths: by camera, path of its
+    depth pictures.
     """
 
     subject_urdf: str
@@ -49,6 +51,8 @@ class RunHeader:
     masks: Mapping[str, str] = field(default_factory=dict)
     backgrounds: Mapping[str, str] = field(default_factory=dict)
     clip_frames: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    stereo: Mapping[str, str] = field(default_factory=dict)
+    depths: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[str, ...] | None = None
 
     def frames_of(self, camera: str) -> np.ndarray:
@@ -75,6 +79,8 @@ class RunHeader:
             "cues": list(self.cues),
             "cameras with masks": sorted(self.masks),
             "cameras with a background": sorted(self.backgrounds),
+            "stereo pairs": dict(self.stereo),
+            "cameras with depth": sorted(self.depths),
             "frames of the clips": {name: list(frames) for name, frames in self.clip_frames.items()},
         }
 
@@ -104,6 +110,7 @@ class RunHeader:
             "clips": dict(self.clips),
             "masks": dict(self.masks),
             "backgrounds": dict(self.backgrounds),
+            "depths": dict(self.depths),
             "notes": list(self.notes),
         }
         extra |= {} if self.findings is None else {"findings": list(self.findings)}
@@ -143,6 +150,8 @@ class RunHeader:
             cues=entries.texts("cues"),  # headers written before there were cues have none
             masks=entries.paths("masks"),
             backgrounds=entries.paths("backgrounds"),
+            stereo=entries.pairs("stereo pairs"),
+            depths=entries.paths("depths"),
             clip_frames=entries.frame_numbers("frames of the clips"),
             findings=entries.texts("findings") if "findings" in entries.value else None,
         )
@@ -156,7 +165,8 @@ def with_findings(text: str, findings: Sequence[str]) -> str:
     return json.dumps(values)
 
 
-_LATER = ("cues", "masks", "backgrounds", "frames of the clips")  # what headers of the first runs lack
+# what headers of the first runs lack
+_LATER = ("cues", "masks", "backgrounds", "frames of the clips", "stereo pairs", "depths")
 
 
 @dataclass(frozen=True)
@@ -194,6 +204,12 @@ class _Entries:
         if not all(isinstance(path, str) and "\0" not in path for path in given):
             raise InputError(self.source, "is damaged: file names are needed", place=key)
         return dict(paths)
+
+    def pairs(self, key: str) -> dict[str, str]:
+        pairs, cameras = self.mapping(key), [c.get("name") for c in self.list("cameras") if isinstance(c, Mapping)]
+        if not all(name in cameras for pair in pairs.items() for name in pair):
+            raise InputError(self.source, "is damaged: names of cameras are needed", place=key)
+        return dict(pairs)
 
     def frame_numbers(self, key: str) -> dict[str, tuple[int, ...]]:
         by_camera = {name: numbers(value, self.source, f"{key}, {name}") for name, value in self.mapping(key).items()}

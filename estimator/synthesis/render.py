@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.synthesis import scene
 from estimator.synthesis.clothing import dressed
 from estimator.synthesis.plate import (
     FINE,
@@ -29,6 +30,7 @@ from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.surface import surface_of
 
 _NODES = 6000
+_SPECKLES = 0.04  # m
 
 
 class Maps(NamedTuple):
@@ -80,8 +82,7 @@ class Renderer:
         clothes_rng, rng = rng.spawn(2)  # the room is the same, whichever person stands in it
         self._clothes = dressed(self._surface, clothes_rng)
         self._behind, self._before = built_scene(self.settings, self.cameras, place, rng)
-        empty = 0.0 if self.settings.background == "black" else 90.0
-        self._plates = [painted_plate(c, self._behind, place.floor, rng, empty) for c in self.cameras]
+        self._plates = self._painted_plates(rng)
         if self.settings.background == "moving":
             nothing = np.zeros_like(self._plates[0].nearness)
             self._plates = [Plate(p.image, nothing, nothing > 0.0) for p in self._plates]
@@ -131,6 +132,15 @@ class Renderer:
         seen = np.where(nearness > 0.0, 1.0 / np.maximum(nearness, 1e-12), np.inf)
         return Maps(seen, part, part >= 0)
 
+    def _painted_plates(self, rng: np.random.Generator) -> list[Plate]:
+        """The scene behind the person, by camera; speckles are alike in all, being the surfaces' own, grain is not."""
+        floor, background = self._place.floor, self.settings.background
+        if background == "textured":
+            speckled = scene.speckled(self._behind, rng, _SPECKLES)
+            return [painted_plate(c, speckled, floor, None) for c in self.cameras]
+        empty = 0.0 if background == "black" else 90.0
+        return [painted_plate(c, self._behind, floor, rng, empty) for c in self.cameras]
+
     def _plate(self, camera: int, time: float) -> Plate:
         plate = self._plates[camera]
         if self.settings.background != "moving":
@@ -155,7 +165,7 @@ class Renderer:
         sun = _towards_light(s)
         light = s.ambient + s.diffuse * np.clip(normals @ sun, 0.0, 1.0) + 0.12 * np.clip(normals[:, 2], -1.0, 0.0)
         shadow = None
-        if s.shadow > 0.0 and s.background in ("room", "pillar"):
+        if s.shadow > 0.0 and s.background in ("room", "textured", "pillar"):
             shadow, _ = fine_pixels(view, world - (world[:, 2:] - self._place.floor) / sun[2] * sun)
         return _Placed(light, *fine_pixels(view, world), shadow)
 

@@ -13,6 +13,7 @@ from humanoid.support.atomic import replacing
 
 _WALLS = (-2.9, 3.9, 3.6, 3.2)  # x of the back and front wall, half the width, height [m]
 _FREE_RADIUS = 1.5  # around the person's place [m]
+_SPECKLE = 0.3  # standard deviation of the logarithm of the brightness
 _X, _Y, _Z = np.eye(3)
 
 
@@ -63,6 +64,25 @@ def occluder(rng: np.random.Generator, kind: str, place: np.ndarray, azimuth: fl
 def joined(parts: Sequence[Quads]) -> Quads:
     """Several groups as one, in their order."""
     return Quads(np.concatenate([p.corners for p in parts]), np.concatenate([p.colour for p in parts]))
+
+
+def speckled(quads: Quads, rng: np.random.Generator, size: float) -> Quads:
+    """The same surfaces in cells of about `size` [m] that differ in brightness, so that no two places look alike."""
+    corner, sides = quads.corners[:, 0], (quads.corners[:, 1:4:2] - quads.corners[:, :1])  # (N, 2, 3)
+    cells = np.maximum(1, np.round(np.linalg.norm(sides, axis=2) / size)).astype(int)
+    parts = []
+    for i, j in np.unique(cells, axis=0):
+        alike = np.flatnonzero((cells == (i, j)).all(axis=1))
+        a, b = (x.ravel() for x in np.meshgrid(np.arange(i), np.arange(j), indexing="ij"))
+        at = [
+            ((a + da) / i)[:, None] * sides[alike, None, 0] + ((b + db) / j)[:, None] * sides[alike, None, 1]
+            for da, db in ((0, 0), (1, 0), (1, 1), (0, 1))
+        ]
+        corners = np.stack(at, axis=2) + corner[alike, None, None]
+        light = np.exp(_SPECKLE * rng.standard_normal((len(alike), i * j, 1)))
+        colour = np.clip(quads.colour[alike, None] * light, 8.0, 245.0)
+        parts.append(Quads(corners.reshape(-1, 4, 3), colour.reshape(-1, 3)))
+    return joined(parts)
 
 
 def turned(quads: Quads, angle: float) -> Quads:

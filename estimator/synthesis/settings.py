@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from humanoid.support.errors import InputError
 
-BACKGROUNDS = ("room", "pillar", "black", "moving")
+BACKGROUNDS = ("room", "textured", "pillar", "black", "moving")
 OCCLUDERS = ("none", "post", "box")
 
 _RANGES = {
@@ -21,7 +21,8 @@ _RANGES = {
 class SceneSettings:
     """Background, light, lens and sensor of a rendered clip.
 
-    background: "room" is cluttered; "pillar" a dark wall with a bright pillar and strong horizontal edges (as in CSS
+    background: "room" is cluttered; "textured" the same with speckled floor, walls and furniture, in which stereo finds
+        depth everywhere; "pillar" a dark wall with a bright pillar and strong horizontal edges (as in CSS
         section 6.1); "black" is empty; "moving" is the room as a panning, shaking camera would show it, behind a
         person who stays in the frame; None takes the one that suits the motion, a room where there is no motion.
     light_azimuth, light_elevation [deg]: where the light comes from, seen from the world's x axis to the left, and
@@ -83,7 +84,8 @@ class ViewSettings:
 
     count: of cameras. azimuth [deg]: of the first, from the world's x axis, which a person faces at first, to the
     left; None takes the one that suits the motion. elevation [deg]: of all. fill: share of the picture's height that
-    the person takes up. image_size: width, height [px].
+    the person takes up. image_size: width, height [px]. baseline [m]: every camera has another one beside it, so far to
+    its right and parallel to it, NAME_right; 0 for none.
     """
 
     count: int = 1
@@ -91,12 +93,14 @@ class ViewSettings:
     elevation: float = 8.0
     fill: float = 0.7
     image_size: tuple[int, int] = (640, 480)
+    baseline: float = 0.0
 
     def __post_init__(self) -> None:
         in_range("cameras", self.count, 1, 16)
         in_range("azimuth", self.azimuth or 0.0, -360.0, 360.0)
         in_range("elevation", self.elevation, -10.0, 60.0)
         in_range("fill", self.fill, 0.1, 0.9)
+        in_range("baseline", self.baseline, 0.0, 1.0)
         for side in self.image_size:
             in_range("image_size", side, 16, 8192)
             if side % 2:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from estimator.cameras.camera import Camera
@@ -32,7 +34,8 @@ def framing_cameras(points: np.ndarray, settings: ViewSettings | None = None) ->
 
     They look at the middle of the points from a distance at which the tallest picture of one instant takes up
     `settings.fill` of the height, or farther where the points would else come too near to the picture's border.
-    Neighbouring cameras are 80 degrees apart, less where more than four share the circle.
+    Neighbouring cameras are 80 degrees apart, less where more than four share the circle. Where `settings.baseline` is
+    not zero each is followed by "cam01_right", ..., the other one of a stereo pair.
     """
     settings = settings or ViewSettings()
     flat = points.reshape(-1, 3)
@@ -45,10 +48,19 @@ def framing_cameras(points: np.ndarray, settings: ViewSettings | None = None) ->
         near, far = _NEAREST, _FARTHEST
         while far - near > 1e-3:
             middle = 0.5 * (near + far)
-            camera = _camera(f"cam{i + 1:02d}", settings.image_size, aim, middle, azimuth, elevation)
-            near, far = (near, middle) if _fits(camera, points, settings.fill) else (middle, far)
-        cameras.append(_camera(f"cam{i + 1:02d}", settings.image_size, aim, far, azimuth, elevation))
+            placed = _with_pair(_camera("", settings.image_size, aim, middle, azimuth, elevation), settings.baseline)
+            near, far = (near, middle) if all(_fits(c, points, settings.fill) for c in placed) else (middle, far)
+        camera = _camera(f"cam{i + 1:02d}", settings.image_size, aim, far, azimuth, elevation)
+        cameras += _with_pair(camera, settings.baseline)
     return tuple(cameras)
+
+
+def _with_pair(camera: Camera, baseline: float) -> list[Camera]:
+    """A camera and, unless the baseline [m] is zero, the one beside it that makes a stereo pair with it."""
+    if baseline == 0.0:
+        return [camera]
+    beside = camera.t_camera_world - np.array([baseline, 0.0, 0.0])
+    return [camera, replace(camera, name=f"{camera.name}_right", t_camera_world=beside)]
 
 
 def _fits(camera: Camera, points: np.ndarray, fill: float) -> bool:

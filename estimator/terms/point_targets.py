@@ -24,6 +24,7 @@ class PointTargets(BatchTerm):
     precision (N, 3, 3): W, symmetric and positive semi-definite [1/m^2]: singular where a direction is not known.
     weight (N,): of each; 1 unless given.
     potential, nu: see `estimator.numerics.robust`.
+    name: of what they are drawn by.
 
     One object serves one thread: it reuses buffers.
 
@@ -31,8 +32,6 @@ class PointTargets(BatchTerm):
     ------
     InputError: sizes that do not fit each other, or an array that is not finite.
     """
-
-    name = "point targets"
 
     def __init__(
         self,
@@ -45,7 +44,9 @@ class PointTargets(BatchTerm):
         weight: np.ndarray | None = None,
         potential: str = "gaussian",
         nu: float = 4.0,
+        name: str = "point targets",
     ) -> None:
+        self.name = name
         count = len(joint)
         self._body, self._joint = body, np.asarray(joint, dtype=np.int64)
         self._local, self._target = _sized("local", local, (count, 3)), _sized("target", target, (count, 3))

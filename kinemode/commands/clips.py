@@ -33,7 +33,7 @@ def render(
     out: Path,
     subject: str | None = None,
     girth: float = 1.0,
-    background: Literal["room", "pillar", "black", "moving"] | None = None,
+    background: Literal["room", "textured", "pillar", "black", "moving"] | None = None,
     cameras: int = 1,
     azimuth: float | None = None,
     fps: float = 30.0,
@@ -48,6 +48,8 @@ def render(
     missing: float = 0.02,
     unit: float | None = None,
     masks: Flag = False,
+    stereo: float = 0.0,
+    depth: Flag = False,
 ) -> None:
     """Render a clip whose motion is known: videos, cameras, keypoints, the exact first frame, the truth, the body.
 
@@ -56,6 +58,8 @@ def render(
     kinemode render --motion turn_reach --out turn
 
     kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
+
+    kinemode render --motion reach --background textured --stereo 0.12 --depth --out pair
 
     Parameters
     ----------
@@ -97,6 +101,11 @@ def render(
         Metres in one unit of the BVH file, where it is known.
     masks
         Also write the person's exact silhouettes.
+    stereo
+        Metres from every camera to another one to its right, NAME_right, parallel to it; 0 for none. Stereo needs
+        --background textured: the walls of the others look alike everywhere.
+    depth
+        Also write the exact depth of every pixel, as 16-bit PNG in millimetres.
     """
     import kinemode as km
 
@@ -109,13 +118,14 @@ def render(
         subject=subject,
         girth=girth,
         scene=scene,
-        view=km.ViewSettings(count=cameras, azimuth=azimuth),
+        view=km.ViewSettings(count=cameras, azimuth=azimuth, baseline=stereo),
         detector=km.DetectorSettings(keypoint_noise, outliers, missing),
         fps=fps,
         seconds=seconds,
         unit=unit,
         seed=seed,
         masks=masks,
+        depths=depth,
         progress=km.reported,
     )
     print(out)

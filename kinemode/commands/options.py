@@ -32,6 +32,10 @@ class InputOptions:
         Videos or folders of masks, white on the person; the background is then not needed.
     background
         Pictures of the empty scene; learned from the clip unless given.
+    stereo
+        LEFT=RIGHT: two cameras side by side whose clips show depth together, the right one as seen by them second.
+    depth
+        Folders of depth pictures, one for every frame: 16-bit PNG in millimetres or .npy in metres.
     person
         Which of several people: auto (one camera: the largest, then continuity; several: the person they see
         together), an id of the keypoint files, or CAMERA=ID for some cameras; the others then take the person that
@@ -53,6 +57,8 @@ class InputOptions:
     keypoints: Files = None
     mask: Files = None
     background: Files = None
+    stereo: Files = None
+    depth: Files = None
     person: Ids = ("auto",)
     keypoint_size: Files = None
     fps: Files = None

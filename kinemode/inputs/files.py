@@ -13,20 +13,22 @@ from kinemode.inputs.named import Named, PathLike, kept, named_paths
 
 if TYPE_CHECKING:
     from estimator.cameras.camera import Camera
+    from kinemode.inputs.depth import Pairs
     from kinemode.inputs.persons import Persons
 
     Cameras = PathLike | Mapping[str, Camera] | None
 
-CLIP, KEYPOINTS, MASK, BACKGROUND = "clip", "keypoint file", "mask", "background"
+CLIP, KEYPOINTS, MASK, BACKGROUND, DEPTH = "clip", "keypoint file", "mask", "background", "depth folder"
 
 
 @dataclass(frozen=True)
 class InputFiles:
-    """Clips, keypoint files, cameras, masks and backgrounds, and what the files do not say themselves.
+    """Clips, keypoint files, cameras, masks, backgrounds and depth, and what the files do not say themselves.
 
     clips, keypoints, masks, backgrounds: paths, `[NAME=]PATH` texts or mappings by name, None for none; iterators are
     read once, here. cameras: the path of a camera file, or cameras by name. person: see
-    `kinemode.inputs.persons.persons_of`.
+    `kinemode.inputs.persons.persons_of`. depths: folders of depth pictures, given as masks are. stereo: see
+    `kinemode.inputs.depth.pairs_of`.
     """
 
     clips: Named = None
@@ -36,9 +38,11 @@ class InputFiles:
     backgrounds: Named = None
     person: Persons = "auto"
     declared: Declared = Declared()  # noqa: RUF009, it is frozen
+    depths: Named = None
+    stereo: Pairs = None
 
     def __post_init__(self) -> None:
-        for name in ("clips", "keypoints", "masks", "backgrounds"):
+        for name in ("clips", "keypoints", "masks", "backgrounds", "depths", "stereo"):
             object.__setattr__(self, name, kept(getattr(self, name)))
 
     def check(self) -> None:
@@ -48,6 +52,7 @@ class InputFiles:
             (self.keypoints, KEYPOINTS),
             (self.masks, MASK),
             (self.backgrounds, BACKGROUND),
+            (self.depths, DEPTH),
         ):
             named_paths(given, what)
         if isinstance(self.cameras, (str, Path)):

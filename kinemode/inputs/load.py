@@ -24,8 +24,9 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
 from kinemode.inputs.declared import Declared
+from kinemode.inputs.depth import check_depths, check_together, pairs_of
 from kinemode.inputs.doubts import checked_agreement
-from kinemode.inputs.files import BACKGROUND, CLIP, KEYPOINTS, MASK, InputFiles
+from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, InputFiles
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
 from kinemode.terminal.program import command
@@ -44,6 +45,8 @@ class Inputs:
     notes: what the user should know of the input.
     masks, backgrounds (C): of each camera where they are given, see `estimator.likelihood.reader.CueReader`.
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
+    rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
+    of its depth pictures, or None.
     """
 
     observations: list[Observation]
@@ -53,6 +56,13 @@ class Inputs:
     masks: tuple[Path | None, ...] = ()
     backgrounds: tuple[Path | None, ...] = ()
     frames: tuple[np.ndarray | None, ...] = ()
+    rights: tuple[int | None, ...] = ()
+    depths: tuple[Path | None, ...] = ()
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether there is depth of a camera."""
+        return any(given is not None for given in (*self.rights, *self.depths))
 
 
 def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bool] = lambda: True) -> Inputs:
@@ -70,10 +80,11 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     notes: list[str] = []
     if keypoint_files:
         keypoint_files, notes = _of_clips(clip_files, keypoint_files, chosen_names(files.keypoints, KEYPOINTS))
-    mask_files, background_files = (
+    mask_files, background_files, depth_files = (
         matched(clip_files, named_paths(given, what), what, CLIP, chosen=chosen_names(given, what), every=False)
-        for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND))
+        for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND), (files.depths, DEPTH))
     )
+    pairs = pairs_of(files.stereo, clip_files)
     persons = persons_of(files.person, keypoint_files)
     people = {name: load_people(path) for name, path in keypoint_files.items()}
     named = chosen_names(files.clips, CLIP) | chosen_names(files.keypoints, KEYPOINTS)
@@ -94,13 +105,19 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     notes += choice_notes
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
     notes += [*size_notes, *clock_notes, *notes_on_time(clocks, line)]
+    check_together(pairs, clocks, line)
     for name, path in mask_files.items():
         _check_masks(path, int(line.frames[name].max()) + 1)
+    for name, path in depth_files.items():
+        check_depths(path, used[name].image_size, int(line.frames[name].max()) + 1)
     observations = _observations(body, tracks, used, line, clocks)
     notes += checked_agreement(observations, tracks, {n: clock.offset for n, clock in clocks.items()}, told)
-    by_camera = (tuple(paths.get(name) for name in tracks) for paths in (clip_files, mask_files, background_files))
+    clips, masks, backgrounds, depths = (
+        tuple(paths.get(name) for name in tracks) for paths in (clip_files, mask_files, background_files, depth_files)
+    )
     frames = tuple(_unlike_instants(line.frames.get(name)) for name in tracks)
-    return Inputs(observations, line.times, next(by_camera), tuple(notes), next(by_camera), next(by_camera), frames)
+    rights = tuple(list(tracks).index(pairs[name]) if name in pairs else None for name in tracks)
+    return Inputs(observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths)
 
 
 class _KnownCameras(NamedTuple):

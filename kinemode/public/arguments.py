@@ -83,6 +83,11 @@ def _paths(value: Any) -> bool:
     return _several(value, _path)
 
 
+def _pairs(value: Any) -> bool:
+    named = isinstance(value, Mapping) and all(map(_text, (*value, *value.values())))
+    return value is None or named or _texts(value)
+
+
 def _several(value: Any, fits: Callable[[Any], bool]) -> bool:
     return isinstance(value, (list, tuple, set, frozenset)) and all(map(fits, value))
 
@@ -152,6 +157,8 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "keypoints": _FILES,
     "masks": _FILES,
     "background": _FILES,
+    "depth": _FILES,
+    "stereo": (_pairs, "a text LEFT=RIGHT, a list of such texts, or a mapping of left cameras to right ones"),
     "cameras": (_cameras, "the path of a camera file, or a mapping of names to cameras"),
     "settings": (
         _or_none(lambda value: isinstance(value, Mapping) or _path(value)),

@@ -35,6 +35,7 @@ def render(
     seed: int = 0,
     videos: bool = True,
     masks: bool = False,
+    depths: bool = False,
     progress: Reporter | None = None,
 ) -> RenderedClip:
     """Render a motion into a folder, made if it is not there; files of an earlier clip are replaced.
@@ -50,7 +51,8 @@ def render(
     fps: frames per second. seconds: only so much of the motion.
     unit: metres in one unit of a BVH file, where it is known (see `estimator.synthesis.mocap.load_mocap`).
     seed: of the scene, the clothes, the sensor's noise and the keypoints' errors.
-    videos: False leaves the pictures out. masks: also write the body's exact silhouettes.
+    videos: False leaves the pictures out. masks: also write the body's exact silhouettes. depths: also write the exact
+        depth of every pixel.
     progress: opens a progress report, such as `kinemode.reported`; none by default.
 
     Returns the paths of the files: videos, keypoints, cameras, the true motion, the body (see `RenderedClip`).
@@ -65,6 +67,7 @@ def render(
     )  # fmt: skip
     check_as("subject or none", subject=subject)
     check_as("videos", masks=masks)
+    check_as("videos", depths=depths)
     seed = whole("seed", seed, 0)
     if Path(motion).suffix.lower() == ".bvh":
         check_exists(motion)
@@ -73,7 +76,7 @@ def render(
     return render_clip(
         folder, motion, subject=subject, proportions=proportions, shape=shape, girth=girth, scene=scene, view=view,
         detector=detector, fps=fps, seconds=seconds, unit=unit, seed=seed, videos=videos, masks=masks,
-        progress=progress or unreported,
+        depths=depths, progress=progress or unreported,
     )  # fmt: skip
 
 

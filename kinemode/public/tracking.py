@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from estimator.results.run_file import Run
     from humanoid.subject.subject import Subject
     from kinemode.comparison.compare import Comparison
+    from kinemode.inputs.depth import Pairs
     from kinemode.inputs.files import Cameras
     from kinemode.inputs.persons import Persons
 
@@ -35,6 +36,8 @@ def track(
     cues: str | Iterable[str] = "auto",
     masks: Named = None,
     background: Named = None,
+    stereo: Pairs = None,
+    depth: Named = None,
     tracker: str = "css",
     modes: int | None = None,
     seed: int = 0,
@@ -66,6 +69,9 @@ def track(
         keypoints.
     masks, background: for the silhouette, given as the clips are: a video or folder of masks, white on the person; a
         picture of the empty scene. Without them the background is learned from the clip.
+    stereo: cameras that make pairs side by side, left to right, as a mapping by name or `LEFT=RIGHT` texts: their clips
+        show depth together. depth: given as the clips are, folders of depth pictures, one for every frame: 16-bit PNG
+        in millimetres or .npy in metres.
     tracker, modes: name of the tracker and how many hypotheses it keeps; unless given as many as its settings say, for
         which each tracker has its own default. A single-mode tracker keeps one.
     settings: nested changes to the tracker's settings (see `estimator.tracking.registry`), or a TOML file of them as
@@ -94,13 +100,14 @@ def track(
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
-        background=background, tracker=tracker, modes=modes, out=out, resume=resume, overwrite=overwrite,
+        background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
+        resume=resume, overwrite=overwrite,
         person=person, settings=settings, workers=workers, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     told = Declared(keypoint_size, fps, offset, start, end)
-    files = InputFiles(clips, keypoints, cameras, masks, background, person, told)
+    files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings)
     if out is not None:
@@ -123,6 +130,8 @@ def fit(
     cues: str | Iterable[str] = "auto",
     masks: Named = None,
     background: Named = None,
+    stereo: Pairs = None,
+    depth: Named = None,
     seed: int = 0,
     person: Persons = "auto",
     keypoint_size: Sizes = None,
@@ -139,11 +148,11 @@ def fit(
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
-        background=background, person=person, out=out,
+        background=background, stereo=stereo, depth=depth, person=person, out=out,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     told = Declared(keypoint_size, fps, offset, start, end)
-    files = InputFiles(clips, keypoints, cameras, masks, background, person, told)
+    files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     if out is not None:
         check_folder(Path(out))
@@ -165,6 +174,8 @@ def compare(
     cues: str | Iterable[str] = "auto",
     masks: Named = None,
     background: Named = None,
+    stereo: Pairs = None,
+    depth: Named = None,
     modes: int | None = None,
     seed: int = 0,
     fit: str = "auto",
@@ -197,14 +208,15 @@ def compare(
     """
     check_arguments(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras,
-        keypoints=keypoints, cues=cues, masks=masks, background=background, modes=modes, resume=resume,
+        keypoints=keypoints, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
+        resume=resume,
         overwrite=overwrite, person=person, settings=settings, workers=workers, progress=progress,
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     told = Declared(keypoint_size, fps, offset, start, end)
-    files = InputFiles(clips, keypoints, cameras, masks, background, person, told)
+    files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings)
     if isinstance(reference, (str, Path)):

@@ -21,7 +21,7 @@ from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
-from kinemode.rendering.files import RenderedClip
+from kinemode.rendering.files import RenderedClip, Wanted
 from kinemode.rendering.shot import Draws, Shot, write_shot
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -47,6 +47,7 @@ def render_clip(
     seed: int = 0,
     videos: bool = True,
     masks: bool = False,
+    depths: bool = False,
     progress: Reporter = unreported,
 ) -> RenderedClip:
     """What `kinemode.render` does once its arguments are known to be of the right kinds."""
@@ -67,7 +68,7 @@ def render_clip(
     )
     shot = Shot(body, q, times, fps, cameras, scene, place)
     return write_shot(
-        folder, shot, draws, detector or DetectorSettings(), videos=videos, masks=masks, progress=progress
+        folder, shot, draws, detector or DetectorSettings(), wanted=Wanted(videos, masks, depths), progress=progress
     )
 
 

@@ -16,10 +16,13 @@ from estimator.media.film import write_film
 from estimator.media.picture import write_picture
 from estimator.synthesis import DetectorSettings, SceneSettings
 from estimator.synthesis.plate import ORIGIN, Place
+from estimator.synthesis.render import Maps
 from humanoid.kinematics.body import Body, PosedBody
-from kinemode.rendering.files import RenderedClip, clip_files
+from kinemode.rendering.files import RenderedClip, Wanted, clip_files
 from kinemode.target import made_folder
 from kinemode.terminal.progress import Progress, Reporter, unreported
+
+_FARTHEST = 65536.0  # mm, beyond what 16 bits hold
 
 
 class Shot(NamedTuple):
@@ -48,8 +51,7 @@ def write_shot(
     draws: Draws,
     detector: DetectorSettings,
     *,
-    videos: bool = True,
-    masks: bool = False,
+    wanted: Wanted = Wanted(),  # noqa: B008, it cannot change
     progress: Reporter = unreported,
 ) -> RenderedClip:
     """Write cameras, truth, body, keypoints, and the pictures as far as they are asked for; see `kinemode.render`.
@@ -57,12 +59,12 @@ def write_shot(
     Raises InputError where the folder cannot be written.
     """
     body, q = shot.body, shot.q
-    clip = clip_files(made_folder(Path(folder)), [c.name for c in shot.cameras], shot.scene, videos, masks)
+    clip = clip_files(made_folder(Path(folder)), [c.name for c in shot.cameras], shot.scene, wanted)
     write_cameras(clip.cameras, shot.cameras)
     synthesis.write_truth(clip.truth, body, q, shot.times)
     body.subject.write(clip.subject)
     _write_keypoints(clip, shot, detector, draws.keypoints)
-    if videos or masks:
+    if any(wanted):
         renderer = synthesis.Renderer(body, shot.cameras, draws.scene, shot.scene, shot.place)
         with progress("rendering") as report:
             _write_pictures(clip, renderer, shot, draws.sensors, report)
@@ -88,7 +90,7 @@ def _write_pictures(
     sensors: Sequence[np.random.Generator],
     progress: Progress,
 ) -> None:
-    """Videos, plates and masks, as far as the clip has them; sensors: the noise of each camera's."""
+    """Videos, plates, masks and depths, as far as the clip has them; sensors: the noise of each camera's."""
     body, q, cameras = shot.body, shot.q, shot.cameras
     opened = [while_open(body, q, t, renderer.settings) for t in range(len(q))]
     for c, camera in enumerate(cameras):
@@ -101,10 +103,18 @@ def _write_pictures(
 
         if camera.name in clip.videos:
             write_film(clip.videos[camera.name], map(picture, range(len(q))), shot.fps, fine=True)
-        if camera.name in clip.masks:
+        if clip.masks or clip.depths:
             for t in range(len(q)):
-                mask = renderer.maps(body.at(q[t]), c).mask
-                write_picture(clip.masks[camera.name] / f"{t:05d}.png", np.where(mask, 255, 0).astype(np.uint8))
+                _write_maps(clip, camera.name, f"{t:05d}.png", renderer.maps(body.at(q[t]), c))
+
+
+def _write_maps(clip: RenderedClip, camera: str, file: str, maps: Maps) -> None:
+    """The mask and the depth of one frame, as far as the clip has them."""
+    if camera in clip.masks:
+        write_picture(clip.masks[camera] / file, np.where(maps.mask, 255, 0).astype(np.uint8))
+    if camera in clip.depths:
+        millimetres = np.where(np.isfinite(maps.depth), np.round(1e3 * maps.depth), 0.0)
+        write_picture(clip.depths[camera] / file, np.where(millimetres < _FARTHEST, millimetres, 0.0).astype(np.uint16))
 
 
 def while_open(body: Body, q: np.ndarray, t: int, scene: SceneSettings) -> list[PosedBody]:

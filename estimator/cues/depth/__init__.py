@@ -1,0 +1,1 @@
+"""The person's surface in space, by stereo or a depth camera."""

@@ -1,0 +1,52 @@
+"""Which of the places that a depth picture shows are the person's: the nearest thing as large as one."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from estimator.imaging.depth_map import Points
+
+LEAST_AREA, LEAST_HEIGHT = 0.08, 0.35  # m^2 and m of a person that can be seen, who may be cut off by the picture
+LARGEST = 2.7  # m, of anything that is one person, arms spread
+_TOUCHING = np.ones((3, 3, 3), bool)
+
+
+def nearest_thing(points: Points, area: np.ndarray, up: np.ndarray, gap: float) -> np.ndarray:
+    """Mask (N,) of the points of the nearest thing that is as large as a person; all False where there is none.
+
+    points (N), without the floor's. area (N,): of the surface, seen from the camera, that each stands for [m^2].
+    up (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
+    belongs to it.
+    """
+    mine = np.zeros(len(points), dtype=bool)
+    if not len(points):
+        return mine
+    cell = np.floor((points.places - points.places.min(axis=0)) / gap).astype(int) + 2
+    taken = np.zeros(tuple(cell.max(axis=0) + 3), dtype=bool)
+    taken[tuple(cell.T)] = True
+    labels, count = ndimage.label(taken, _TOUCHING)
+    thing = labels[tuple(cell.T)]
+    areas = np.bincount(thing, area, count + 1)
+    best = _nearest(points, thing, areas, up)
+    if best == 0:
+        return mine
+    around = ndimage.binary_dilation(labels == best, _TOUCHING, iterations=2)
+    beside = np.unique(labels[around & (labels > 0)])
+    parts = [k for k in beside.tolist() if k == best or areas[k] < areas[best]]
+    return np.asarray(np.isin(thing, parts))
+
+
+def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, up: np.ndarray) -> int:
+    """Number of the nearest thing that can be a person, 0 for none; thing (N,): each point's, from 1."""
+    nearest, best = np.inf, 0
+    for k in np.flatnonzero(areas >= LEAST_AREA).tolist():
+        own = points.places[thing == k]
+        extent = np.ptp(np.percentile(own, [1.0, 99.0], axis=0), axis=0)
+        tall = float(np.ptp(np.percentile(own @ up, [1.0, 99.0])))
+        if extent.max() > LARGEST or tall < LEAST_HEIGHT:
+            continue
+        distance = float(np.median(points.across[thing == k]))  # in proportion to the depth
+        if distance < nearest:
+            nearest, best = distance, k
+    return best
