@@ -7,7 +7,11 @@ import pytest
 
 from estimator.imaging.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram
 from estimator.search.examples.bits import Bits, learned_bits
-from estimator.search.examples.hashing import HashTables, packed
+from estimator.search.examples.hashing import HashTables, drawn_keys, packed, unpacked
+
+
+def hashed(values: np.ndarray, seed: int = 0) -> HashTables:
+    return HashTables(packed(values), drawn_keys(values.shape[1], np.random.default_rng(seed)))
 
 
 def stripes(angle: float, period: float = 16.0) -> np.ndarray:
@@ -105,7 +109,7 @@ def clustered(rng: np.random.Generator, count: int = 3000, bits: int = 300) -> n
 def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
     rng = np.random.default_rng(2)
     values = clustered(rng)
-    tables, exact = HashTables(values, np.random.default_rng(0)), 0
+    tables, exact = hashed(values), 0
     for query in values[:20] ^ (rng.random((20, values.shape[1])) < 0.02):
         near = tables.nearest(query, 10)
         differing = (values ^ query).sum(axis=1)
@@ -118,7 +122,7 @@ def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
 
 def test_empty_buckets_fall_back_to_all_examples() -> None:
     values = clustered(np.random.default_rng(2))
-    near = HashTables(values, np.random.default_rng(0)).nearest(~values[0], 5)
+    near = hashed(values).nearest(~values[0], 5)
     differing = (values ^ ~values[0]).sum(axis=1)
     assert near.fell_back
     assert near.looked_at == len(values)
@@ -127,19 +131,19 @@ def test_empty_buckets_fall_back_to_all_examples() -> None:
 
 def test_the_same_seed_gives_the_same_neighbours() -> None:
     values = clustered(np.random.default_rng(2))
-    a, b = (HashTables(values, np.random.default_rng(7)).nearest(values[5], 50) for _ in range(2))
+    a, b = (hashed(values, 7).nearest(values[5], 50) for _ in range(2))
     np.testing.assert_array_equal(a.numbers, b.numbers)
     assert a.numbers[0] == 5
     assert a.distance[0] == 0
 
 
 def test_keys_need_as_many_bits() -> None:
-    with pytest.raises(ValueError, match="10 examples of 12 bits"):
-        HashTables(np.zeros((10, 12), bool), np.random.default_rng(0))
+    with pytest.raises(ValueError, match="12 bits"):
+        drawn_keys(12, np.random.default_rng(0))
 
 
 def test_packing_keeps_every_bit() -> None:
     values = np.random.default_rng(3).random((5, 130)) < 0.5
     words = packed(values)
     assert words.shape == (5, 3)
-    np.testing.assert_array_equal(np.unpackbits(words.view(np.uint8), axis=1)[:, :130], values)
+    np.testing.assert_array_equal(unpacked(words)[:, :130], values)

@@ -23,6 +23,7 @@ class Family(str, Enum):
     DEPTH_JUMP = "kinematic jump"  # a limb or part at another depth
     LIMB_JUMP = "limb elsewhere"
     LIMB_EXCHANGE = "limbs exchanged"
+    EXAMPLE = "example"  # a pose of an index that looks like the picture
     PARTICLES = "particles"  # their mean, which nothing was searched from
 
     __str__ = str.__str__
@@ -31,7 +32,7 @@ class Family(str, Enum):
     def at_previous(self) -> bool:
         """Whether hypotheses begin at the pose that they have for the frame before (see `PreviousPose`), from where
         keypoints and flow take them on before the pictures are looked at."""
-        return self not in (Family.START, Family.SAMPLE, Family.PARTICLES)
+        return self not in (Family.START, Family.SAMPLE, Family.EXAMPLE, Family.PARTICLES)
 
     @staticmethod
     def of_text(text: str) -> Family:

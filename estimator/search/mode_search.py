@@ -103,9 +103,9 @@ class ModeSearch:
         search all candidates to convergence, not only the best distinct ones.
         """
         frame = self.frame(case)
-        kept = explored if every else self._distinct(explored, count + self.settings.spare)
+        kept = explored if every else self.distinct(explored, count + self.settings.spare)
         refined = self._counted(self.workers.each(FrameSearch.refine, kept))
-        best = self._distinct(self._apart(refined), count)
+        best = self.distinct(self._apart(refined), count)
         scores = np.array([r.score for r in best]) + self._log_volumes(frame, best, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
 
@@ -158,5 +158,6 @@ class ModeSearch:
         """Those whose parts could be kept apart; all of them if that is none."""
         return [r for r in refined if r.mode.penetration <= self.settings.contact.limit] or refined
 
-    def _distinct(self, searched: Sequence[Scored], count: int) -> list[Scored]:
+    def distinct(self, searched: Sequence[Scored], count: int) -> list[Scored]:
+        """The `count` best of which no two are the same pose (see `ModeSearchSettings.distinct`)."""
         return best_distinct(searched, lambda c: c.score, lambda c: c.landmarks, self._distance, count)

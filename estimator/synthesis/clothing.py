@@ -9,6 +9,7 @@ import numpy as np
 
 from humanoid.shape.surface import Surface
 
+_NO_GRAIN = np.zeros((0, 0, 0))
 _GRAIN = 32  # samples of the periodic noise along each axis
 
 
@@ -45,19 +46,46 @@ class Clothes(NamedTuple):
 def dressed(surface: Surface, rng: np.random.Generator) -> Clothes:
     """Clothe a surface by the names of its links; links without a known name wear the shirt."""
     garments = [next((g for name, g in _CLOTHES.items() if link.endswith(name)), _SHIRT) for link in surface.links]
-    colour = np.array([g.colour for g in garments])[surface.part]
+    worn = _worn(surface, garments, _NO_GRAIN, rng)
     for part, link in enumerate(surface.links):
         if link == "head":
             nodes = np.flatnonzero(surface.part == part)
             x, _, z = (surface.local[nodes] - surface.local[nodes].mean(axis=0)).T
-            colour[nodes[z > 0.45 * x + 0.035]] = _HAIR
+            worn.colour[nodes[z > 0.45 * x + 0.035]] = _HAIR
+    return worn._replace(grain=periodic_noise(rng))
+
+
+def dressed_at_random(surface: Surface, grain: np.ndarray, rng: np.random.Generator) -> Clothes:
+    """Any colours and patterns, alike on both sides of the body; parts that are named for what they are wear one
+    garment, as `dressed` has it. grain: of `periodic_noise`."""
+    known = {id(g): g for g in _CLOTHES.values()}
+    drawn = {key: _drawn_garment(rng) for key in known}
+    sleeves = rng.random() < 0.5  # whether forearms wear the shirt
+    garments = []
+    for link in surface.links:
+        name = "upper_arm" if sleeves and link.endswith("forearm") else link
+        garments.append(drawn[id(next((g for n, g in _CLOTHES.items() if name.endswith(n)), _SHIRT))])
+    return _worn(surface, garments, grain, rng)
+
+
+def _drawn_garment(rng: np.random.Generator) -> Garment:
+    grey = rng.uniform(25.0, 220.0)
+    colour = np.clip(grey + 40.0 * rng.standard_normal(3), 8.0, 240.0)
+    stripes = rng.uniform(0.1, 0.3) if rng.random() < 0.3 else 0.0
+    coarse, fine = rng.uniform(0.03, 0.22, 2)
+    return Garment((colour[0], colour[1], colour[2]), coarse, fine, stripes, rng.uniform(0.04, 0.1))
+
+
+def _worn(surface: Surface, garments: list[Garment], grain: np.ndarray, rng: np.random.Generator) -> Clothes:
+    """Garments by part."""
+    colour = np.array([g.colour for g in garments])[surface.part]
     pattern = np.array([[g.coarse, _COARSE_SIZE, g.fine, _FINE_SIZE, g.stripes, g.period, 0.0] for g in garments])
     pattern[:, 6] = rng.uniform(0.0, _GRAIN, len(garments))
-    return Clothes(colour, pattern, _periodic_noise(rng))
+    return Clothes(colour, pattern, grain)
 
 
-def _periodic_noise(rng: np.random.Generator) -> np.ndarray:
-    """Noise of unit variance on a periodic grid, each sample averaged with its neighbours."""
+def periodic_noise(rng: np.random.Generator) -> np.ndarray:
+    """For `raster.paint_cloth`: noise of unit variance on a periodic grid, each sample averaged with its neighbours."""
     noise = rng.standard_normal((_GRAIN,) * 3)
     for axis in range(3):
         noise = 0.5 * noise + 0.25 * (np.roll(noise, 1, axis) + np.roll(noise, -1, axis))

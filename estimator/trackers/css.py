@@ -97,7 +97,7 @@ PAPER = CssSettings(
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
-_FAMILIES = tuple(family for family in Family if family not in (Family.START, Family.PARTICLES))
+_FAMILIES = tuple(family for family in Family if family not in (Family.START, Family.EXAMPLE, Family.PARTICLES))
 
 
 class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):

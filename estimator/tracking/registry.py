@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimator.trackers import annealed, condensation, css, multiple_hypothesis, single_mode
+from estimator.trackers import annealed, condensation, css, elmo, multiple_hypothesis, single_mode
 from estimator.trackers.base import Tracker
 from estimator.trackers.spec import Spec
 from estimator.tracking.setting_changes import changed, former_names, refused, renamed
@@ -35,7 +35,7 @@ def _check(spec: Spec, others: Iterable[Spec]) -> None:
 
 TRACKERS: Registry[Spec] = Registry(
     "tracker",
-    (*css.SPECS, *single_mode.SPECS, condensation.SPEC, annealed.SPEC, *multiple_hypothesis.SPECS),
+    (*css.SPECS, *single_mode.SPECS, condensation.SPEC, annealed.SPEC, *multiple_hypothesis.SPECS, *elmo.SPECS),
     _check,
 )
 register = TRACKERS.register

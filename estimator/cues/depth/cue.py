@@ -68,6 +68,15 @@ class PersonPoints:
     pixels: np.ndarray
     step: float
 
+    def mask(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Where the person is in a picture of some (height, width) of the cues, bool."""
+        mask = np.zeros(shape[:2], np.uint8)
+        x, y = np.round(self.pixels).astype(int).T
+        inside = (x >= 0) & (x < mask.shape[1]) & (y >= 0) & (y < mask.shape[0])
+        mask[y[inside], x[inside]] = 1
+        side = 2 * int(np.ceil(0.5 * self.step)) + 1
+        return cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0
+
 
 class Depth(Cue):
     """Points of the person's surface."""

@@ -10,6 +10,7 @@ import numpy as np
 from humanoid.support.compiled import jit
 
 TABLES, KEY_BITS = 50, 18  # ELMO section 4
+_AT_ONCE = 4096  # examples whose bits are unpacked together
 
 
 class Neighbours(NamedTuple):
@@ -24,32 +25,39 @@ class Neighbours(NamedTuple):
     fell_back: bool
 
 
-class HashTables:
-    """Examples, N, in buckets: each table sorts them by a key of some of their bits, drawn at random.
-
-    Parameters
-    ----------
-    values (N, M) bool: the examples' bits. rng: draws the keys. tables, key_bits: how many, and of how many bits.
+def drawn_keys(bits: int, rng: np.random.Generator, tables: int = TABLES, key_bits: int = KEY_BITS) -> np.ndarray:
+    """Which of so many bits the keys of each table are made of, (tables, key_bits) int64.
 
     Raises
     ------
-    ValueError: there are fewer bits than a key has, or no examples.
+    ValueError: there are fewer bits than a key has.
+    """
+    if bits < key_bits:
+        raise ValueError(f"there are {bits} bits: keys of {key_bits} need as many")
+    return np.array([rng.choice(bits, key_bits, replace=False) for _ in range(tables)])
+
+
+class HashTables:
+    """Examples, N, in buckets: each table sorts them by a key of some of their bits.
+
+    codes (N, W) uint64: their bits, see `packed`. chosen (tables, key_bits): see `drawn_keys`.
+
+    Raises
+    ------
+    ValueError: there are no examples.
     """
 
-    def __init__(
-        self, values: np.ndarray, rng: np.random.Generator, tables: int = TABLES, key_bits: int = KEY_BITS
-    ) -> None:
-        count, bits = values.shape
-        if not count or bits < key_bits:
-            raise ValueError(f"{count} examples of {bits} bits: keys of {key_bits} bits need as many and an example")
-        self._codes = packed(values)
-        self._chosen = np.array([rng.choice(bits, key_bits, replace=False) for _ in range(tables)])
-        keys = self._keys(values)
+    def __init__(self, codes: np.ndarray, chosen: np.ndarray) -> None:
+        if not len(codes):
+            raise ValueError("there are no examples")
+        self.codes, self.chosen = codes, chosen
+        parts = range(0, len(codes), _AT_ONCE)
+        keys = np.concatenate([self._keys(unpacked(codes[k : k + _AT_ONCE])) for k in parts], axis=1)
         self._order = np.argsort(keys, axis=1, kind="stable").astype(np.int32)
         self._sorted = np.take_along_axis(keys, self._order, axis=1)
 
     def __len__(self) -> int:
-        return len(self._codes)
+        return len(self.codes)
 
     def nearest(self, value: np.ndarray, count: int) -> Neighbours:
         """The `count` examples that differ least from value (M,) bool among those in one of its buckets, or among all
@@ -64,14 +72,14 @@ class HashTables:
         if fell_back:
             candidates = np.arange(len(self))
         distance = np.empty(len(candidates), np.int64)
-        _differing(self._codes, code, candidates, distance)
+        _differing(self.codes, code, candidates, distance)
         order = np.lexsort((candidates, distance))[:count]
         return Neighbours(candidates[order], distance[order], len(candidates), fell_back)
 
     def _keys(self, values: np.ndarray) -> np.ndarray:
         """Keys (tables, N) of values (N, M)."""
-        weight = 1 << np.arange(self._chosen.shape[1], dtype=np.int64)
-        return np.array([values[:, chosen] @ weight for chosen in self._chosen])
+        weight = 1 << np.arange(self.chosen.shape[1], dtype=np.int64)
+        return np.array([values[:, chosen] @ weight for chosen in self.chosen])
 
 
 def packed(values: np.ndarray) -> np.ndarray:
@@ -80,6 +88,11 @@ def packed(values: np.ndarray) -> np.ndarray:
     padded = np.zeros((count, -(-bits // 64) * 64), bool)
     padded[:, :bits] = values
     return np.packbits(padded, axis=1).view(np.uint64)
+
+
+def unpacked(codes: np.ndarray) -> np.ndarray:
+    """The bits (N, 64 W) bool of codes (N, W), those that filled them up included."""
+    return np.unpackbits(np.ascontiguousarray(codes).view(np.uint8), axis=1).astype(bool)
 
 
 @jit

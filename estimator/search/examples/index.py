@@ -1,0 +1,152 @@
+"""An index of examples: poses of a subject, found by what they look like; one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations
+from estimator.formats.checked_json import mapping
+from estimator.formats.npz import read_npz
+from estimator.imaging.edge_histogram import bin_count
+from estimator.imaging.person_view import ViewFrame
+from estimator.search.examples.bits import Bits
+from estimator.search.examples.hashing import HashTables, Neighbours
+from humanoid.kinematics.body import ROOT_Q, Body
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+
+FORMAT = 1
+REMEDY = "train one: kinemode train-index SUBJECT --out FILE"
+_FIELDS = {
+    "q": Field("f", ("N", "nq")), "codes": Field("u", ("N", "W")), "feature": Field("i", ("M",)),
+    "threshold": Field("u", ("M",)), "true_rate": Field("f", ("M",)), "false_rate": Field("f", ("M",)),
+    "keys": Field("i", ("tables", "key_bits")), "header": Field("U"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class IndexRecipe:
+    """What an index is made of; equal recipes give equal indices.
+
+    examples: how many. headings [degrees]: range of the body's heading about facing the camera. legs: whether they move
+    too. elevation [degrees]: by how much the camera looks down. variants: bodies of other lengths and girth in the
+    pictures. pairs: of either kind that the bits are learned from. tables, key_bits: of the hashing. seed: of all that
+    is random.
+    """
+
+    examples: int = 60_000
+    headings: float = 360.0
+    legs: bool = False
+    elevation: float = 8.0
+    variants: int = 24
+    pairs: int = 4000
+    tables: int = 50
+    key_bits: int = 18
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class ExampleIndex:
+    """Examples, N, of a subject with coordinates `q_names` (nq).
+
+    recipe: what it is made of. side [m]: of the square around a person that is described. q (N, nq): the poses, a free
+    root in the frame of the view (`ViewFrame`). bits: of a description. tables: the examples' bits, in buckets.
+    """
+
+    recipe: IndexRecipe
+    q_names: tuple[str, ...]
+    side: float
+    q: np.ndarray
+    bits: Bits
+    tables: HashTables
+
+    def nearest(self, description: np.ndarray, count: int) -> Neighbours:
+        """The `count` examples that look most like a description (bins,)."""
+        return self.tables.nearest(self.bits.of(description[None])[0], count)
+
+    def poses(self, numbers: np.ndarray, frame: ViewFrame) -> np.ndarray:
+        """Some examples as poses (K, nq) in the world, of a person who is seen in `frame`."""
+        q = self.q[numbers].astype(np.float64)
+        if self.q_names[: ROOT_Q.stop][-1:] == ("root_qw",):
+            world_view = pin.SE3(frame.R_world_view, frame.origin)
+            for pose in q:
+                root = pose[ROOT_Q]
+                root[3:] /= np.linalg.norm(root[3:])  # of single precision
+                pose[ROOT_Q] = pin.SE3ToXYZQUAT(world_view * pin.XYZQUATToSE3(root))
+        return q
+
+    def save(self, path: str | Path) -> None:
+        """Write it to one file; raises InputError where that cannot be written."""
+        header = {"format": FORMAT, "recipe": asdict(self.recipe), "q_names": list(self.q_names), "side": self.side}
+        with replacing(path) as temporary, temporary.open("wb") as file:
+            np.savez(
+                file, header=np.array(json.dumps(header)), q=self.q.astype(np.float32), codes=self.tables.codes,
+                feature=self.bits.feature, threshold=self.bits.threshold, true_rate=self.bits.true_rate,
+                false_rate=self.bits.false_rate, keys=self.tables.chosen.astype(np.int32),
+            )  # fmt: skip
+
+
+def load_index(path: str | Path, body: Body) -> ExampleIndex:
+    """An index for a body.
+
+    Raises
+    ------
+    InputError: the file cannot be read, is damaged, is no index or one of another version, or one of another subject.
+    """
+    path = Path(path)
+    arrays = read_npz(path)
+    header = _header(arrays, path)
+    names = tuple(str(name) for name in header["q_names"])
+    if names != body.q_names:
+        problem = f"is of another subject than {body.subject.source}: its coordinates are {', '.join(names[:9])}, ..."
+        raise InputError(path, problem, remedy=REMEDY)
+    try:
+        check_arrays(arrays, _FIELDS, {"nq": body.nq, "N": len(arrays["q"]), "M": len(arrays["feature"])})
+        recipe = IndexRecipe(**header["recipe"])
+        side = float(header["side"])
+        _check(arrays, body, side)
+    except (DamageError, TypeError, ValueError, KeyError) as error:
+        raise InputError(path, f"is damaged: {error}", remedy=REMEDY) from None
+    bits = Bits(
+        arrays["feature"].astype(np.int32), arrays["threshold"].astype(np.uint16), arrays["true_rate"],
+        arrays["false_rate"],
+    )  # fmt: skip
+    tables = HashTables(arrays["codes"].astype(np.uint64), arrays["keys"].astype(np.int64))
+    return ExampleIndex(recipe, names, side, arrays["q"], bits, tables)
+
+
+def _header(arrays: Mapping[str, np.ndarray], path: Path) -> Mapping[str, Any]:
+    if not {"header", "codes", "q", "feature", "keys"} <= arrays.keys():
+        raise InputError(path, "is no index of examples", remedy=REMEDY)
+    try:
+        header = mapping(json.loads(str(arrays["header"])), str(path), "header")
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(path, "is damaged: its header is not JSON", remedy=REMEDY) from None
+    if header.get("format") != FORMAT:
+        problem = f"is an index of format {str(header.get('format'))[:20]}, this kinemode reads {FORMAT}"
+        raise InputError(path, problem, remedy=REMEDY)
+    if not isinstance(header.get("q_names"), list):
+        raise InputError(path, "is damaged: names are needed", place="q_names", remedy=REMEDY)
+    return header
+
+
+def _check(arrays: Mapping[str, np.ndarray], body: Body, side: float) -> None:
+    """What is right by itself and cannot be together; raises DamageError."""
+    bits = len(arrays["feature"])
+    if not len(arrays["q"]) or not bits or arrays["codes"].shape[1] != -(-bits // 64):
+        raise DamageError(f"codes of {arrays['codes'].shape[1]} words for {bits} bits")
+    for name, most in (("feature", bin_count()), ("keys", bits)):
+        if arrays[name].min() < 0 or arrays[name].max() >= most:
+            raise DamageError(f"{name} has numbers beyond {most}")
+    if not 0.1 < side < 100.0:
+        raise DamageError(f"a side of {side:g} m")
+    check_configurations(body, arrays["q"].astype(np.float64), "q")

@@ -1,0 +1,222 @@
+"""An index of examples, made: bits learned from pairs of pictures, then any number of poses with their bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.formats.npz import read_npz
+from estimator.media.threads import one_thread
+from estimator.parallel.pool import Workers, worker_pool
+from estimator.search.examples.bits import Bits, learned_bits
+from estimator.search.examples.hashing import HashTables, drawn_keys, packed
+from estimator.search.examples.index import ExampleIndex, IndexRecipe
+from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
+from estimator.synthesis.examples.poses import PoseSampler
+from humanoid.kinematics.body import Body
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import Base, Subject, subject_from_text
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+
+SIMILAR, DISSIMILAR = 0.05, 0.10  # m: every landmark within the one, or some beyond the other (ELMO section 4)
+PAIRS_AT_ONCE, EXAMPLES_AT_ONCE = 100, 500
+_REACH_POSES, _REACH = 200, 98.0  # poses that the square is measured by, and the percentage that fits into it
+_PAIRS, _EXAMPLES, _BODIES, _KEYS = range(4)  # what random numbers are for
+Report = Callable[[int, int], None]
+
+
+def train_index(
+    subject: Subject,
+    recipe: IndexRecipe,
+    *,
+    parts: Path | None = None,
+    processes: int = 1,
+    progress: Report | None = None,
+) -> ExampleIndex:
+    """An index of a subject with flesh, the same with any number of processes.
+
+    parts: a folder in which what is done is kept, so that the same call goes on where one was interrupted. progress: is
+    told how many pieces of how many are done.
+
+    Raises
+    ------
+    InputError: a subject without flesh, or too few examples or pairs for the keys.
+    """
+    _check(subject, recipe)
+    body = Body(subject)
+    painting = Painting(subject.urdf, subject.source, subject.base, recipe, _side(body, recipe))
+    kept = _Kept(parts, repr(painting))
+    counts = [-(-recipe.pairs // PAIRS_AT_ONCE), -(-recipe.examples // EXAMPLES_AT_ONCE)]
+    told = _Told(progress, sum(counts))
+    with worker_pool(painting, processes) as workers:
+        workers.show(Gallery(painting))
+        bits = _bits(list(_made(workers, kept, "pairs", Gallery.pairs, range(counts[0]), told)), recipe)
+        work = partial(Gallery.examples, bits=bits)
+        made = list(_made(workers, kept, "examples", work, range(counts[1]), told))
+    q, codes = (np.concatenate([part[name] for part in made])[: recipe.examples] for name in ("q", "codes"))
+    keys = drawn_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
+    return ExampleIndex(recipe, body.q_names, painting.side, q, bits, HashTables(codes, keys))
+
+
+class Painting(NamedTuple):
+    """What a process needs to paint examples (see `estimator.parallel.job.Job`). urdf, source, base: of the subject.
+    side [m]: of the square around a person."""
+
+    urdf: str
+    source: str
+    base: Base
+    recipe: IndexRecipe
+    side: float
+
+    def message(self, context: Gallery) -> None:
+        """See `Job`: all is known from the beginning."""
+
+    def opener(self) -> Callable[[Any], Gallery]:
+        """See `Job`."""
+        gallery = Gallery(self)
+        return lambda _: gallery
+
+
+class Gallery:
+    """Paints pieces of an index; what comes out of a piece depends on its number alone."""
+
+    def __init__(self, painting: Painting) -> None:
+        subject = subject_from_text(painting.urdf, source=painting.source, base=painting.base)
+        recipe = self._recipe = painting.recipe
+        body = Body(subject)
+        self._poses = PoseSampler(body, headings=recipe.headings, legs=recipe.legs)
+        bodies = variants(subject, recipe.variants, self._rng(_BODIES, 0))
+        self._painter = ExamplePainter(body, bodies, recipe.elevation, painting.side)
+
+    @one_thread()
+    def pairs(self, piece: int) -> dict[str, np.ndarray]:
+        """Pictures of `PAIRS_AT_ONCE` poses, a, and of similar ones, b: `a` and `b` (P, bins), `landmarks` (P, L, 3) of
+        the former."""
+        rng, made = self._rng(_PAIRS, piece), []
+        for _ in range(PAIRS_AT_ONCE):
+            q = self._poses.draw(rng)
+            made.append((self._painter.example(q, rng), self._similar(q, rng)))
+        a, b = (np.array([pair[k].description for pair in made]) for k in (0, 1))
+        return {"a": a, "b": b, "landmarks": np.array([pair[0].landmarks for pair in made])}
+
+    @one_thread()
+    def examples(self, piece: int, bits: Bits) -> dict[str, np.ndarray]:
+        """`EXAMPLES_AT_ONCE` poses `q` (N, nq) as they are kept, with the codes (N, W) of their bits."""
+        rng = self._rng(_EXAMPLES, piece)
+        made = [self._painter.example(self._poses.draw(rng), rng) for _ in range(EXAMPLES_AT_ONCE)]
+        values = bits.of(np.array([example.description for example in made]))
+        return {"q": np.array([example.q for example in made], dtype=np.float32), "codes": packed(values)}
+
+    def _similar(self, q: np.ndarray, rng: np.random.Generator) -> Example:
+        return self._painter.example(self._poses.near(q, rng, SIMILAR), rng)
+
+    def _rng(self, purpose: int, piece: int) -> np.random.Generator:
+        return np.random.default_rng((self._recipe.seed, purpose, piece))
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Pieces that are done, as files of a folder; none without one. what: all that decides what comes out."""
+
+    folder: Path | None
+    what: str
+
+    def of(self, kind: str, piece: int) -> dict[str, np.ndarray] | None:
+        if self.folder is None or not (path := self._path(kind, piece)).is_file():
+            return None
+        with suppress(InputError):  # one that cannot be read is done again
+            arrays = read_npz(path)
+            if str(arrays.pop("what", "")) == self.what:
+                return arrays
+        return None
+
+    def put(self, kind: str, piece: int, arrays: dict[str, np.ndarray]) -> None:
+        if self.folder is None:
+            return
+        with replacing(self._path(kind, piece)) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, what=np.array(self.what), **arrays)  # type: ignore[arg-type]
+
+    def _path(self, kind: str, piece: int) -> Path:
+        assert self.folder is not None
+        return self.folder / f"{kind}_{piece:04d}.npz"
+
+
+@dataclass
+class _Told:
+    """Progress over all pieces."""
+
+    report: Report | None
+    total: int
+    done: int = 0
+
+    def more(self, count: int) -> None:
+        self.done += count
+        if self.report is not None:
+            self.report(self.done, self.total)
+
+
+def _made(
+    workers: Workers[Gallery],
+    kept: _Kept,
+    kind: str,
+    work: Callable[[Gallery, int], dict[str, np.ndarray]],
+    pieces: Sequence[int],
+    told: _Told,
+) -> Iterator[dict[str, np.ndarray]]:
+    """What comes out of every piece, in their order; some at a time, since each is told and kept when done."""
+    for first in range(0, len(pieces), workers.size):
+        some = pieces[first : first + workers.size]
+        done = {k: arrays for k in some if (arrays := kept.of(kind, k)) is not None}
+        missing = [k for k in some if k not in done]
+        for k, arrays in zip(missing, workers.each(work, missing), strict=True):
+            kept.put(kind, k, arrays)
+            done[k] = arrays
+        told.more(len(some))
+        yield from (done[k] for k in some)
+
+
+def _bits(made: list[dict[str, np.ndarray]], recipe: IndexRecipe) -> Bits:
+    """Learned from the pairs: similar ones as they were made, dissimilar ones of pictures of different poses."""
+    names = ("a", "b", "landmarks")
+    a, b, landmarks = (np.concatenate([part[name] for part in made])[: recipe.pairs] for name in names)
+    rng = np.random.default_rng((recipe.seed, _PAIRS))
+    i, j = rng.integers(0, len(a), (2, 2 * len(a)))
+    apart = np.linalg.norm(landmarks[i] - landmarks[j], axis=2).max(axis=1) > DISSIMILAR
+    i, j = i[apart][: len(a)], j[apart][: len(a)]
+    bits = learned_bits((a, b), (a[i], b[j]))
+    if len(bits) < recipe.key_bits:
+        problem = f"{len(bits)} bits tell poses apart, keys have {recipe.key_bits}"
+        raise InputError("pairs", problem, remedy="more pairs, or shorter keys")
+    return bits
+
+
+def _side(body: Body, recipe: IndexRecipe) -> float:
+    """Side [m] of a square about the middle of the body that most poses fit into."""
+    surface = surface_of(body, nodes=500)
+    sampler = PoseSampler(body, headings=recipe.headings, legs=recipe.legs)
+    rng = np.random.default_rng((recipe.seed, _BODIES))
+    reach = []
+    for _ in range(_REACH_POSES):
+        posed = body.at(sampler.draw(rng))
+        places = np.einsum("nij,nj->ni", posed.rotations[surface.joint], surface.local)
+        places += posed.translations[surface.joint]
+        reach.append(np.abs(places - np.median(places, axis=0)).max())
+    return float(2.0 * np.percentile(reach, _REACH))
+
+
+def _check(subject: Subject, recipe: IndexRecipe) -> None:
+    if not subject.flesh:
+        raise InputError(
+            subject.source, "has no flesh: nothing of it can be painted", remedy="add <flesh> to its links"
+        )
+    least = 10 * recipe.key_bits
+    for name, count in (("examples", recipe.examples), ("pairs", recipe.pairs)):
+        if count < least:
+            raise InputError(name, f"{count} are too few for keys of {recipe.key_bits} bits", remedy=f"{least} or more")

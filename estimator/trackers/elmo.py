@@ -1,0 +1,232 @@
+"""ELMO: the modes of each frame's likelihood, found without the past and weighed by it (Demirdjian, Taycher,
+Shakhnarovich, Grauman and Darrell, ICCV 2005); and its parts alone: PSH, the likeliest example, and ICP, one search
+from the last pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimator.cost.model import per_dof
+from estimator.imaging.observation import Observation
+from estimator.modes.mixture import Mixture, Mode, mixture_of
+from estimator.modes.origin import Family, Origin
+from estimator.modes.reweighting import diffusion_std, reweighted
+from estimator.optimise.solution import SAMPLED, StepCounts
+from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
+from estimator.search.examples.lookup import Looked, looked_up, sees_person
+from estimator.search.first_pose import start_modes
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Hypothesis
+from estimator.search.mode_search import ModeSearch
+from estimator.search.search_pool import search_pool
+from estimator.search.settings import BY_VOLUME
+from estimator.trackers.beginning import enough_keypoints, observable
+from estimator.trackers.defaults import FROM_A_PAPER, together
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
+from estimator.trackers.spec import Spec, by_search
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
+
+
+@dataclass(frozen=True)
+class ElmoSettings:
+    """ELMO and its parts.
+
+    index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
+    paper; 0 for none. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
+    short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
+    of the starts go on from round to round. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
+    change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since
+    the last frame in which the person was seen.
+    """
+
+    index: str = ""
+    neighbours: int = setting(50, at_least=0)
+    keep: bool = True
+    modes: int = setting(5, at_least=1)
+    rounds: int = setting(3, at_least=0)
+    survivors: int = setting(16, at_least=1)
+    turn_floor: float = setting(0.3, above=0)
+    root_turn_floor: float = setting(0.15, above=0)
+    root_slide_floor: float = setting(0.1, above=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True)
+class ElmoState:
+    """mixture: of the last frame. time [s]: of that. seen [s]: of the last frame in which the person was seen."""
+
+    mixture: Mixture
+    time: float
+    seen: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `estimator.trackers.base.State`."""
+        return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
+
+
+class Elmo:
+    """The recipe; numbers in comments are the paper's equations.
+
+    Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
+    how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
+    """
+
+    def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
+        self.search = search
+        self.body: Body = search.body
+        self.settings = settings or ElmoSettings()
+        self.needs_keypoints = self.settings.neighbours == 0
+
+    @cached_property
+    def index(self) -> ExampleIndex:
+        """The examples, read when they are first asked for; raises InputError where there are none."""
+        if not self.settings.index:
+            raise InputError("elmo.index", "no index of examples is named", remedy=REMEDY)
+        return load_index(self.settings.index, self.body)
+
+    def can_start(self, observation: Observation) -> bool:
+        """Whether the person's surface is seen; without examples, whether a frame has enough keypoints."""
+        if self.needs_keypoints:
+            return enough_keypoints(observation)
+        return sees_person(observation)
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
+        """See `estimator.trackers.base.Tracker`."""
+        if self.needs_keypoints:
+            mixture = start_modes(self.search, rng, observation, self.settings.modes)
+            return self._judged(observation, mixture, None)
+        return self._searched(observation, None)
+
+    def step(
+        self, rng: np.random.Generator, state: ElmoState, observation: Observation
+    ) -> tuple[ElmoState, FrameResult]:
+        """See `estimator.trackers.base.Tracker`."""
+        blind = not sees_person(observation) and (not self.needs_keypoints or not observable(observation))
+        if blind:
+            after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
+            return ElmoState(after.mixture, after.time, state.seen), result
+        return self._searched(observation, state)
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
+        """See `estimator.trackers.base.Tracker`."""
+        state = MixtureState.from_arrays(arrays, self.body)
+        seen = float(arrays["seen"])
+        if not seen <= state.time:
+            raise ValueError(f"the person was seen at {seen:g} s, after {state.time:g}")
+        return ElmoState(state.mixture, state.time, seen)
+
+    def shared(self, processes: int) -> AbstractContextManager[None]:
+        """See `estimator.trackers.capabilities.SharesWork`."""
+        return search_pool(self.search, processes)
+
+    def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
+        before = self.search.steps
+        looks = looked_up(self.index, observation, self.settings.neighbours) if self.settings.neighbours else []
+        starts = self._starts(looks, state)
+        likelihood = self.search.likelihood(observation, starts[0].q)
+        case = FrameCase(self.search.associations(observation), 0.0, likelihood)
+        likely = self._modes(starts, case)  # 3
+        told = _told(looks, starts, StepCounts.between(before, self.search.steps))
+        return self._judged(observation, self._weighed(likely, state, observation.time), told)  # 6
+
+    def _starts(self, looks: Sequence[Looked], state: ElmoState | None) -> list[Hypothesis]:
+        starts = [Hypothesis(self.body.clamp(q), 0, Origin(Family.EXAMPLE)) for look in looks for q in look.q]
+        if state is not None and self.settings.keep:
+            starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
+        return starts
+
+    def _modes(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
+        """The best distinct modes of the likelihood that are reached from the starts: how many reach one does not
+        count. Points are paired with the body anew in every round, as in ICP, and only the best go on."""
+        s, search = self.settings, self.search
+        if s.rounds == 0:
+            return self._likeliest(starts, case)
+        candidates = search.explored(starts, case)
+        for _ in range(s.rounds - 1):
+            best = search.distinct(candidates, s.survivors)
+            candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best], case)
+        return search.best_of(candidates, case, s.modes)
+
+    def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
+        """The start of lowest energy as it is, as uncertain as one frame's change."""
+        (best,) = self.search.screened(starts, case, 1)
+        energy = -self.search.frame(case).look(best)
+        covariance = np.diag(np.square(self._floor))
+        mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
+        return mixture_of((mode,), np.zeros(1))
+
+    @cached_property
+    def _floor(self) -> np.ndarray:
+        s = self.settings
+        return per_dof(self.body, s.turn_floor, s.root_turn_floor, s.root_slide_floor)
+
+    def _weighed(self, likely: Mixture, state: ElmoState | None, time: float) -> Mixture:
+        """Modes of the likelihood, weighed by the past (eq. 6)."""
+        if state is None:
+            return likely
+        std = diffusion_std(self.search.model.transition_std(1.0), time - state.seen, self._floor)
+        weighed = reweighted(self.body, [m.q for m in likely.modes], likely.log_scores, state.mixture, std)
+        modes = tuple(
+            replace(mode, parent=int(parent), velocity=self._velocity(state, int(parent), mode.q, time))
+            for mode, parent in zip(likely.modes, weighed.parent, strict=True)
+        )
+        return mixture_of(modes, weighed.log_scores)
+
+    def _velocity(self, state: ElmoState, parent: int, q: np.ndarray, time: float) -> np.ndarray:
+        return self.body.velocity(state.mixture.modes[parent].q, q, time - state.time)
+
+    def _judged(
+        self, observation: Observation, mixture: Mixture, told: Mapping[str, np.ndarray] | None
+    ) -> tuple[ElmoState, FrameResult]:
+        after, result = judged(self.search, observation, mixture, told)
+        return ElmoState(after.mixture, after.time, after.time), result
+
+
+def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
+    counts = {f: sum(h.origin.family is f for h in starts) for f in (Family.EXAMPLE, Family.KEPT)}
+    return {
+        **searches_told(counts, steps),
+        "looked_at": np.array(sum(look.neighbours.looked_at for look in looks)),
+        "fell_back": np.array(sum(look.neighbours.fell_back for look in looks)),
+    }
+
+
+_BY_VOLUME = {"search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2}}
+"""A mode counts by its probability, not its height (eq. 3); searches are many and short."""
+
+
+def _spec(name: str, sentence: str, settings: ElmoSettings) -> Spec:
+    return Spec(
+        name=name,
+        sentence=sentence,
+        make=by_search(Elmo),
+        group="elmo",
+        settings=settings,
+        defaults=together(FROM_A_PAPER, _BY_VOLUME),
+        shares_work=lambda own: True,
+    )
+
+
+SPECS = (
+    _spec("elmo", "modes of each frame's likelihood, found through an index of examples (ELMO)", ElmoSettings()),
+    _spec(
+        "psh",
+        "the likeliest of the examples that look like the picture (ELMO section 4)",
+        ElmoSettings(modes=1, keep=False, rounds=0),
+    ),
+    _spec(
+        "icp",
+        "one search from the last pose (ELMO section 4)",
+        ElmoSettings(modes=1, neighbours=0, rounds=8, survivors=1),
+    ),
+)
