@@ -128,7 +128,8 @@ class Projected:
         for _ in range(self._steps):
             gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
             image.accumulate(body.at(q), gradient, hessian)
-            step = -np.linalg.solve(hessian + 1e-3 * np.trace(hessian) / body.nv * np.eye(body.nv), gradient)
+            damping = max(1e-3 * np.trace(hessian) / body.nv, 1e-9)  # where nothing is in view both are zero
+            step = -np.linalg.solve(hessian + damping * np.eye(body.nv), gradient)
             q = body.integrate(q, step / max(1.0, float(np.abs(step).max())))
         return q
 

@@ -37,7 +37,7 @@ class Times:
 
 
 def timed_track(
-    keypoints: Mapping[str, Path],
+    keypoints: Mapping[str, Path] | None,
     cameras: Path,
     out: Path,
     *,
@@ -51,8 +51,10 @@ def timed_track(
     modes: int | None = None,
     settings: Mapping[str, Any] | None = None,
     frames: int | None = None,
+    **more: Any,
 ) -> tuple[Run, Times]:
-    """Track from keypoints, and from pictures where clips are given and cues not off; `frames`: stop after these."""
+    """Track from keypoints, and from pictures where clips are given and cues not off; `frames`: stop after these. more:
+    other arguments of `kinemode.track`."""
     marks = [_now()]
 
     @contextmanager
@@ -81,6 +83,7 @@ def timed_track(
             out=out,
             overwrite=True,
             progress=timed,
+            **more,
         )
     marks.append(_now())
     run = km.open_run(out)

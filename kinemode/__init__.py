@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from humanoid.support.errors import InputError
     from kinemode.notices import FindingWarning, InputWarning
     from kinemode.public.clips import annotate, render
+    from kinemode.public.indexing import train_index
     from kinemode.public.results import evaluate, export, open_run, overlay, view
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
@@ -60,6 +61,7 @@ _MODULES = {
     "render": "kinemode.public.clips",
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
+    "train_index": "kinemode.public.indexing",
     "view": "kinemode.public.results",
     "write_cameras": "estimator.formats.cameras",
     "write_keypoints": "estimator.formats.keypoints",
@@ -93,6 +95,7 @@ __all__ = [
     "render",
     "reported",
     "track",
+    "train_index",
     "view",
     "write_cameras",
     "write_keypoints",

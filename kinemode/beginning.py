@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from estimator.imaging.observation import Observation
 from estimator.trackers.base import Tracker
 from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
-from estimator.trackers.capabilities import HasEnergy, SharesWork
+from estimator.trackers.capabilities import GoesByCue, HasEnergy, SharesWork
 from estimator.trackers.frame_result import FrameResult
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
@@ -36,6 +36,14 @@ def check_beginning(
     if not pictures:
         problem = f"{name} can begin in no frame by what there is of keypoints"
         raise InputError("cues", problem, remedy="give the clips and let their pictures be looked at (--cues)")
+
+
+def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:
+    """Raise InputError where a tracker, of some name, goes by a cue that is not looked at."""
+    if isinstance(tracker, GoesByCue) and tracker.needed_cue not in cues:
+        option = "a pair of cameras (--stereo) or depth pictures (--depth), and --cues"
+        problem = f"{name} goes by {tracker.needed_cue}, which is not looked at"
+        raise InputError("cues", problem, remedy=f"give {option} {tracker.needed_cue}")
 
 
 def check_capabilities(tracker: Tracker[Any], chosen: Chosen, workers: int) -> None:

@@ -44,6 +44,13 @@ class SharesWork(Protocol):
 
 
 @runtime_checkable
+class GoesByCue(Protocol):
+    """Can do nothing without one of the pictures' cues. needed_cue: its name."""
+
+    needed_cue: str
+
+
+@runtime_checkable
 class LooksAhead(Protocol[S]):
     """Is shown the frames that follow. frames_ahead: how many, fewer at the end of the clip."""
 

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from estimator.cost.model import per_dof
+from estimator.cues.depth.cue import Depth
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin
@@ -80,6 +81,8 @@ class Elmo:
     Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
+
+    needed_cue = Depth.name
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
         self.search = search

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from kinemode.commands.options import NO_INPUT, ClipArgument, InputOptions, SubjectOption
+from kinemode.commands.options import NO_INPUT, ClipArgument, Flag, InputOptions, SubjectOption
 
 
 def fit(
@@ -45,6 +45,62 @@ def fit(
     from kinemode.terminal import report
 
     report.print_fit(fitted, out)
+
+
+def train_index(
+    subject: SubjectOption,
+    /,
+    *,
+    out: Path,
+    examples: int = 60_000,
+    headings: float = 360.0,
+    legs: Flag = False,
+    elevation: float = 8.0,
+    seed: int = 0,
+    workers: int = 1,
+    overwrite: Flag = False,
+) -> None:
+    """Paint examples of a subject's poses into an index, for `track --tracker elmo --index FILE`.
+
+    Where it was interrupted the same command goes on.
+
+    Example: kinemode train-index human34 --legs --workers 2 --out human34-legs.npz
+
+    Parameters
+    ----------
+    out
+        The file to write.
+    examples
+        How many.
+    headings
+        Range of the body's heading about facing the camera, in degrees.
+    legs
+        Legs move too, as far as their rest positions let them.
+    elevation
+        By how many degrees the camera looks down.
+    seed
+        Seed of poses, clothes and light.
+    workers
+        How many processes share the work; the index is the same with any number.
+    overwrite
+        Replace the file if it is there.
+    """
+    import kinemode as km
+
+    print(
+        km.train_index(
+            subject,
+            out,
+            examples=examples,
+            headings=headings,
+            legs=legs,
+            elevation=elevation,
+            seed=seed,
+            workers=workers,
+            overwrite=overwrite,
+            progress=km.reported,
+        )
+    )
 
 
 def settings(*, tracker: str = "css", out: Path | None = None) -> None:

@@ -172,6 +172,8 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "modes": (_or_none(_whole), "a whole number"),
     "seed": _WHOLE,
     "workers": _WHOLE,
+    "examples": _WHOLE,
+    "index": (_or_none(_path), "the path of an index that train_index wrote"),
     "frame": _WHOLE,
     "port": _WHOLE,
     "resume": _FLAG,

@@ -53,6 +53,7 @@ def track(
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
+    index: PathLike | None = None,
     progress: Reporter | None = None,
 ) -> Run:
     """Track a subject through one clip, or several synchronised ones, into a run file.
@@ -92,6 +93,8 @@ def track(
     workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
         run is the same with any number.
         Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
+    index: file in which trackers that look poses up do so (`kinemode.train_index`); unless given the one their settings
+        name, or that of the subject in the user's cache, made when it is first needed.
     progress: opens a progress report for each stage, such as `kinemode.reported`; none by default.
 
     Raises
@@ -102,7 +105,7 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite,
-        person=person, settings=settings, workers=workers, progress=progress,
+        person=person, settings=settings, workers=workers, index=index, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
@@ -110,13 +113,26 @@ def track(
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings)
+    if index is not None:
+        check_exists(index)
     if out is not None:
         Target(Path(out), resume, overwrite).check()
     loaded = loaded_subject(subject)
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
-        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported
+        cues,
+        tracker,
+        modes,
+        settings,
+        seed,
+        fit,
+        out,
+        resume,
+        overwrite,
+        workers,
+        progress or unreported,
+        index=index,
     )
     return jobs.track_subject(loaded, files, wanted)
 

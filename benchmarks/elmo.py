@@ -1,0 +1,187 @@
+"""ELMO section 4.1: errors of ELMO and its rivals on stereo sequences (Figures 4 and 5), and times (Table 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from cyclopts import Parameter
+
+from benchmarks.common import Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
+from benchmarks.kept_runs import removed
+from benchmarks.tracking import timed_track
+from estimator.results.run_file import Run
+from estimator.tracking.registry import TRACKERS
+from humanoid.support.errors import InputError
+from kinemode.rendering.files import RenderedClip
+from kinemode.terminal import report
+
+RIVALS = ("elmo", "condensation", "psh", "icp")
+FAR = 100.0  # mm
+LOST = 250.0  # mm
+GIVEN = ("icp", "condensation", "css")
+"""These are given the first pose."""
+PAPER: dict[str, dict[str, Any]] = {"condensation": {"condensation": {"particles": 1000}}}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A tracker on a sequence. body: whether it tracks the true body, or the built-in one fitted to the first frame.
+    index: for those that look poses up."""
+
+    film: Filmed
+    tracker: str
+    body: str
+    index: Path
+    settings: Mapping[str, Any]
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Result:
+    """error (T): mean over `JOINTS` in the world [mm], NaN without a hypothesis. seconds: of processor time a frame."""
+
+    sequence: str
+    tracker: str
+    error: list[float]
+    seconds: float
+
+
+def tracked(task: Task) -> Result:
+    """Render and track."""
+    clip = filmed(task.film)
+    out = task.film.clip_folder / f"{task.tracker}.run"
+    looks_up = TRACKERS[task.tracker].group == "elmo" and task.tracker not in GIVEN
+    fits = task.body == "fitted"
+    given = clip.first_frame if task.tracker in GIVEN or fits else None
+    run, times = timed_track(
+        given, clip.cameras, out, clips=clip.videos, cues="depth", subject="human34" if fits else clip.subject,
+        fit="proportions" if fits else "off", tracker=task.tracker, seed=task.seed, settings=task.settings,
+        stereo={"cam01": "cam01_right"}, index=task.index if looks_up else None,
+    )  # fmt: skip
+    error = errors(run, clip)
+    removed(out)
+    shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
+    tell(f"{task.film.name}, {task.tracker}: {shown}")
+    return Result(task.film.name, task.tracker, error.tolist(), times.cpu_tracking)
+
+
+def errors(run: Run, clip: RenderedClip) -> np.ndarray:
+    """Mean errors (T,) over `JOINTS` of the likeliest hypothesis of every frame [mm], nothing aligned."""
+    with np.load(clip.truth) as truth:
+        names, true = truth["landmark_names"].tolist(), truth["landmarks"]
+    ours = [run.body.landmark_names.index(name) for name in JOINTS]
+    theirs = [names.index(name) for name in JOINTS]
+    best = run.mode_landmarks[:, 0][:, ours]
+    return np.asarray(1e3 * np.linalg.norm(best - true[: len(best), theirs], axis=2).mean(axis=1))
+
+
+def main(
+    *,
+    index: Path,
+    data: Path | None = None,
+    sequences: Annotated[tuple[str, ...], Several] = tuple(SEQUENCES),
+    trackers: Annotated[tuple[str, ...], Several] = RIVALS,
+    body: Literal["true", "fitted"] = "true",
+    frames: int = 1000,
+    fps: float = 30.0,
+    baseline: float = 0.12,
+    seed: int = 0,
+    changes: Changes = (),
+    jobs: int = 1,
+    work: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Track rendered stereo sequences with ELMO, CONDENSATION (1000 particles), PSH and ICP, all by depth alone.
+
+    ICP and CONDENSATION are given the first pose, ELMO and PSH nothing.
+
+    Parameters
+    ----------
+    index
+        Index of examples (`kinemode train-index`).
+    data
+        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
+    sequences
+        Which.
+    trackers
+        Which.
+    body
+        The tracked body: the one in the pictures, or the built-in one with lengths fitted to the first frame.
+    frames
+        Of each sequence.
+    fps
+        Frames per second: 30, or 4 for section 4.2.
+    baseline
+        Metres between the cameras.
+    seed
+        Seed of the tracker.
+    changes
+        Changes to the settings, as elmo.rounds=2.
+    jobs
+        Runs at a time, each in a process of its own.
+    work
+        Folder that keeps the clips.
+    json
+        Also write the figures here.
+    """
+    folder = data_folder(data)
+    if folder is None or not (folder / "mocap").is_dir():
+        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+        return
+    for name in sequences:
+        if name not in SEQUENCES:
+            raise InputError("--sequences", f"there is no {name!r}", remedy=f"some of {', '.join(SEQUENCES)}")
+    with work_folder(work) as kept:
+        films = [Filmed(name, frames, folder, kept, fps, baseline) for name in sequences]
+        in_processes(filmed, films, jobs)
+        own = nested(changes)
+        tasks = [Task(film, t, body, index, PAPER.get(t, {}) | _of(t, own), seed) for film in films for t in trackers]
+        results = in_processes(tracked, tasks, jobs)
+    show(results, trackers)
+    save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline,
+                "runs": [asdict(result) for result in results]})  # fmt: skip
+
+
+def _of(tracker: str, changes: dict[str, Any]) -> dict[str, Any]:
+    """The changes that are about a tracker."""
+    groups = {"cost", "search", "cues", TRACKERS[tracker].group}
+    return {name: value for name, value in changes.items() if name in groups}
+
+
+def show(results: list[Result], trackers: tuple[str, ...]) -> None:
+    out = report.console()
+    table = report.table(
+        "errors [mm] over shoulders, elbows, wrists, neck and head, in the world",
+        "tracker: sequence", "mean", "deviation", "first frame", "over 100 mm", "lost at", "back", "s a frame",
+    )  # fmt: skip
+    for name in trackers:
+        own = [result for result in results if result.tracker == name]
+        for result in own:
+            table.add_row(f"{name}: {result.sequence}", *cells(np.array(result.error)), f"{result.seconds:.2f}")
+        every = np.concatenate([result.error for result in own])
+        table.add_row(f"{name}: all", *cells(every)[:2], "", cells(every)[3], "", "",
+                      f"{np.mean([result.seconds for result in own]):.2f}")  # fmt: skip
+        table.add_section()
+    out.print(table)
+    out.print(f"lost at: the first frame over {LOST:.0f} mm; back: whether a later one is under {FAR:.0f} mm.")
+
+
+def cells(error: np.ndarray) -> tuple[str, ...]:
+    """Mean, deviation, first, share of frames over 100 mm or without a pose, when it was lost and whether it came
+    back."""
+    far = ~(error <= FAR)
+    lost = np.flatnonzero(~(error <= LOST))
+    back = "" if not len(lost) else ("yes" if (error[lost[0] :] <= FAR).any() else "no")
+    return (
+        f"{np.nanmean(error):.1f}", f"{np.nanstd(error):.1f}", f"{error[0]:.0f}", f"{far.mean():.1%}",
+        str(lost[0]) if len(lost) else "none", back,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    start(main)

@@ -1,0 +1,119 @@
+"""Sequences for the measures of ELMO: captured motion there and back, turning slowly, before a stereo pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.common import tell
+from benchmarks.kept_runs import kept_clip
+from benchmarks.mocap_person import person
+from estimator.cameras.camera import Camera
+from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings, framing_cameras
+from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.plate import place_of
+from estimator.synthesis.retarget import retarget
+from humanoid.kinematics.body import ROOT_Q, Body, points_in_world
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import Subject
+from kinemode.rendering.files import RenderedClip, Wanted
+from kinemode.rendering.shot import Draws, Shot, write_shot
+
+JOINTS = (
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "neck", "head_top",
+)  # fmt: skip
+"""What errors are means over: shoulders, elbows, wrists, neck and head top."""
+FPS = 30.0
+DRIFT = 40.0  # degrees to either side that the heading drifts
+_DRIFT_SECONDS = 20.0  # of a swing to both sides
+_SEED = 7  # of room, clothes and noise
+_CLOSE = 1.35  # how much longer the lens of the sequence is from which arms leave the picture
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A captured motion and how it is filmed. azimuth [degrees]: of the camera, from the front. close: so near that
+    arms leave the picture."""
+
+    motion: str
+    azimuth: float = 0.0
+    close: bool = False
+
+
+SEQUENCES = {
+    "wave": Sequence("wave_hello_fair1"),
+    "punch": Sequence("punch_02_05"),
+    "arms_high": Sequence("arms_high_05_12", close=True),
+    "dance": Sequence("dance_05_10", azimuth=45.0),
+    "bend": Sequence("bend_scoop_lift_02_06"),
+    "walk_turn": Sequence("walk_turn_26_01"),
+}
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A sequence as it is rendered: frames at `fps`, the distance between the cameras [m], the size of the pictures,
+    and where clips are kept."""
+
+    name: str
+    frames: int
+    data: Path
+    folder: Path
+    fps: float = FPS
+    baseline: float = 0.12
+    size: tuple[int, int] = (320, 240)
+
+    @property
+    def clip_folder(self) -> Path:
+        """Where its clip is."""
+        how = f"{self.frames}_{self.fps:g}_{self.baseline:g}_{self.size[0]}"
+        return self.folder / f"{self.name}_{how}"
+
+
+def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
+    """The sequence's clip, rendered unless it is there; the person has other lengths, girth and clothes than any of the
+    examples."""
+
+    def render(folder: Path) -> None:
+        sequence = SEQUENCES[task.name]
+        body = Body(subject or person())
+        q = there_and_back(body, task.data / "mocap" / f"{sequence.motion}.bvh", task.frames, task.fps)
+        surface = surface_of(body, nodes=500)
+        points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in q[::3]])
+        view = ViewSettings(azimuth=sequence.azimuth, image_size=task.size, baseline=task.baseline, fill=0.85)
+        cameras = framing_cameras(points, view)
+        cameras = tuple(_nearer(camera) for camera in cameras) if sequence.close else cameras
+        keypoints, room, *sensors = [np.random.default_rng((_SEED, k)) for k in range(2 + len(cameras))]
+        draws = Draws(keypoints, room, sensors)
+        times = np.arange(task.frames) / task.fps
+        shot = Shot(body, q, times, task.fps, cameras, SceneSettings(background="textured"), place_of(points, 0.0))
+        write_shot(folder, shot, draws, DetectorSettings(), wanted=Wanted())
+        tell(f"{task.name}: rendered")
+
+    return kept_clip(task.clip_folder, render)
+
+
+def there_and_back(body: Body, motion: Path, frames: int, fps: float) -> np.ndarray:
+    """q (frames, nq) of a captured motion, forwards, backwards and so on, its heading drifting to either side."""
+    mocap = load_mocap(motion)
+    own = retarget(body, mocap, np.arange(int(mocap.seconds * fps)) / fps).q
+    last = len(own) - 1
+    at = np.abs((np.arange(frames) + last) % (2 * last) - last)
+    q = own[at].copy()
+    heading = np.radians(DRIFT) * np.sin(2.0 * np.pi * np.arange(frames) / fps / _DRIFT_SECONDS)
+    centre = np.array([*own[:, :2].mean(axis=0), 0.0])
+    for pose, angle in zip(q, heading, strict=True):
+        turn = pin.SE3(pin.utils.rotate("z", angle), np.zeros(3))
+        turned = pin.SE3(np.eye(3), centre) * turn * pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(pose[ROOT_Q])
+        pose[ROOT_Q] = pin.SE3ToXYZQUAT(turned)
+    return q
+
+
+def _nearer(camera: Camera) -> Camera:
+    K = camera.K.copy()
+    K[0, 0] *= _CLOSE
+    K[1, 1] *= _CLOSE
+    return Camera(camera.name, camera.image_size, K, camera.distortion, camera.R_camera_world, camera.t_camera_world)

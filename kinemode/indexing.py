@@ -1,0 +1,87 @@
+"""Indices of examples: trained into a file, or into the user's cache when one is needed."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+import warnings
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from estimator.search.examples.index import FORMAT, IndexRecipe, load_index
+from estimator.synthesis.examples.training import train_index
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import BUILT_IN, Subject, load_subject
+from humanoid.support.compiled_folder import cache_roots
+from humanoid.support.errors import InputError
+from kinemode import __version__
+from kinemode.notices import InputWarning
+from kinemode.settings import Chosen
+from kinemode.target import check_absent, check_folder, made_folder
+from kinemode.terminal.interruption import kept_if_interrupted
+from kinemode.terminal.progress import Reporter
+
+LABEL = "training"
+_SECONDS_EACH = 0.008  # of one core, for an example
+
+
+def write_index(
+    subject: Subject, recipe: IndexRecipe, out: Path, *, workers: int, overwrite: bool, progress: Reporter
+) -> Path:
+    """Train an index into a file; what is done is kept in a folder beside it until it is whole, so that the same call
+    goes on after an interruption. Raises InputError where the file is there, or cannot be written."""
+    check_folder(out)
+    check_absent([out], False, overwrite, "--overwrite replaces it")
+    parts = out.with_name(f"{out.name}.parts")
+    made_folder(parts)
+    with kept_if_interrupted(lambda: None), threadpool_limits(limits=1), progress(LABEL) as report:
+        index = train_index(subject, recipe, parts=parts, processes=workers, progress=report)
+    index.save(out)
+    shutil.rmtree(parts, ignore_errors=True)
+    return out
+
+
+def with_index(chosen: Chosen, subject: Subject, given: str | Path | None, progress: Reporter) -> Chosen:
+    """A tracker's settings with the index that it looks poses up in: the file given, the one its settings name, or the
+    one of the subject in the cache, which is trained where it is not there.
+
+    Raises
+    ------
+    InputError: an index for a tracker that looks nothing up; one that does not suit the subject.
+    """
+    own = chosen.settings.own
+    uses = getattr(own, "index", None) is not None and own.neighbours > 0
+    if given is not None and not uses:
+        raise InputError("index", f"{chosen.tracker} looks nothing up in it", remedy="leave it out, or --tracker elmo")
+    if not uses:
+        return chosen
+    path = Path(given or own.index or _cached(subject, progress)).absolute()
+    load_index(path, Body(subject))
+    settings = replace(chosen.settings, own=replace(own, index=str(path)))
+    changes: dict[str, Any] = dict(chosen.changes)
+    return replace(chosen, settings=settings, changes=changes)
+
+
+def _cached(subject: Subject, progress: Reporter) -> Path:
+    """The index of a subject by the default recipe; a built-in one, fitted to whomever, has that of its name."""
+    known = load_subject(subject.source) if subject.source in BUILT_IN else subject
+    recipe = IndexRecipe()
+    text = f"{known.urdf}{recipe!r}{FORMAT}{__version__}"
+    name = f"examples-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"
+    for root in cache_roots():
+        if (path := root / name).is_file():
+            return path
+    minutes = (recipe.examples + 2 * recipe.pairs) * _SECONDS_EACH / 60.0
+    said = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
+    warnings.warn(f"{said}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
+    for root in cache_roots():
+        with suppress(InputError, OSError):
+            made_folder(root)
+            return write_index(known, recipe, root / name, workers=1, overwrite=True, progress=progress)
+    folder = Path(tempfile.mkdtemp(prefix="kinemode-"))
+    return write_index(known, recipe, folder / name, workers=1, overwrite=True, progress=progress)

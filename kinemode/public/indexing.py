@@ -1,0 +1,73 @@
+"""`train_index`: what poses look like, painted into a file that trackers look them up in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from humanoid.support.errors import InputError
+from kinemode.inputs.named import PathLike
+from kinemode.public.arguments import check_arguments, check_as, whole
+from kinemode.public.tracking import loaded_subject
+from kinemode.target import check_absent, check_folder
+from kinemode.terminal.progress import Reporter, unreported
+
+if TYPE_CHECKING:
+    from estimator.search.examples.index import IndexRecipe
+    from kinemode.public.tracking import SubjectLike
+
+
+def train_index(
+    subject: SubjectLike,
+    out: PathLike,
+    *,
+    examples: int = 60_000,
+    headings: float = 360.0,
+    legs: bool = False,
+    elevation: float = 8.0,
+    seed: int = 0,
+    workers: int = 1,
+    overwrite: bool = False,
+    progress: Reporter | None = None,
+) -> Path:
+    """Paint examples of a subject's poses, and write them as an index for `track(..., tracker="elmo", index=...)`.
+
+    The same call goes on where one was interrupted; the index is the same with any number of workers.
+
+    Parameters
+    ----------
+    subject: with flesh: a loaded subject, a built-in name, or the path of a URDF.
+    out: the file.
+    examples: how many. headings: range of the body's heading about facing the camera [degrees]. legs: whether they move
+        as arms do not: as far as their rest positions let them. elevation: by how much the camera looks down [degrees].
+    seed: of poses, clothes and light. workers: how many processes share the work. overwrite: replace `out`.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    Returns the file.
+
+    Raises
+    ------
+    InputError: a subject without flesh, numbers that cannot be, a file that is there or cannot be written.
+    """
+    check_arguments(subject=subject, examples=examples, seed=seed, workers=workers, progress=progress)
+    check_as("file", out=out)
+    check_as("fps", headings=headings, elevation=elevation)
+    check_as("overwrite", legs=legs, overwrite=overwrite)
+    for name, value, low, high in (("headings", headings, 0.0, 360.0), ("elevation", elevation, -10.0, 60.0)):
+        if not low <= value <= high:
+            raise InputError(name, f"is {value:g}", remedy=f"{low:g} to {high:g} degrees")
+    count = whole("examples", examples, 1)
+    check_folder(Path(out))
+    check_absent([Path(out)], False, overwrite, "--overwrite replaces it")
+    loaded = loaded_subject(subject)
+    from estimator.parallel.pool import checked_count
+    from estimator.search.examples.index import IndexRecipe
+    from kinemode.indexing import write_index
+
+    recipe: IndexRecipe = IndexRecipe(
+        examples=count, headings=float(headings), legs=legs, elevation=float(elevation), seed=whole("seed", seed, 0)
+    )
+    processes = checked_count(workers)
+    return write_index(
+        loaded, recipe, Path(out), workers=processes, overwrite=overwrite, progress=progress or unreported
+    )
