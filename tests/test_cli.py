@@ -24,7 +24,7 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "cues", "view",
-    "overlay", "explain", "export", "evaluate", "version",
+    "overlay", "explain", "export", "evaluate", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6
 
@@ -88,7 +88,7 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
     assert done.stderr.strip() == ""
-    assert re.findall(r"^│ ([a-z]\w*) ", done.stdout, re.MULTILINE) == sorted(COMMANDS)
+    assert re.findall(r"^│ ([a-z][\w-]*) ", done.stdout, re.MULTILINE) == sorted(COMMANDS)
 
 
 def test_all_commands_are_tested() -> None:

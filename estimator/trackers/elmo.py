@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -204,8 +205,12 @@ def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCoun
     }
 
 
-_BY_VOLUME = {"search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2}}
-"""A mode counts by its probability, not its height (eq. 3); searches are many and short."""
+_OWN: dict[str, Any] = {
+    "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},
+    "cost": {"stabiliser_weight": 0.25},
+}
+"""A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
+does not have, only hold what depth does not show."""
 
 
 def _spec(name: str, sentence: str, settings: ElmoSettings) -> Spec:
@@ -215,7 +220,7 @@ def _spec(name: str, sentence: str, settings: ElmoSettings) -> Spec:
         make=by_search(Elmo),
         group="elmo",
         settings=settings,
-        defaults=together(FROM_A_PAPER, _BY_VOLUME),
+        defaults=together(FROM_A_PAPER, _OWN),
         shares_work=lambda own: True,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -74,3 +74,40 @@ class InputOptions:
 
 
 NO_INPUT = InputOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class TrackerOptions:
+    """What is tracked, by what, and how.
+
+    Parameters
+    ----------
+    cues
+        What the pictures are looked at for: off, or some of what `kinemode cues` lists, with commas between them; auto
+        takes all of them where less than half of the frames have keypoints, or where there is depth.
+    settings
+        A TOML file of settings, see `kinemode settings`; a tracker takes those that are about it.
+    modes
+        How many hypotheses are kept, by trackers that keep several; unless given the tracker's own number, see
+        `kinemode settings --tracker NAME`.
+    seed
+        Seed of the tracker's random numbers; the same seed gives the same run.
+    fit
+        auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
+        silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
+    """
+
+    subject: SubjectOption = "human34"
+    cues: str = "auto"
+    settings: Path | None = None
+    modes: int | None = None
+    seed: int = 0
+    fit: Literal["auto", "proportions", "off"] = "auto"
+
+    def arguments(self) -> dict[str, Any]:
+        """The options but the subject, as `kinemode.track` and `compare` take them."""
+        return {name: value for name, value in vars(self).items() if name != "subject"}
+
+
+USUAL = TrackerOptions()

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import NO_INPUT, ClipArgument, Flag, InputOptions, SubjectOption
+from kinemode.commands.options import NO_INPUT, USUAL, ClipArgument, Flag, InputOptions, TrackerOptions
 
 
 def track(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
-    subject: SubjectOption = "human34",
-    cues: str = "auto",
-    settings: Path | None = None,
+    how: TrackerOptions = USUAL,
     tracker: str = "css",
-    modes: int | None = None,
-    seed: int = 0,
-    fit: Literal["auto", "proportions", "off"] = "auto",
     workers: int = 1,
     index: Path | None = None,
     out: Path,
@@ -42,20 +37,8 @@ def track(
 
     Parameters
     ----------
-    cues
-        What the pictures are looked at for: off, or some of what `kinemode cues` lists, with commas between them; auto
-        takes all of them where less than half of the frames have keypoints.
-    settings
-        A TOML file of settings, see `kinemode settings`.
     tracker
         Its name, see `kinemode trackers`.
-    modes
-        How many hypotheses are kept; unless given the tracker's own number, see `kinemode settings --tracker NAME`.
-    seed
-        Seed of the tracker's random numbers; the same seed gives the same run.
-    fit
-        auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
-        silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
     workers
         How many processes share the work of a tracker that searches many hypotheses; the run is the same with any
         number.
@@ -73,15 +56,11 @@ def track(
 
     warnings.simplefilter("ignore", km.FindingWarning)  # `print_run` has them
     run = km.track(
-        subject,
+        how.subject,
         clips,
         **files.arguments(),
-        cues=cues,
-        settings=settings,
+        **how.arguments(),
         tracker=tracker,
-        modes=modes,
-        seed=seed,
-        fit=fit,
         out=out,
         resume=resume,
         overwrite=overwrite,
@@ -98,12 +77,7 @@ def compare(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
     trackers: Annotated[list[str], Parameter(consume_multiple=True, negative="")],
-    subject: SubjectOption = "human34",
-    cues: str = "auto",
-    settings: Path | None = None,
-    modes: int | None = None,
-    seed: int = 0,
-    fit: Literal["auto", "proportions", "off"] = "auto",
+    how: TrackerOptions = USUAL,
     reference: Path | None = None,
     out: Path,
     resume: Flag = False,
@@ -123,16 +97,6 @@ def compare(
     ----------
     trackers
         Their names with commas between them, see `kinemode trackers`.
-    cues
-        What the pictures are looked at for, see `track`.
-    settings
-        A TOML file of settings; each tracker takes those that are about it.
-    modes
-        How many hypotheses are kept, by those that keep several; each tracker's own number unless given.
-    seed
-        Seed of the trackers' random numbers.
-    fit
-        Whether the subject is fitted to the person, see `track`.
     reference
         Known 3D landmarks, see `evaluate`: the table then has errors, and where each tracker lost the person.
     out
@@ -145,15 +109,11 @@ def compare(
     import kinemode as km
 
     compared = km.compare(
-        subject,
+        how.subject,
         clips,
         trackers=trackers,
         **files.arguments(),
-        cues=cues,
-        settings=settings,
-        modes=modes,
-        seed=seed,
-        fit=fit,
+        **how.arguments(),
         reference=reference,
         out=out,
         resume=resume,

@@ -104,35 +104,22 @@ def track(
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
-        resume=resume, overwrite=overwrite,
-        person=person, settings=settings, workers=workers, index=index, progress=progress,
+        resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
+        progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     told = Declared(keypoint_size, fps, offset, start, end)
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
-    _check_settings(settings)
-    if index is not None:
-        check_exists(index)
+    _check_settings(settings, index)
     if out is not None:
         Target(Path(out), resume, overwrite).check()
     loaded = loaded_subject(subject)
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
-        cues,
-        tracker,
-        modes,
-        settings,
-        seed,
-        fit,
-        out,
-        resume,
-        overwrite,
-        workers,
-        progress or unreported,
-        index=index,
+        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported, index=index
     )
     return jobs.track_subject(loaded, files, wanted)
 
@@ -254,6 +241,8 @@ def loaded_subject(subject: SubjectLike) -> Subject:
     return subject if isinstance(subject, Subject) else load_subject(subject)
 
 
-def _check_settings(settings: Mapping[str, Any] | PathLike | None) -> None:
-    if isinstance(settings, (str, Path)):
-        check_exists(settings)
+def _check_settings(settings: Mapping[str, Any] | PathLike | None, index: PathLike | None = None) -> None:
+    """Raise InputError for files of settings, or an index, that are not there."""
+    for path in (settings, index):
+        if isinstance(path, (str, Path)):
+            check_exists(path)

@@ -1,0 +1,313 @@
+"""ELMO: a person's view, examples and their index, and the trackers that search from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from builders import body_of, camera_at, random_pose
+
+import kinemode as km
+from estimator.formats.cameras import load_cameras
+from estimator.imaging.edge_histogram import SIDE, bin_count
+from estimator.imaging.observation import Observation
+from estimator.imaging.person_view import ViewFrame, cut_out
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
+from estimator.modes.mixture import Mode, mixture_of
+from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
+from estimator.synthesis.examples.pictures import ExamplePainter, variants
+from estimator.synthesis.examples.poses import PoseSampler
+from estimator.synthesis.examples.training import train_index
+from estimator.trackers.elmo import ElmoState
+from estimator.tracking.registry import make_tracker, settings_for
+from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import ROOT_Q, Body
+from humanoid.subject.subject import load_subject, subject_from_text
+from humanoid.support.errors import InputError
+from kinemode.rendering.files import RenderedClip
+from kinemode.testing import check_tracker
+from tests.test_tracker_contract import BY_DEPTH
+from tests.tiny_clip import named
+
+SMALL = IndexRecipe(examples=1000, pairs=200, variants=2, tables=10, key_bits=12)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def index() -> ExampleIndex:
+    return train_index(load_subject("human34"), SMALL)
+
+
+@pytest.fixture(scope="module")
+def file(index: ExampleIndex, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("index") / "index.npz"
+    index.save(path)
+    return path
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 130.0])
+def test_the_view_s_frame_is_the_person_s_as_the_camera_sees_them(azimuth: float) -> None:
+    camera = camera_at(azimuth, distance=3.0, height=1.5, aim=(0.2, 0.1, 1.0))
+    places = np.array([0.2, 0.1, 1.0]) + 0.3 * np.random.default_rng(0).standard_normal((501, 3))
+    frame = ViewFrame.at(places, camera, UP)
+    np.testing.assert_allclose(frame.R_world_view @ frame.R_world_view.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(frame.R_world_view[:, 2], UP)
+    towards = frame.R_world_view.T @ (camera.centre_world - frame.origin)
+    assert towards[0] < 0.0
+    assert abs(towards[1]) < 1e-9
+    assert frame.elevation(camera) == pytest.approx(np.degrees(np.arctan2(towards[2], -towards[0])))
+
+
+def test_the_cut_out_does_not_depend_on_the_distance() -> None:
+    """A bright disc of 0.5 m in a square of 2 m takes up a quarter of it, near or far."""
+    for distance in (2.0, 5.0):
+        camera = camera_at(0.0, distance=distance, height=1.0, aim=(0.0, 0.0, 1.0), focal=600.0)
+        y, x = np.mgrid[: camera.image_size[1], : camera.image_size[0]]
+        u, v = camera.project(np.array([0.0, 0.0, 1.0]))
+        mask = np.hypot(x - u, y - v) < 0.25 * 600.0 / distance
+        frame = ViewFrame(np.array([0.0, 0.0, 1.0]), np.eye(3))
+        square, where = cut_out(np.where(mask, 200, 30).astype(np.uint8), mask, camera, frame, 2.0)
+        assert square.shape == (SIDE, SIDE)
+        across = np.count_nonzero(square[SIDE // 2] > 115)
+        assert across == pytest.approx(SIDE / 4, abs=2)
+        assert np.count_nonzero(where[SIDE // 2]) == pytest.approx(SIDE / 4 + 6, abs=3)  # and some rim
+
+
+@pytest.mark.parametrize("name", ["human34", "upper13", "arm8"])
+def test_drawn_poses_are_free_of_overlaps_and_similar_ones_near(name: str) -> None:
+    body, rng = body_of(name), np.random.default_rng(1)
+    sampler, collision = PoseSampler(body, headings=60.0), SelfCollision(body)
+    drawn = np.array([sampler.draw(rng) for _ in range(40)])
+    assert all(collision.penetration(body.at(q)) <= 0.005 for q in drawn)
+    for q in drawn[:10]:
+        assert np.all(q >= body.lower - 1e-9)
+        assert np.all(q <= body.upper + 1e-9)
+        near = body.landmarks(body.at(sampler.near(q, rng, 0.05))) - body.landmarks(body.at(q))
+        assert 0.0 < np.linalg.norm(near, axis=1).max() <= 0.05
+    elbow = body.q_names.index("left_elbow_flexion")
+    assert np.ptp(drawn[:, elbow]) > 0.7 * (body.upper[elbow] - body.lower[elbow])  # anywhere within limits
+    if body.has_free_root:
+        faced = np.array([pin.XYZQUATToSE3(q[ROOT_Q]).rotation[:, 0] for q in drawn])
+        assert np.degrees(np.arccos(-faced[:, 0])).max() <= 30.0 + 1e-9
+        knee = body.q_names.index("left_knee_flexion")
+        legs = PoseSampler(body, legs=True)
+        assert np.std([legs.draw(rng)[knee] for _ in range(40)]) > 2.0 * drawn[:, knee].std()
+
+
+def test_an_example_is_described_as_it_lies_before_the_camera() -> None:
+    body, rng = body_of("human34"), np.random.default_rng(2)
+    painter = ExamplePainter(body, variants(body.subject, 2, rng), 8.0, 2.2)
+    q = PoseSampler(body, headings=0.0).draw(rng)
+    made = painter.example(q, rng)
+    assert made.description.shape == (bin_count(),)
+    assert made.description.sum() > 500
+    assert 0.02 < made.where.mean() < 0.4
+    np.testing.assert_array_equal(made.q[ROOT_Q.stop :], q[ROOT_Q.stop :])
+    root = pin.XYZQUATToSE3(made.q[ROOT_Q])
+    assert root.rotation[0, 0] < -0.9  # x of the view leads away from the camera, which the body faces
+    assert abs(root.translation[2]) < 0.4
+    np.testing.assert_allclose(made.landmarks.mean(axis=0), 0.0, atol=1e-12)
+
+
+def test_the_index_is_the_same_with_any_number_of_processes_and_after_an_interruption(
+    index: ExampleIndex, tmp_path: Path
+) -> None:
+    class Stopped(Exception):  # noqa: N818, it is none
+        pass
+
+    def stop(done: int, total: int) -> None:
+        if done == 2:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        train_index(load_subject("human34"), SMALL, parts=tmp_path, progress=stop)
+    kept = sorted(tmp_path.iterdir())
+    assert [path.name for path in kept] == ["pairs_0000.npz", "pairs_0001.npz"]
+    kept[1].write_bytes(kept[1].read_bytes()[:1000])  # a damaged one is done again
+    told: list[tuple[int, int]] = []
+    again = train_index(
+        load_subject("human34"), SMALL, parts=tmp_path, processes=2, progress=lambda *at: told.append(at)
+    )
+    assert told[-1] == (4, 4)
+    for a, b in (
+        (index.q, again.q), (index.tables.codes, again.tables.codes), (index.bits.feature, again.bits.feature),
+        (index.tables.chosen, again.tables.chosen),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_looks_alike_is_found(index: ExampleIndex) -> None:
+    """An example of a pose of the index, painted anew with other clothes and light, is nearer to what is found than to
+    poses drawn at random."""
+    body, rng = body_of("human34"), np.random.default_rng(5)
+    painter = ExamplePainter(body, variants(body.subject, 2, rng), 8.0, index.side)
+    sampler = PoseSampler(body)
+
+    def landmarks(q: np.ndarray) -> np.ndarray:
+        return body.landmarks(body.at(q.astype(float)))
+
+    known = np.array([landmarks(q) for q in index.q])
+    nearest, all_of_them = [], []
+    for _ in range(20):
+        made = painter.example(sampler.draw(rng), rng)
+        away = np.linalg.norm(known - landmarks(made.q), axis=2).mean(axis=1)
+        near = index.nearest(made.description, 50)
+        nearest.append(away[near.numbers].mean())
+        all_of_them.append(away.mean())
+    assert np.mean(nearest) < 0.9 * np.mean(all_of_them)
+
+
+def test_poses_are_put_where_the_person_is_seen(index: ExampleIndex) -> None:
+    body = body_of("human34")
+    frame = ViewFrame(np.array([2.0, -1.0, 0.9]), pin.utils.rotate("z", 0.7))
+    placed = index.poses(np.array([3, 8]), frame)
+    for pose, own in zip(placed, index.q[[3, 8]].astype(float), strict=True):
+        own[3:7] /= np.linalg.norm(own[3:7])
+        there = body.landmarks(body.at(own)) @ frame.R_world_view.T + frame.origin
+        np.testing.assert_allclose(body.landmarks(body.at(pose)), there, atol=1e-6)
+
+
+def test_the_file_keeps_the_index(index: ExampleIndex, file: Path) -> None:
+    loaded = load_index(file, body_of("human34"))
+    assert (loaded.recipe, loaded.side, loaded.q_names) == (index.recipe, index.side, index.q_names)
+    description = np.random.default_rng(0).integers(0, 20, bin_count()).astype(np.uint16)
+    np.testing.assert_array_equal(loaded.nearest(description, 30).numbers, index.nearest(description, 30).numbers)
+
+
+def changed(file: Path, to: Path, change: Callable[[dict[str, np.ndarray]], None]) -> Path:
+    with np.load(file) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    change(arrays)
+    np.savez(to, **arrays)
+    return to
+
+
+def header(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
+    def change(arrays: dict[str, np.ndarray]) -> None:
+        arrays["header"] = np.array(json.dumps(json.loads(str(arrays["header"])) | changes))
+
+    return change
+
+
+BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
+    "of another kind": (lambda a: a.pop("codes"), "is no index of examples"),
+    "format": (header(format=7), "is an index of format 7, this kinemode reads 1"),
+    "subject": (header(q_names=["a", "b"]), "is of another subject than human34: its coordinates are a, b"),
+    "recipe": (header(recipe={"colour": 1}), "is damaged"),
+    "side": (header(side=-1.0), "is damaged: a side of -1 m"),
+    "header": (lambda a: a.update(header=np.array("{")), "is damaged: its header is not JSON"),
+    "poses": (lambda a: a.update(q=a["q"][:, :5]), "is damaged: q has the shape"),
+    "codes": (lambda a: a.update(codes=a["codes"][:, :1]), "is damaged: codes of 1 words"),
+    "bits": (lambda a: a.update(feature=a["feature"] + 20_000), "is damaged: feature has numbers beyond"),
+    "keys": (lambda a: a.update(keys=a["keys"] - 10_000), "is damaged: keys has numbers beyond"),
+    "no quaternion": (lambda a: a["q"].__setitem__((0, slice(3, 7)), 0.0), "is damaged: q is no configuration"),
+    "objects": (lambda a: a.update(q=np.array([{}])), "cannot be read"),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_file_that_cannot_be_is_told(kind: str, file: Path, tmp_path: Path) -> None:
+    change, told = BROKEN[kind]
+    broken = changed(file, tmp_path / "broken.npz", change)
+    with pytest.raises(InputError, match=told):
+        load_index(broken, body_of("human34"))
+
+
+def test_what_cannot_be_trained_is_refused(tmp_path: Path) -> None:
+    bare = subject_from_text(load_subject("arm8").urdf.replace("flesh", "fl"), source="bare", base="fixed")
+    with pytest.raises(InputError, match="bare: has no flesh"):
+        train_index(bare, SMALL)
+    for few in (replace(SMALL, examples=50), replace(SMALL, pairs=5)):
+        with pytest.raises(InputError, match="too few for keys of 12 bits"):
+            train_index(load_subject("arm8"), few)
+    out = tmp_path / "a.npz"
+    for how, told in (
+        ({"headings": 400.0}, "headings: is 400"),
+        ({"elevation": 80.0}, "elevation: is 80"),
+        ({"examples": 0}, "examples: 0"),
+        ({"workers": 0}, "workers: 0"),
+        ({"out": tmp_path / "no" / "a.npz"}, "folder"),
+    ):
+        with pytest.raises(InputError, match=told):
+            km.train_index("arm8", **{"out": out, **how})
+    out.write_text("")
+    with pytest.raises(InputError, match="exists already"):
+        km.train_index("arm8", out)
+
+
+def tracked(clip: RenderedClip, **how: Any) -> km.Run:
+    given = {**named(clip), "keypoints": None, "depth": clip.depths, "cues": "depth", "fit": "off"}
+    return km.track(clip.subject, **{**given, **how})
+
+
+def test_elmo_needs_no_keypoints_and_resumes_to_the_same_bits(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
+    few = {"elmo": {"neighbours": 12, "rounds": 2, "survivors": 6}}
+    run = tracked(clip, tracker="elmo", index=file, settings=few, out=tmp_path / "a.run")
+    assert [run.result(i).status for i in range(len(run))] == ["tracked"] * len(run)
+    error = km.evaluate(run, clip.truth)
+    assert error.mpjpe < 0.2  # from 1000 examples and nothing else
+    assert run.result(1).extra["searches_example"] == 12
+    assert run.result(1).extra["searches_parent"] >= 1
+    assert run.result(1).extra["looked_at"] >= 12
+    both = tracked(clip, tracker="elmo", index=file, settings=few, workers=2)
+    np.testing.assert_array_equal(both.q, run.q)
+
+
+def test_a_state_is_stored_to_the_last_bit() -> None:
+    body, rng = body_of("arm8"), np.random.default_rng(0)
+    modes = tuple(
+        Mode(random_pose(body, rng), np.diag(rng.uniform(0.1, 1.0, 8)), 1.0, "converged", np.zeros(8)) for _ in range(3)
+    )
+    state = ElmoState(mixture_of(modes, rng.standard_normal(3)), 2.0, 1.5)
+    tracker = make_tracker("elmo", body, settings_for("elmo"))
+    again = tracker.state_from(state.arrays())
+    for name, array in state.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[name], array)
+    with pytest.raises(ValueError, match="the person was seen at 9 s, after 2"):
+        tracker.state_from(state.arrays() | {"seen": np.array(9.0)})
+
+
+@pytest.mark.parametrize("name", BY_DEPTH)
+def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file: Path) -> None:
+    (camera,) = load_cameras(clip.cameras).values()
+    settings = settings_for(name, changes={"elmo": {"index": str(file), "neighbours": 6}})
+    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
+    body = Body(load_subject(clip.subject))
+    nothing = np.full((1, len(body.landmark_names), 2), np.nan)
+    frames = [
+        Observation(i, i / 5.0, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=reader.at(i)) for i in range(4)
+    ]
+    reader.close()
+    check_tracker(lambda: make_tracker(name, body, settings), frames, seed=1)
+
+
+def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip, file: Path) -> None:
+    psh = tracked(clip, tracker="psh", index=file)
+    index = load_index(file, psh.body)
+    angles = psh.q[0][ROOT_Q.stop :]
+    assert np.abs(index.q[:, ROOT_Q.stop :] - angles).max(axis=1).min() < 1e-5
+    icp = tracked(clip, tracker="icp", keypoints=clip.first_frame)
+    assert km.evaluate(icp, clip.truth).mpjpe < 0.06
+
+
+def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
+    cases: list[tuple[dict[str, Any], str]] = [
+        (
+            {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
+            "elmo goes by depth, which is not looked at",
+        ),
+        ({"tracker": "css", "index": file, "keypoints": clip.first_frame}, "index: css looks nothing up in it"),
+        ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),
+        ({"tracker": "elmo", "index": clip.truth}, "is no index of examples"),
+        ({"tracker": "icp"}, "keypoints"),
+    ]
+    for how, told in cases:
+        with pytest.raises(InputError, match=told):
+            tracked(clip, **how)
