@@ -22,7 +22,7 @@ from estimator.media.clip import Clip
 from estimator.modes.origin import Family, Origin
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import HasEnergy
+from estimator.trackers.capabilities import HasEnergy, ShowsMore
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
@@ -97,6 +97,11 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     else:
         notes = (f"the hypotheses of {run.header.tracker} have no energy that could be taken apart",)
         views = tuple(_pose_view(run, observation, run.body.at(result.q[k]), c) for c in cameras)
+    if isinstance(tracker, ShowsMore) and observation.cues:
+        more = tracker.pictures(observation, result)
+        views = tuple(
+            replace(view, pictures=(*view.pictures, more[c])) if c in more else view for c, view in enumerate(views)
+        )
     return Explanation(
         run.file, frame, k, result.status, float(result.weight[k]), result.association[k], parts, stored, notes, views,
         int(result.parent[k]), None if result.origins is None else result.origins.of_mode(k), result.extra,

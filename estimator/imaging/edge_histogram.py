@@ -34,11 +34,11 @@ def edge_histogram(picture: np.ndarray, where: np.ndarray | None = None) -> np.n
     """
     if picture.shape != (SIDE, SIDE) or picture.dtype != np.uint8:
         raise ValueError(f"the picture is {picture.dtype} {picture.shape}, not uint8 {(SIDE, SIDE)}")
-    sums = [cv2.integral(edges) for edges in _edges_by_direction(picture, where)]
+    sums = [cv2.integral(edges) for edges in edges_by_direction(picture, where)]
     return np.concatenate([_counts(sums, size) for size in WINDOWS])
 
 
-def _edges_by_direction(picture: np.ndarray, where: np.ndarray | None) -> list[np.ndarray]:
+def edges_by_direction(picture: np.ndarray, where: np.ndarray | None) -> list[np.ndarray]:
     """Masks (H, W) uint8 of the edge pixels of each direction: thin, and strong enough to be seen."""
     dx, dy = (cv2.Sobel(picture, cv2.CV_16S, *order) for order in ((1, 0), (0, 1)))
     strong = _SLOPE_OF_STEP * LEAST_CONTRAST

@@ -12,7 +12,7 @@ from estimator.cameras.camera import Camera
 from estimator.imaging.edge_histogram import SIDE, edge_histogram
 from estimator.media.threads import one_thread
 
-_MARGIN = 3  # px of the cut-out that edges may lie beyond the mask
+_MARGIN = 1  # px of the cut-out that edges may lie beyond the mask
 
 
 @dataclass(frozen=True)
@@ -59,16 +59,22 @@ def described(
     return edge_histogram(square, where), square, where
 
 
+def square_transform(camera: Camera, frame: ViewFrame, side: float) -> np.ndarray:
+    """From pixels of the camera's picture to those of the square around a person, (2, 3): scaled, then moved."""
+    u, v = camera.project(frame.origin)
+    depth = float(camera.R_camera_world[2] @ frame.origin + camera.t_camera_world[2])
+    scale = SIDE / (side * camera.K[0, 0] / depth)
+    middle = 0.5 * (SIDE - 1)
+    return np.array([[scale, 0.0, middle - scale * u], [0.0, scale, middle - scale * v]])
+
+
 @one_thread()
 def cut_out(
     grey: np.ndarray, mask: np.ndarray, camera: Camera, frame: ViewFrame, side: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The grey square (200, 200) uint8 around a person, and where it shows them or their outline, (200, 200) bool."""
-    u, v = camera.project(frame.origin)
-    depth = float(camera.R_camera_world[2] @ frame.origin + camera.t_camera_world[2])
-    scale = SIDE / (side * camera.K[0, 0] / depth)  # px of the square for one of the picture
-    middle = 0.5 * (SIDE - 1)
-    to_square = np.array([[scale, 0.0, middle - scale * u], [0.0, scale, middle - scale * v]])
+    to_square = square_transform(camera, frame, side)
+    scale = to_square[0, 0]
     if scale < 1.0:  # pixels that fall together are averaged
         grey = cv2.GaussianBlur(grey, (0, 0), 0.5 / scale)
     square = cv2.warpAffine(grey, to_square, (SIDE, SIDE), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

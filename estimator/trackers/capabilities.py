@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
+from estimator.cues.cue_picture import CuePicture
 from estimator.imaging.observation import Observation
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import State, Tracker
@@ -48,6 +49,15 @@ class GoesByCue(Protocol):
     """Can do nothing without one of the pictures' cues. needed_cue: its name."""
 
     needed_cue: str
+
+
+@runtime_checkable
+class ShowsMore(Protocol):
+    """Has pictures of its own for an explanation of a frame."""
+
+    def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
+        """By the number of the camera, in the pixels of its cues; observation: with cues. result: the frame's."""
+        ...
 
 
 @runtime_checkable

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from estimator.cost.model import per_dof
+from estimator.cues.cue_picture import CuePicture
 from estimator.cues.depth.cue import Depth
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode, mixture_of
@@ -21,6 +22,7 @@ from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
 from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
 from estimator.search.examples.lookup import Looked, looked_up, sees_person
+from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
@@ -132,6 +134,16 @@ class Elmo:
     def shared(self, processes: int) -> AbstractContextManager[None]:
         """See `estimator.trackers.capabilities.SharesWork`."""
         return search_pool(self.search, processes)
+
+    def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
+        """See `estimator.trackers.capabilities.ShowsMore`: what was looked up, and the modes that came of it."""
+        if not self.settings.neighbours:
+            return {}
+        anatomy, side, modes = self.search.jumps.anatomy, self.index.side, list(result.q)
+        return {
+            look.camera: lookup_picture(self.body, anatomy, side, observation.cues[look.camera], look, modes)
+            for look in looked_up(self.index, observation, self.settings.neighbours)
+        }
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps

@@ -53,7 +53,7 @@ def train_index(
     *,
     out: Path,
     examples: int = 60_000,
-    headings: float = 360.0,
+    headings: float = 120.0,
     legs: Flag = False,
     elevation: float = 8.0,
     seed: int = 0,

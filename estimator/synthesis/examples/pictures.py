@@ -27,6 +27,7 @@ _FEET = 0.07  # m above the lowest point: what depth takes for the floor
 _GIRTH, _LENGTH = 0.07, 0.04  # standard deviations of a variant's, as shares
 _LIGHT = 0.35, 0.75  # ambient
 _UNEVEN = 30.0  # grey values
+_WIDER = 3  # px by which blocks of pixels that are compared by stereo widen a person, at most
 
 
 class Example(NamedTuple):
@@ -88,7 +89,7 @@ class ExamplePainter:
         normals = np.einsum("nij,nj->ni", posed.rotations[surface.joint], surface.normal)
         picture, nearness = self._painted(surface, places, normals, camera, rng)
         frame = ViewFrame.at(_seen_places(nearness, camera), camera, np.array([0.0, 0.0, 1.0]))
-        description, grey, where = described(picture, nearness > 0.0, camera, frame, self._side)
+        description, grey, where = described(picture, _as_seen(nearness > 0.0, rng), camera, frame, self._side)
         in_view = self._in_view(q, frame)
         landmarks = self._body.landmarks(self._body.at(in_view))
         return Example(description, in_view, landmarks - landmarks.mean(axis=0), grey, where)
@@ -135,10 +136,21 @@ class ExamplePainter:
 
 
 def _background(rng: np.random.Generator) -> np.ndarray:
-    """Smooth and somewhat uneven, (H, W, 3) float32: the outline is told from it here more, there less."""
+    """Uneven, so that the outline is told from it here more, there less, and in one of two pictures speckled, (H, W, 3)
+    float32: some of it is taken for the person's."""
     coarse = rng.uniform(20.0, 230.0) + _UNEVEN * rng.standard_normal((4, 4))
-    smooth = cv2.resize(coarse.astype(np.float32), (_CANVAS, _CANVAS), interpolation=cv2.INTER_CUBIC)
-    return np.repeat(smooth[:, :, None], 3, axis=2)
+    grey = cv2.resize(coarse.astype(np.float32), (_CANVAS, _CANVAS), interpolation=cv2.INTER_CUBIC)
+    if rng.random() < 0.5:
+        cells = _CANVAS // int(rng.integers(2, 9))
+        speckles = rng.uniform(0.3, 1.5) * _UNEVEN * rng.standard_normal((cells, cells), dtype=np.float32)
+        grey = grey + cv2.resize(speckles, (_CANVAS, _CANVAS), interpolation=cv2.INTER_NEAREST)
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def _as_seen(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A mask (H, W) bool as depth tells it: wider than the person by some pixels."""
+    side = 2 * int(rng.integers(0, _WIDER + 1)) + 1
+    return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 
 
 def _seen_places(nearness: np.ndarray, camera: Camera) -> np.ndarray:
