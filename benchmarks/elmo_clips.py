@@ -81,19 +81,33 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
         sequence = SEQUENCES[task.name]
         body = Body(subject or person())
         q = there_and_back(body, task.data / "mocap" / f"{sequence.motion}.bvh", task.frames, task.fps)
-        surface = surface_of(body, nodes=500)
-        points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in q[::3]])
         view = ViewSettings(azimuth=sequence.azimuth, image_size=task.size, baseline=task.baseline, fill=0.85)
-        cameras = framing_cameras(points, view)
-        cameras = tuple(_nearer(camera) for camera in cameras) if sequence.close else cameras
-        keypoints, room, *sensors = [np.random.default_rng((_SEED, k)) for k in range(2 + len(cameras))]
-        draws = Draws(keypoints, room, sensors)
-        times = np.arange(task.frames) / task.fps
-        shot = Shot(body, q, times, task.fps, cameras, SceneSettings(background="textured"), place_of(points, 0.0))
-        write_shot(folder, shot, draws, DetectorSettings(), wanted=Wanted())
+        _write(folder, body, q, task.fps, view, close=sequence.close)
         tell(f"{task.name}: rendered")
 
     return kept_clip(task.clip_folder, render)
+
+
+def filmed_poses(folder: Path, body: Body, q: np.ndarray, baseline: float) -> RenderedClip:
+    """Poses (T, nq) that face against x, one a frame, rendered unless they are there."""
+    view = ViewSettings(azimuth=180.0, image_size=(320, 240), baseline=baseline, fill=0.85)
+    return kept_clip(folder, lambda path: _write(path, body, q, FPS, view))
+
+
+def _write(
+    folder: Path, body: Body, q: np.ndarray, fps: float, view: ViewSettings, *, close: bool = False
+) -> RenderedClip:
+    """Render a motion (T, nq) before a textured room."""
+    surface = surface_of(body, nodes=500)
+    points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in q[::3]])
+    cameras = framing_cameras(points, view)
+    cameras = tuple(_nearer(camera) for camera in cameras) if close else cameras
+    keypoints, room, *sensors = [np.random.default_rng((_SEED, k)) for k in range(2 + len(cameras))]
+    shot = Shot(
+        body, q, np.arange(len(q)) / fps, fps, cameras, SceneSettings(background="textured"),
+        place_of(points, float(points[..., 2].min())),
+    )  # fmt: skip
+    return write_shot(folder, shot, Draws(keypoints, room, sensors), DetectorSettings(), wanted=Wanted())
 
 
 def there_and_back(body: Body, motion: Path, frames: int, fps: float) -> np.ndarray:

@@ -137,17 +137,21 @@ class Elmo:
 
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
         """See `estimator.trackers.capabilities.ShowsMore`: what was looked up, and the modes that came of it."""
-        if not self.settings.neighbours:
-            return {}
-        anatomy, side, modes = self.search.jumps.anatomy, self.index.side, list(result.q)
+        anatomy, modes = self.search.jumps.anatomy, list(result.q)
         return {
-            look.camera: lookup_picture(self.body, anatomy, side, observation.cues[look.camera], look, modes)
-            for look in looked_up(self.index, observation, self.settings.neighbours)
+            c: lookup_picture(self.body, anatomy, self.index.side, observation.cues[c], look, modes)
+            for look in self.looked(observation)
+            for c in (look.camera,)
         }
+
+    def looked(self, observation: Observation) -> list[Looked]:
+        """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
+        count = self.settings.neighbours
+        return looked_up(self.index, observation, count) if count else []
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
-        looks = looked_up(self.index, observation, self.settings.neighbours) if self.settings.neighbours else []
+        looks = self.looked(observation)
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)

@@ -1,0 +1,157 @@
+"""ELMO in single frames: random poses, each by itself, searched from the neighbours of an index, and from as many
+random examples of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from benchmarks.common import Changes, Several, nested, save, start, tell, work_folder
+from benchmarks.elmo_clips import JOINTS, filmed_poses
+from benchmarks.mocap_person import person
+from estimator.formats.cameras import load_cameras
+from estimator.imaging.observation import Observation
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
+from estimator.search.examples.hashing import Neighbours
+from estimator.search.examples.index import ExampleIndex
+from estimator.synthesis.examples.poses import PoseSampler
+from estimator.trackers.elmo import Elmo
+from estimator.tracking.registry import make_tracker, settings_for
+from humanoid.kinematics.body import Body
+from kinemode.rendering.files import RenderedClip
+from kinemode.terminal import report
+
+_SEED = 4321
+
+
+class AtRandom(ExampleIndex):
+    """The same examples, drawn instead of looked up."""
+
+    def nearest(self, description: np.ndarray, count: int) -> Neighbours:
+        """Any of them; the same for the same picture."""
+        rng = np.random.default_rng(int(description.astype(np.int64).sum()))
+        numbers = rng.choice(len(self.q), count, replace=False)
+        return Neighbours(numbers, np.zeros(count, np.int64), count, False)
+
+
+@dataclass(frozen=True)
+class Row:
+    """error (T): of the likeliest mode, mean over `JOINTS` in the world [mm]; best (T): of the mode nearest to the
+    truth; starts (T): of the start nearest to it."""
+
+    starts_from: str
+    count: int
+    error: list[float]
+    best: list[float]
+    starts: list[float]
+
+
+def main(
+    *,
+    index: Path,
+    poses: int = 200,
+    counts: Annotated[tuple[int, ...], Several] = (50, 10),
+    baseline: float = 0.12,
+    changes: Changes = (),
+    work: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Find random poses, one frame each, by depth alone and nothing given.
+
+    Parameters
+    ----------
+    index
+        Index of examples of human34 (`kinemode train-index`).
+    poses
+        How many.
+    counts
+        Starts of each search.
+    baseline
+        Metres between the cameras.
+    changes
+        Changes to the settings, as elmo.rounds=4.
+    work
+        Folder that keeps the pictures.
+    json
+        Also write the figures here.
+    """
+    body = Body(person())
+    settings = settings_for("elmo", changes=nested(changes))
+    tracker = make_tracker("elmo", body, replace(settings, own=replace(settings.own, index=str(index))))
+    assert isinstance(tracker, Elmo)
+    known, rows = tracker.index, []
+    sampler = PoseSampler(body, headings=known.recipe.headings, legs=known.recipe.legs)
+    rng = np.random.default_rng(_SEED)
+    q = np.array([sampler.draw(rng) for _ in range(poses)])
+    with work_folder(work) as folder:
+        clip = filmed_poses(folder / f"random_{poses}_{baseline:g}", body, q, baseline)
+        frames = list(observations(clip, body))
+        true = np.load(clip.truth)["landmarks"]
+    for count in counts:
+        for name, chosen in (("neighbours", known), ("random examples", AtRandom(**vars(known)))):
+            tracker.settings = replace(tracker.settings, neighbours=count)
+            tracker.__dict__["index"] = chosen
+            rows.append(searched(tracker, name, count, frames, true))
+            tell(f"{name}, {count}: median {np.median(rows[-1].error):.0f} mm")
+    show(rows)
+    save(
+        json,
+        {"measure": "elmo, single frames", "poses": poses, "baseline": baseline, "rows": [asdict(r) for r in rows]},
+    )
+
+
+def observations(clip: RenderedClip, body: Body) -> Iterator[Observation]:
+    """The frames of a pair with their depth, and no keypoints."""
+    cameras = tuple(load_cameras(clip.cameras).values())
+    nothing = np.full((len(cameras), len(body.landmark_names), 2), np.nan)
+    with np.load(clip.truth) as truth:
+        times = truth["time"]
+    with closing(CueReader(list(clip.videos.values()), cameras, cue_settings(["depth"]), rights=[1, None])) as reader:
+        for i, time in enumerate(times.tolist()):
+            yield Observation(i, time, cameras, nothing, np.zeros(nothing.shape[:2]), cues=reader.at(i))
+
+
+def searched(tracker: Elmo, name: str, count: int, frames: list[Observation], true: np.ndarray) -> Row:
+    """Every frame by itself."""
+    joints = [tracker.body.landmark_names.index(joint) for joint in JOINTS]
+    errors: list[tuple[float, float, float]] = []
+
+    def off(q: np.ndarray, t: int) -> float:
+        points = tracker.body.landmarks(tracker.body.at(q))
+        return 1e3 * float(np.linalg.norm(points[joints] - true[t][joints], axis=1).mean())
+
+    for t, observation in enumerate(frames):
+        if not tracker.can_start(observation):
+            errors.append((np.nan, np.nan, np.nan))
+            continue
+        _, result = tracker.init(np.random.default_rng(0), observation)
+        of_modes = [off(q, t) for q in result.q]
+        starts = min(off(q, t) for look in tracker.looked(observation) for q in look.q)
+        errors.append((of_modes[0], min(of_modes), starts))
+    error, best, nearest = np.array(errors).T.tolist()
+    return Row(name, count, error, best, nearest)
+
+
+def show(rows: list[Row]) -> None:
+    table = report.table(
+        "errors [mm] over shoulders, elbows, wrists, neck and head, in the world, single frames",
+        "starts", "median", "mean", "under 50 mm", "best mode, median", "nearest start, mean",
+    )  # fmt: skip
+    for r in rows:
+        error = np.array(r.error)
+        table.add_row(
+            f"{r.count} {r.starts_from}", f"{np.nanmedian(error):.0f}", f"{np.nanmean(error):.0f}",
+            f"{np.mean(error < 50.0):.0%}", f"{np.nanmedian(r.best):.0f}", f"{np.nanmean(r.starts):.0f}",
+        )  # fmt: skip
+    report.console().print(table)
+
+
+if __name__ == "__main__":
+    start(main)
