@@ -89,9 +89,12 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
 
 
 def filmed_poses(folder: Path, body: Body, q: np.ndarray, baseline: float) -> RenderedClip:
-    """Poses (T, nq) that face against x, one a frame, rendered unless they are there."""
-    view = ViewSettings(azimuth=180.0, image_size=(320, 240), baseline=baseline, fill=0.85)
-    return kept_clip(folder, lambda path: _write(path, body, q, FPS, view))
+    """Poses (T, nq) that face against x, one a frame, turned to the camera and rendered unless they are there."""
+    view = ViewSettings(azimuth=0.0, image_size=(320, 240), baseline=baseline, fill=0.85)
+    turned, half_turn = q.copy(), pin.SE3(pin.utils.rotate("z", np.pi), np.zeros(3))
+    for pose in turned:
+        pose[ROOT_Q] = pin.SE3ToXYZQUAT(half_turn * pin.XYZQUATToSE3(pose[ROOT_Q]))
+    return kept_clip(folder, lambda path: _write(path, body, turned, FPS, view))
 
 
 def _write(

@@ -101,10 +101,8 @@ def main(
             rows.append(searched(tracker, name, count, frames, true))
             tell(f"{name}, {count}: median {np.median(rows[-1].error):.0f} mm")
     show(rows)
-    save(
-        json,
-        {"measure": "elmo, single frames", "poses": poses, "baseline": baseline, "rows": [asdict(r) for r in rows]},
-    )
+    figures = {"poses": poses, "baseline": baseline, "rows": [asdict(row) for row in rows]}
+    save(json, {"measure": "elmo, single frames", **figures})
 
 
 def observations(clip: RenderedClip, body: Body) -> Iterator[Observation]:

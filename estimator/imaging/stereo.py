@@ -26,14 +26,17 @@ class StereoSettings:
     nearest [m]: what is nearer is not found. block [px]: side of what is compared, odd. uniqueness [%]: by how much the
     best disparity has to beat the second. agreement [px]: by how much the disparities from left to right and back may
     differ. speck [px]: smaller regions of one disparity are left out. noise [px]: standard deviation of a disparity.
+    enlarged [px]: narrower pictures are enlarged by a whole number to about this width before they are matched, which
+    takes time and a third off the noise; all pixels above are those of the enlarged pictures.
     """
 
     nearest: float = setting(0.8, above=0)
-    block: int = setting(5, at_least=1)
+    block: int = setting(9, at_least=1)
     uniqueness: int = setting(10, at_least=0)
     agreement: int = setting(1, at_least=0)
     speck: int = setting(100, at_least=0)
     noise: float = setting(0.25, above=0)
+    enlarged: int = setting(640, at_least=0)
 
     def __post_init__(self) -> None:
         check(self)
@@ -73,6 +76,7 @@ class StereoPair:
         self.camera = Camera(
             left.name, size, P_left[:, :3], np.zeros(5), R_left @ left.R_camera_world, R_left @ left.t_camera_world
         )
+        self._factor = max(1, round(self.settings.enlarged / size[0]))
         self._maps = [
             cv2.initUndistortRectifyMap(c.K, c.distortion, turn, P[:, :3], size, cv2.CV_16SC2)
             for c, turn, P in ((left, R_left, P_left), (right, R_right, P_right))
@@ -93,17 +97,25 @@ class StereoPair:
         """Depth (H, W) float32 along the optical axis of `camera` [m] of two pictures as they were taken, (H, W, 3)
         uint8; NaN where nothing matches, or not from right to left too."""
         grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in self.rectified(left, right)]
-        disparity = self._matcher.compute(*grey).astype(np.float32) / _SUBPIXEL
+        if self._factor > 1:
+            enlarged = [
+                cv2.resize(g, None, fx=self._factor, fy=self._factor, interpolation=cv2.INTER_CUBIC) for g in grey
+            ]
+            middle = slice(self._factor // 2, None, self._factor)
+            sixteenths = self._matcher.compute(*enlarged)[middle, middle]
+        else:
+            sixteenths = self._matcher.compute(*grey)
+        disparity = sixteenths.astype(np.float32) / np.float32(_SUBPIXEL * self._factor)
         disparity[disparity <= 0.0] = np.nan
         return np.asarray(np.float32(self._scale) / disparity)
 
     def std(self, depth: np.ndarray) -> np.ndarray:
         """Standard deviations of depths [m], which grow with their square."""
-        return np.asarray(np.square(depth) * self.settings.noise / self._scale)
+        return np.asarray(np.square(depth) * self.settings.noise / (self._factor * self._scale))
 
     def _made_matcher(self) -> cv2.StereoSGBM:
-        s, width = self.settings, self.camera.image_size[0]
-        largest = self._scale / s.nearest
+        s, width = self.settings, self._factor * self.camera.image_size[0]
+        largest = self._factor * self._scale / s.nearest
         blocks = int(np.clip(np.ceil(largest / _BLOCKS), 1, max(1, width // (2 * _BLOCKS))))
         area = s.block**2
         return cv2.StereoSGBM.create(
