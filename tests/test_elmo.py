@@ -14,6 +14,7 @@ import pytest
 from builders import body_of, camera_at, random_pose
 
 import kinemode as km
+from estimator.cues.cue_picture import Dots
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.edge_histogram import SIDE, bin_count
 from estimator.imaging.observation import Observation
@@ -31,6 +32,7 @@ from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
+from kinemode.explain import explain
 from kinemode.rendering.files import RenderedClip
 from kinemode.testing import check_tracker
 from tests.test_tracker_contract import BY_DEPTH
@@ -256,6 +258,10 @@ def test_elmo_needs_no_keypoints_and_resumes_to_the_same_bits(clip: RenderedClip
     assert run.result(1).extra["searches_example"] == 12
     assert run.result(1).extra["searches_parent"] >= 1
     assert run.result(1).extra["looked_at"] >= 12
+    explained = explain(run, 2)
+    (shown,) = [picture for view in explained.views for picture in view.pictures if picture.name == "examples"]
+    assert shown.base.shape[:2] == explained.views[0].image.shape[:2]
+    assert all(len(layer.at if isinstance(layer, Dots) else layer.start) for layer in shown.layers)
     both = tracked(clip, tracker="elmo", index=file, settings=few, workers=2)
     np.testing.assert_array_equal(both.q, run.q)
 
