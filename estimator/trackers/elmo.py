@@ -46,7 +46,9 @@ class ElmoSettings:
     index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
     paper; 0 for none. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
     short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
-    of the starts go on from round to round. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
+    of the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
+    examples has it, the best of all looked at: limbs are nearly independent, and few examples are near in all of them;
+    0 for none, as in the paper. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
     change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since
     the last frame in which the person was seen.
     """
@@ -57,6 +59,7 @@ class ElmoSettings:
     modes: int = setting(5, at_least=1)
     rounds: int = setting(3, at_least=0)
     survivors: int = setting(16, at_least=1)
+    recombined: int = setting(8, at_least=0)
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
     root_slide_floor: float = setting(0.1, above=0)
@@ -155,7 +158,7 @@ class Elmo:
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
-        likely = self._modes(starts, case)  # 3
+        likely = self._modes(starts, looks, case)  # 3
         told = _told(looks, starts, StepCounts.between(before, self.search.steps))
         return self._judged(observation, self._weighed(likely, state, observation.time), told)  # 6
 
@@ -165,17 +168,31 @@ class Elmo:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts
 
-    def _modes(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
+    def _modes(self, starts: Sequence[Hypothesis], looks: Sequence[Looked], case: FrameCase) -> Mixture:
         """The best distinct modes of the likelihood that are reached from the starts: how many reach one does not
         count. Points are paired with the body anew in every round, as in ICP, and only the best go on."""
         s, search = self.settings, self.search
         if s.rounds == 0:
             return self._likeliest(starts, case)
         candidates = search.explored(starts, case)
-        for _ in range(s.rounds - 1):
+        for left in reversed(range(s.rounds - 1)):
             best = search.distinct(candidates, s.survivors)
-            candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best], case)
+            again = [c.hypothesis._replace(q=c.q) for c in best]
+            if left == s.rounds - 2 and s.recombined:
+                again += search.screened(self._recombined(best[0].q, looks), case, s.recombined)
+            candidates = search.explored(again, case)
         return search.best_of(candidates, case, s.modes)
+
+    def _recombined(self, q: np.ndarray, looks: Sequence[Looked]) -> list[Hypothesis]:
+        """A pose with one of its limbs as one of the examples has it, for all limbs and examples."""
+        hypotheses = []
+        for limb in self.search.jumps.limbs:
+            places = limb.dofs + self.body.nq - self.body.nv  # of hinges, in q
+            for example in (pose for look in looks for pose in look.q):
+                other = q.copy()
+                other[places] = example[places]
+                hypotheses.append(Hypothesis(self.body.clamp(other), 0, Origin(Family.EXAMPLE)))
+        return hypotheses
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
