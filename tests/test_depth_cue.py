@@ -82,6 +82,20 @@ def test_the_nearest_thing_as_large_as_a_person_is_chosen() -> None:
     assert not nearest_thing(points_at(np.zeros((0, 3))), np.zeros(0), UP, 0.1).any()
 
 
+def test_points_at_jumps_of_the_depth_join_nothing() -> None:
+    """A person and a cupboard behind them, with a slope of points between, as block matching makes it."""
+    person, cupboard = box([2.5, 0.0, 0.0], [0.3, 0.5, 1.7], 1500), box([3.4, 0.7, 0.0], [0.3, 0.5, 1.7], 1500, 1)
+    along = np.linspace(0.0, 1.0, 60)[:, None]
+    slope = person[:1] * [0, 0, 1] + (1.0 - along) * [2.5, 0.2, 0.0] + along * [3.4, 0.5, 0.0]
+    places, area = np.concatenate([person, cupboard, slope]), np.full(3060, 4e-4)
+    between = np.arange(3060) >= 3000
+    assert nearest_thing(points_at(places), area, UP, 0.1)[1500:3000].all()
+    mine = nearest_thing(points_at(places), area, UP, 0.1, between)
+    assert mine[:1500].all()
+    assert not mine[1500:3000].any()
+    assert 0 < mine[3000:].sum() < 40  # of the slope what touches the person
+
+
 def test_precision_is_the_surface_s_across_and_loose_along_it() -> None:
     rng = np.random.default_rng(2)
     normals = rng.standard_normal((50, 3))

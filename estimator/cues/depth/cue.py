@@ -33,6 +33,7 @@ from estimator.terms.upright import world_up
 from humanoid.kinematics.body import PosedBody, points_in_world
 
 _ON_GRID = 20_000  # pixels that are looked at, about
+_JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
 _LEAST = 20  # points that say something
 _FLOOR_FRAMES, _FLOOR_POINTS = 9, 2000
 AGREES = 3.0  # standard deviations within which a point lies on the surface
@@ -106,12 +107,15 @@ class Depth(Cue):
         if prepared is None:
             return None
         grid = prepared.grid
-        points, where = _seen(prepared.source.at(instant), grid, settings)
+        depth = prepared.source.at(instant)
+        points, where = _seen(depth, grid, settings)
+        jumps = _jumps(depth, grid)
         if prepared.floor is not None:
             height = prepared.floor.height(points.places)
             above = height > settings.floor + 2.0 * points.along * np.abs(points.rays @ prepared.floor.normal)
             points, where = points.some(above), where[above]
-        mine = nearest_thing(points, np.square(grid.step * points.across), prepared.up, settings.gap)
+        area = np.square(grid.step * points.across)
+        mine = nearest_thing(points, area, prepared.up, settings.gap, jumps[where])
         if np.count_nonzero(mine) < _LEAST:
             return None
         points = points.some(mine)
@@ -209,6 +213,18 @@ def _grid(source: DepthSource) -> Grid:
     rows, columns = (x.ravel() for x in np.mgrid[step // 2 : height : step, step // 2 : width : step])
     directions = source.camera.directions(np.stack([columns, rows], axis=1).astype(float))
     return Grid(rows, columns, directions, step)
+
+
+def _jumps(depth: DepthMap, grid: Grid) -> np.ndarray:
+    """Which of the grid's pixels (P,) lie at a jump of the depth: what is seen there may lie between two things."""
+    rows, columns = grid.rows // grid.step, grid.columns // grid.step
+    values = np.full((rows.max() + 1, columns.max() + 1), np.nan, np.float32)
+    values[rows, columns] = depth.depth[grid.rows, grid.columns]
+    around, known = np.ones((3, 3), np.uint8), np.isfinite(values)
+    far = cv2.dilate(np.where(known, values, np.float32(0.0)), around)
+    near = cv2.erode(np.where(known, values, np.float32(_FAR)), around)
+    jump = far - near > _JUMP + 3.0 * depth.noise * np.square(near)
+    return np.asarray(jump[rows, columns])
 
 
 def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[Points, np.ndarray]:

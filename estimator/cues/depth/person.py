@@ -12,21 +12,25 @@ LARGEST = 2.7  # m, of anything that is one person, arms spread
 _TOUCHING = np.ones((3, 3, 3), bool)
 
 
-def nearest_thing(points: Points, area: np.ndarray, up: np.ndarray, gap: float) -> np.ndarray:
+def nearest_thing(
+    points: Points, area: np.ndarray, up: np.ndarray, gap: float, between: np.ndarray | None = None
+) -> np.ndarray:
     """Mask (N,) of the points of the nearest thing that is as large as a person; all False where there is none.
 
     points (N), without the floor's. area (N,): of the surface, seen from the camera, that each stands for [m^2].
     up (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
-    belongs to it.
+    belongs to it. between (N,) bool: points at jumps of the depth, which may lie between two things: they connect
+    none, and belong to the thing that they touch.
     """
     mine = np.zeros(len(points), dtype=bool)
     if not len(points):
         return mine
-    cell = np.floor((points.places - points.places.min(axis=0)) / gap).astype(int) + 2
-    taken = np.zeros(tuple(cell.max(axis=0) + 3), dtype=bool)
-    taken[tuple(cell.T)] = True
+    cell = np.floor((points.places - points.places.min(axis=0)) / gap).astype(int) + 3
+    sure = np.ones(len(points), dtype=bool) if between is None else ~between
+    taken = np.zeros(tuple(cell.max(axis=0) + 4), dtype=bool)
+    taken[tuple(cell[sure].T)] = True
     labels, count = ndimage.label(taken, _TOUCHING)
-    thing = labels[tuple(cell.T)]
+    thing = np.where(sure, labels[tuple(cell.T)], 0)
     areas = np.bincount(thing, area, count + 1)
     best = _nearest(points, thing, areas, up)
     if best == 0:
@@ -34,13 +38,14 @@ def nearest_thing(points: Points, area: np.ndarray, up: np.ndarray, gap: float) 
     around = ndimage.binary_dilation(labels == best, _TOUCHING, iterations=2)
     beside = np.unique(labels[around & (labels > 0)])
     parts = [k for k in beside.tolist() if k == best or areas[k] < areas[best]]
-    return np.asarray(np.isin(thing, parts))
+    touched = ndimage.binary_dilation(np.isin(labels, parts), _TOUCHING)[tuple(cell.T)]
+    return np.asarray(np.where(sure, np.isin(thing, parts), touched))
 
 
 def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, up: np.ndarray) -> int:
     """Number of the nearest thing that can be a person, 0 for none; thing (N,): each point's, from 1."""
     nearest, best = np.inf, 0
-    for k in np.flatnonzero(areas >= LEAST_AREA).tolist():
+    for k in (1 + np.flatnonzero(areas[1:] >= LEAST_AREA)).tolist():
         own = points.places[thing == k]
         extent = np.ptp(np.percentile(own, [1.0, 99.0], axis=0), axis=0)
         tall = float(np.ptp(np.percentile(own @ up, [1.0, 99.0])))
