@@ -9,7 +9,6 @@ import warnings
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -63,13 +62,15 @@ def with_index(chosen: Chosen, subject: Subject, given: str | Path | None, progr
     path = Path(given or own.index or _cached(subject, progress)).absolute()
     load_index(path, Body(subject))
     settings = replace(chosen.settings, own=replace(own, index=str(path)))
-    changes: dict[str, Any] = dict(chosen.changes)
-    return replace(chosen, settings=settings, changes=changes)
+    return replace(chosen, settings=settings)
 
 
 def _cached(subject: Subject, progress: Reporter) -> Path:
-    """The index of a subject by the default recipe; a built-in one, fitted to whomever, has that of its name."""
-    known = load_subject(subject.source) if subject.source in BUILT_IN else subject
+    """The index of a subject by the default recipe; one with the coordinates of a built-in one, fitted to whomever, has
+    that of the built-in one, whose pictures are of people of all sizes."""
+    names = Body(subject).q_names
+    alike = (built_in for built_in in map(load_subject, BUILT_IN) if Body(built_in).q_names == names)
+    known = next(alike, subject)
     recipe = IndexRecipe()
     text = f"{known.urdf}{recipe!r}{FORMAT}{__version__}"
     name = f"examples-{hashlib.sha256(text.encode()).hexdigest()[:16]}.npz"

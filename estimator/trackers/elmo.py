@@ -187,7 +187,9 @@ class Elmo:
         """A pose with one of its limbs as one of the examples has it, for all limbs and examples."""
         hypotheses = []
         for limb in self.search.jumps.limbs:
-            places = limb.dofs + self.body.nq - self.body.nv  # of hinges, in q
+            if not set(limb.dofs.tolist()) <= self._place.keys():
+                continue
+            places = [self._place[dof] for dof in limb.dofs.tolist()]
             for example in (pose for look in looks for pose in look.q):
                 other = q.copy()
                 other[places] = example[places]
@@ -201,6 +203,11 @@ class Elmo:
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))
+
+    @cached_property
+    def _place(self) -> dict[int, int]:
+        """Where degrees of freedom with limits have their angles in q."""
+        return dict(zip(self.body.bounded_v.tolist(), self.body.bounded_q.tolist(), strict=True))
 
     @cached_property
     def _floor(self) -> np.ndarray:
