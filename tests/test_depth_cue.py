@@ -96,6 +96,16 @@ def test_points_at_jumps_of_the_depth_join_nothing() -> None:
     assert 0 < mine[3000:].sum() < 40  # of the slope what touches the person
 
 
+def test_what_moves_goes_before_what_is_nearer() -> None:
+    chair, person = box([1.5, 0.4, 0.0], [0.4, 0.4, 0.9], 1000), box([3.0, 0.0, 0.0], [0.3, 0.5, 1.7], 1500, 1)
+    places, area = np.concatenate([chair, person]), np.full(2500, 4e-4)
+    still, moved = np.zeros(2500, dtype=bool), np.arange(2500) >= 2000  # a third of the person
+    for known, mine in ((still, slice(0, 1000)), (moved, slice(1000, 2500))):
+        chosen = nearest_thing(points_at(places), area, UP, 0.1, None, known)
+        assert chosen[mine].all()
+        assert chosen.sum() == mine.stop - mine.start
+
+
 def test_precision_is_the_surface_s_across_and_loose_along_it() -> None:
     rng = np.random.default_rng(2)
     normals = rng.standard_normal((50, 3))

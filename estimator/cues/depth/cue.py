@@ -35,7 +35,7 @@ from humanoid.kinematics.body import PosedBody, points_in_world
 _ON_GRID = 20_000  # pixels that are looked at, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
 _LEAST = 20  # points that say something
-_FLOOR_FRAMES, _FLOOR_POINTS = 9, 2000
+_SCENE_FRAMES, _FLOOR_POINTS = 9, 2000
 AGREES = 3.0  # standard deviations within which a point lies on the surface
 
 
@@ -49,12 +49,14 @@ class Grid(NamedTuple):
 
 
 class DepthScene(NamedTuple):
-    """What is known of a clip: where its depth is from, the pixels that are looked at, up (3,), and the floor."""
+    """What is known of a clip: where its depth is from, the pixels that are looked at, up (3,), the floor, and the
+    farthest that is seen at each of the pixels at some instants (P,) [m], NaN where nothing is."""
 
     source: DepthSource
     grid: Grid
     up: np.ndarray
     floor: Floor | None
+    farthest: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +91,19 @@ class Depth(Cue):
     needs_depth = True
 
     def prepare(self, pictures: CameraPictures, settings: DepthSettings) -> DepthScene | None:
-        """The floor, by some frames of a camera that stands still; None where no depth is given."""
+        """Floor and scene, by some frames of a camera that stands still; None where no depth is given."""
         source = depth_source(pictures, settings)
         if source is None:
             return None
         grid, up = _grid(source), world_up((pictures.camera,))
-        some = [_seen(source.at(i), grid, settings)[0] for i in pictures.instants(_FLOOR_FRAMES)]
+        maps = [source.at(i) for i in pictures.instants(_SCENE_FRAMES)]
+        some = [_seen(depth, grid, settings)[0] for depth in maps]
+        at_pixels = np.array([depth.depth[grid.rows, grid.columns] for depth in maps])
+        farthest = np.fmax.reduce(at_pixels)
         rng = np.random.default_rng(0)
         thinned = [p.some(rng.choice(len(p), min(len(p), _FLOOR_POINTS), replace=False)) for p in some]
         places, along = (np.concatenate([getattr(p, name) for p in thinned]) for name in ("places", "along"))
-        return DepthScene(source, grid, up, found_floor(places, along, up, rng))
+        return DepthScene(source, grid, up, found_floor(places, along, up, rng), farthest)
 
     def read(
         self, pictures: CameraPictures, instant: int, settings: DepthSettings, prepared: DepthScene | None
@@ -115,7 +120,9 @@ class Depth(Cue):
             above = height > settings.floor + 2.0 * points.along * np.abs(points.rays @ prepared.floor.normal)
             points, where = points.some(above), where[above]
         area = np.square(grid.step * points.across)
-        mine = nearest_thing(points, area, prepared.up, settings.gap, jumps[where])
+        values = depth.depth[grid.rows[where], grid.columns[where]]
+        moved = prepared.farthest[where] - values > _JUMP + 3.0 * depth.noise * np.square(prepared.farthest[where])
+        mine = nearest_thing(points, area, prepared.up, settings.gap, jumps[where], moved)
         if np.count_nonzero(mine) < _LEAST:
             return None
         points = points.some(mine)

@@ -8,19 +8,26 @@ from scipy import ndimage
 from estimator.imaging.depth_map import Points
 
 LEAST_AREA, LEAST_HEIGHT = 0.08, 0.35  # m^2 and m of a person that can be seen, who may be cut off by the picture
+MOVING = 0.15  # share of a thing that has moved, from which it does not belong to the scene
 LARGEST = 2.7  # m, of anything that is one person, arms spread
 _TOUCHING = np.ones((3, 3, 3), bool)
 
 
 def nearest_thing(
-    points: Points, area: np.ndarray, up: np.ndarray, gap: float, between: np.ndarray | None = None
+    points: Points,
+    area: np.ndarray,
+    up: np.ndarray,
+    gap: float,
+    between: np.ndarray | None = None,
+    moved: np.ndarray | None = None,
 ) -> np.ndarray:
     """Mask (N,) of the points of the nearest thing that is as large as a person; all False where there is none.
 
     points (N), without the floor's. area (N,): of the surface, seen from the camera, that each stands for [m^2].
     up (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
     belongs to it. between (N,) bool: points at jumps of the depth, which may lie between two things: they connect
-    none, and belong to the thing that they touch.
+    none, and belong to the thing that they touch. moved (N,) bool: points where the clip shows something farther away
+    at other times: a thing with many of them goes before others.
     """
     mine = np.zeros(len(points), dtype=bool)
     if not len(points):
@@ -32,7 +39,8 @@ def nearest_thing(
     labels, count = ndimage.label(taken, _TOUCHING)
     thing = np.where(sure, labels[tuple(cell.T)], 0)
     areas = np.bincount(thing, area, count + 1)
-    best = _nearest(points, thing, areas, up)
+    moving = np.zeros(count + 1) if moved is None else np.bincount(thing, area * moved, count + 1)
+    best = _nearest(points, thing, areas, moving, up)
     if best == 0:
         return mine
     around = ndimage.binary_dilation(labels == best, _TOUCHING, iterations=2)
@@ -42,9 +50,10 @@ def nearest_thing(
     return np.asarray(np.where(sure, np.isin(thing, parts), touched))
 
 
-def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, up: np.ndarray) -> int:
-    """Number of the nearest thing that can be a person, 0 for none; thing (N,): each point's, from 1."""
-    nearest, best = np.inf, 0
+def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, moving: np.ndarray, up: np.ndarray) -> int:
+    """Number of the nearest thing that can be a person and moves, or of the nearest if none does, 0 for none. thing
+    (N,): each point's, from 1. areas, moving: of each thing, and what of that has moved [m^2]."""
+    nearest, best = (True, np.inf), 0
     for k in (1 + np.flatnonzero(areas[1:] >= LEAST_AREA)).tolist():
         own = points.places[thing == k]
         extent = np.ptp(np.percentile(own, [1.0, 99.0], axis=0), axis=0)
@@ -52,6 +61,7 @@ def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, up: np.ndarra
         if extent.max() > LARGEST or tall < LEAST_HEIGHT:
             continue
         distance = float(np.median(points.across[thing == k]))  # in proportion to the depth
-        if distance < nearest:
-            nearest, best = distance, k
+        rank = bool(moving[k] < MOVING * areas[k]), distance
+        if rank < nearest:
+            nearest, best = rank, k
     return best
