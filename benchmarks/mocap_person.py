@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from estimator.synthesis import DetectorSettings
 from humanoid.subject.subject import Subject
 from kinemode import demo
@@ -17,9 +15,5 @@ GIRTH = 1.08  # of the limbs in the pictures, over those of the body that is tra
 def person() -> Subject:
     """The body in the pictures: human34 with the lengths of the demonstration's person and thicker limbs."""
     subject = demo.demo_subject()
-    thicker: dict[int | str, list[float]] = {
-        i: (part.parameters * np.array([GIRTH, GIRTH, 1, 1, 1, 1, 1, 1, 1])).tolist()
-        for i, part in enumerate(subject.flesh)
-        if part.link.endswith(LIMBS)
-    }
-    return subject.reshaped(thicker)
+    limbs = {i: part for i, part in enumerate(subject.flesh) if part.link.endswith(LIMBS)}
+    return subject.reshaped({i: part.widened(GIRTH) for i, part in limbs.items()})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 import tempfile
 import warnings
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from estimator.search.examples.index import FORMAT, IndexRecipe, load_index
+from estimator.search.examples.index import FORMAT, IndexRecipe, check_index
 from estimator.synthesis.examples.training import train_index
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
@@ -60,7 +61,7 @@ def with_index(chosen: Chosen, subject: Subject, given: str | Path | None, progr
     if not uses:
         return chosen
     path = Path(given or own.index or _cached(subject, progress)).absolute()
-    load_index(path, Body(subject))
+    check_index(path, Body(subject))
     settings = replace(chosen.settings, own=replace(own, index=str(path)))
     return replace(chosen, settings=settings)
 
@@ -80,9 +81,12 @@ def _cached(subject: Subject, progress: Reporter) -> Path:
     minutes = (recipe.examples + 2 * recipe.pairs) * _SECONDS_EACH / 60.0
     said = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
     warnings.warn(f"{said}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
-    for root in cache_roots():
-        with suppress(InputError, OSError):
-            made_folder(root)
-            return write_index(known, recipe, root / name, workers=1, overwrite=True, progress=progress)
-    folder = Path(tempfile.mkdtemp(prefix="kinemode-"))
+    folder = next(filter(_takes_files, cache_roots()), None) or Path(tempfile.mkdtemp(prefix="kinemode-"))
     return write_index(known, recipe, folder / name, workers=1, overwrite=True, progress=progress)
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether files can be written to a folder, which is made if it is not there."""
+    with suppress(InputError):
+        return os.access(made_folder(folder), os.W_OK)
+    return False

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -301,6 +302,16 @@ def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip
     assert np.abs(index.q[:, ROOT_Q.stop :] - angles).max(axis=1).min() < 1e-5
     icp = tracked(clip, tracker="icp", keypoints=clip.first_frame)
     assert km.evaluate(icp, clip.truth).mpjpe < 0.06
+
+
+def test_icp_stays_where_nobody_is_seen(clip: RenderedClip, tmp_path: Path) -> None:
+    (folder,) = clip.depths.values()
+    for k, path in enumerate(sorted(folder.iterdir())):
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(tmp_path / path.name), np.zeros_like(depth) if k == 2 else depth)
+    run = tracked(clip, tracker="icp", keypoints=clip.first_frame, depth=tmp_path)
+    assert [run.result(i).status for i in range(len(run))] == ["tracked"] * 2 + ["unobserved"] + ["tracked"] * 2
+    np.testing.assert_array_equal(run.q[2], run.q[1])
 
 
 def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, tmp_path: Path) -> None:

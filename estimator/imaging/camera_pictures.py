@@ -128,14 +128,13 @@ class CameraPictures:
 
     def instants(self, count: int) -> list[int]:
         """Up to `count` instants, spread evenly over the whole clip."""
-        length = self._length if self._frames is None else len(self._frames)
-        return list(np.unique(np.linspace(0, length - 1, count).astype(int)).tolist())
+        return _spread_over(self._length if self._frames is None else len(self._frames), count)
 
     def spread(self, count: int) -> tuple[list[np.ndarray], list[int | None]]:
         """Up to `count` pictures (H, W, 3) uint8 BGR, spread evenly over the whole clip, and one in which the person's
         keypoints are, unless it is among them. For each an instant at which these are known, or None."""
         known = {} if self._person is None else {self._frame_of(int(i)): int(i) for i in self._person.instants[::-1]}
-        chosen = np.unique(np.linspace(0, self._length - 1, count).astype(int)).tolist()
+        chosen = _spread_over(self._length, count)
         if known and not known.keys() & set(chosen):
             chosen = sorted([*chosen, min(known)])
         return [self._reduced(self._clip.frame(i)) for i in chosen], [known.get(i) for i in chosen]
@@ -173,6 +172,11 @@ class CameraPictures:
     @one_thread()
     def _reduced(self, image: np.ndarray) -> np.ndarray:
         return np.asarray(cv2.resize(image, self.camera.image_size, interpolation=cv2.INTER_AREA))
+
+
+def _spread_over(length: int, count: int) -> list[int]:
+    """Up to `count` of the numbers below `length`, the first and the last among them."""
+    return [int(i) for i in np.unique(np.linspace(0, length - 1, count).astype(int))]
 
 
 def _frame(clip: Clip, index: int) -> np.ndarray:

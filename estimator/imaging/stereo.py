@@ -97,14 +97,9 @@ class StereoPair:
         """Depth (H, W) float32 along the optical axis of `camera` [m] of two pictures as they were taken, (H, W, 3)
         uint8; NaN where nothing matches, or not from right to left too."""
         grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in self.rectified(left, right)]
-        if self._factor > 1:
-            enlarged = [
-                cv2.resize(g, None, fx=self._factor, fy=self._factor, interpolation=cv2.INTER_CUBIC) for g in grey
-            ]
-            middle = slice(self._factor // 2, None, self._factor)
-            sixteenths = self._matcher.compute(*enlarged)[middle, middle]
-        else:
-            sixteenths = self._matcher.compute(*grey)
+        enlarged = [cv2.resize(g, None, fx=self._factor, fy=self._factor, interpolation=cv2.INTER_CUBIC) for g in grey]
+        middle = slice(self._factor // 2, None, self._factor)
+        sixteenths = self._matcher.compute(*enlarged)[middle, middle]
         disparity = sixteenths.astype(np.float32) / np.float32(_SUBPIXEL * self._factor)
         disparity[disparity <= 0.0] = np.nan
         return np.asarray(np.float32(self._scale) / disparity)

@@ -26,7 +26,7 @@ from estimator.synthesis.plate import (
 from estimator.synthesis.raster import paint, paint_cloth, paint_index
 from estimator.synthesis.scene import joined
 from estimator.synthesis.settings import SceneSettings
-from humanoid.kinematics.body import Body, PosedBody, points_in_world
+from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.shape.surface import surface_of
 
 _NODES = 6000
@@ -161,7 +161,7 @@ class Renderer:
 
     def _placed(self, posed: PosedBody, view: Camera) -> _Placed:
         s, world = self.settings, self._world(posed)
-        normals = np.einsum("nij,nj->ni", posed.rotations[self._surface.joint], self._surface.normal)
+        normals = directions_in_world(posed, self._surface.joint, self._surface.normal)
         sun = _towards_light(s)
         light = s.ambient + s.diffuse * np.clip(normals @ sun, 0.0, 1.0) + 0.12 * np.clip(normals[:, 2], -1.0, 0.0)
         shadow = None

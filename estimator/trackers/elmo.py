@@ -29,7 +29,7 @@ from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.search.settings import BY_VOLUME
-from estimator.trackers.beginning import enough_keypoints, observable
+from estimator.trackers.beginning import enough_keypoints
 from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
@@ -120,8 +120,7 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        blind = not sees_person(observation) and (not self.needs_keypoints or not observable(observation))
-        if blind:
+        if not (sees_person(observation) or self.can_start(observation)):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
         return self._searched(observation, state)
@@ -141,11 +140,11 @@ class Elmo:
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
         """See `estimator.trackers.capabilities.ShowsMore`: what was looked up, and the modes that came of it."""
         anatomy, modes = self.search.jumps.anatomy, list(result.q)
-        return {
-            c: lookup_picture(self.body, anatomy, self.index.side, observation.cues[c], look, modes)
-            for look in self.looked(observation)
-            for c in (look.camera,)
-        }
+        shown: dict[int, CuePicture] = {}
+        for look in self.looked(observation):
+            cues = observation.cues[look.camera]
+            shown[look.camera] = lookup_picture(self.body, anatomy, self.index.side, cues, look, modes)
+        return shown
 
     def looked(self, observation: Observation) -> list[Looked]:
         """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""

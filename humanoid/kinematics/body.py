@@ -292,4 +292,9 @@ def points_on_links(
 
 def points_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Points fixed to joints, in the world [m], (N, 3)."""
-    return np.einsum("nij,nj->ni", posed.rotations[joints], local) + posed.translations[joints]
+    return directions_in_world(posed, joints, local) + posed.translations[joints]
+
+
+def directions_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Directions fixed to joints, such as normals, in the world, (N, 3)."""
+    return np.einsum("nij,nj->ni", posed.rotations[joints], local)

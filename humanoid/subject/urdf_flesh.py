@@ -61,6 +61,10 @@ class Flesh:
         """The nine deformable parameters (9,): size, exponents, taper, bend (CSS section 2)."""
         return np.array([*self.size, *self.exponents, *self.taper, *self.bend])
 
+    def widened(self, girth: float) -> list[float]:
+        """The nine parameters with a cross-section that is `girth` times as wide."""
+        return [float(v) for v in self.parameters * [girth, girth, *[1.0] * 7]]
+
     def with_parameters(self, parameters: np.ndarray) -> Flesh:
         """The same part with other parameters (9,), in its place; its solid changes in proportion."""
         p = [float(v) for v in parameters]

@@ -104,7 +104,7 @@ def _with_girth(subject: Subject, girth: float) -> Subject:
     limbs = [k for k, f in enumerate(subject.flesh) if mirror[k] != k and limb_capsule(f) is not None]
     if girth == 1.0:
         return subject
-    return subject.reshaped({k: (subject.flesh[k].parameters * [girth, girth, *[1.0] * 7]).tolist() for k in limbs})
+    return subject.reshaped({k: subject.flesh[k].widened(girth) for k in limbs})
 
 
 def _configurations(

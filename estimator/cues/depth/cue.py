@@ -30,7 +30,7 @@ from estimator.prediction.prediction import Prediction
 from estimator.terms.point_targets import PointTargets
 from estimator.terms.term import Term
 from estimator.terms.upright import world_up
-from humanoid.kinematics.body import PosedBody, points_in_world
+from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
 
 _ON_GRID = 20_000  # pixels that are looked at, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
@@ -153,7 +153,7 @@ class DepthMatcher(Matcher):
         s, surface = self._settings, self.view.surface
         node, point = (np.concatenate(parts) for parts in zip(*both, strict=True))
         joint, points = surface.joint[node], self._points.some(point)
-        normals = np.einsum("pij,pj->pi", posed.rotations[joint], surface.normal[node])
+        normals = directions_in_world(posed, joint, surface.normal[node])
         each = 0.5 * self.view.weight * s.depth_evidence
         weight = np.concatenate([np.full(len(pairs.node), each / len(pairs.node)) for pairs in both])
         precision = surface_precision(points, normals, s.depth_noise, s.depth_slide)

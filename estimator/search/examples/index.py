@@ -17,7 +17,7 @@ from estimator.formats.npz import read_npz
 from estimator.imaging.edge_histogram import bin_count
 from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.bits import Bits
-from estimator.search.examples.hashing import HashTables, Neighbours
+from estimator.search.examples.hashing import KEY_BITS, TABLES, HashTables, Neighbours
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
@@ -47,8 +47,8 @@ class IndexRecipe:
     elevation: float = 8.0
     variants: int = 24
     pairs: int = 4000
-    tables: int = 50
-    key_bits: int = 18
+    tables: int = TABLES
+    key_bits: int = KEY_BITS
     seed: int = 0
 
 
@@ -100,7 +100,22 @@ def load_index(path: str | Path, body: Body) -> ExampleIndex:
     ------
     InputError: the file cannot be read, is damaged, is no index or one of another version, or one of another subject.
     """
-    path = Path(path)
+    arrays, recipe, side = _checked(Path(path), body)
+    bits = Bits(
+        arrays["feature"].astype(np.int32), arrays["threshold"].astype(np.uint16), arrays["true_rate"],
+        arrays["false_rate"],
+    )  # fmt: skip
+    tables = HashTables(arrays["codes"].astype(np.uint64), arrays["keys"].astype(np.int64))
+    return ExampleIndex(recipe, body.q_names, side, arrays["q"], bits, tables)
+
+
+def check_index(path: str | Path, body: Body) -> None:
+    """Raise InputError where `load_index` would; the tables, which take most of its time, are not made."""
+    _checked(Path(path), body)
+
+
+def _checked(path: Path, body: Body) -> tuple[dict[str, np.ndarray], IndexRecipe, float]:
+    """The arrays of a file, its recipe and side."""
     arrays = read_npz(path)
     header = _header(arrays, path)
     names = tuple(str(name) for name in header["q_names"])
@@ -114,12 +129,7 @@ def load_index(path: str | Path, body: Body) -> ExampleIndex:
         _check(arrays, body, side)
     except (DamageError, TypeError, ValueError, KeyError) as error:
         raise InputError(path, f"is damaged: {error}", remedy=REMEDY) from None
-    bits = Bits(
-        arrays["feature"].astype(np.int32), arrays["threshold"].astype(np.uint16), arrays["true_rate"],
-        arrays["false_rate"],
-    )  # fmt: skip
-    tables = HashTables(arrays["codes"].astype(np.uint64), arrays["keys"].astype(np.int64))
-    return ExampleIndex(recipe, names, side, arrays["q"], bits, tables)
+    return arrays, recipe, side
 
 
 def _header(arrays: Mapping[str, np.ndarray], path: Path) -> Mapping[str, Any]:

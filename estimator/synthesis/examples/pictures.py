@@ -13,7 +13,7 @@ from estimator.cameras.camera import Camera
 from estimator.imaging.person_view import ViewFrame, described
 from estimator.synthesis.clothing import dressed_at_random, periodic_noise
 from estimator.synthesis.raster import paint_cloth
-from humanoid.kinematics.body import ROOT_Q, Body, points_in_world
+from humanoid.kinematics.body import ROOT_Q, Body, directions_in_world, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import Subject
 
@@ -59,12 +59,8 @@ def variants(subject: Subject, count: int, rng: np.random.Generator) -> list[Var
             for p in subject.proportions
         }
         changed = subject.scaled(scales) if scales else subject
-        girth = np.exp(_GIRTH * rng.standard_normal())
-        shape: dict[int | str, list[float]] = {
-            i: (flesh.parameters * np.array([girth, girth, *[1.0] * 7])).tolist()
-            for i, flesh in enumerate(changed.flesh)
-        }
-        body = Body(changed.reshaped(shape))
+        girth = float(np.exp(_GIRTH * rng.standard_normal()))
+        body = Body(changed.reshaped({i: flesh.widened(girth) for i, flesh in enumerate(changed.flesh)}))
         made.append(Variant(body, surface_of(body, nodes=_NODES)))
     return made
 
@@ -86,7 +82,7 @@ class ExamplePainter:
         posed = body.at(q)
         places = points_in_world(posed, surface.joint, surface.local)
         camera = self._camera(0.5 * (places.min(axis=0) + places.max(axis=0)), rng)
-        normals = np.einsum("nij,nj->ni", posed.rotations[surface.joint], surface.normal)
+        normals = directions_in_world(posed, surface.joint, surface.normal)
         picture, nearness = self._painted(surface, places, normals, camera, rng)
         frame = ViewFrame.at(_seen_places(nearness, camera), camera, np.array([0.0, 0.0, 1.0]))
         description, grey, where = described(picture, _as_seen(nearness > 0.0, rng), camera, frame, self._side)

@@ -19,7 +19,7 @@ from estimator.search.examples.hashing import HashTables, drawn_keys, packed
 from estimator.search.examples.index import ExampleIndex, IndexRecipe
 from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Base, Subject, subject_from_text
 from humanoid.support.atomic import replacing
@@ -204,9 +204,7 @@ def _side(body: Body, recipe: IndexRecipe) -> float:
     rng = np.random.default_rng((recipe.seed, _BODIES))
     reach = []
     for _ in range(_REACH_POSES):
-        posed = body.at(sampler.draw(rng))
-        places = np.einsum("nij,nj->ni", posed.rotations[surface.joint], surface.local)
-        places += posed.translations[surface.joint]
+        places = points_in_world(body.at(sampler.draw(rng)), surface.joint, surface.local)
         reach.append(np.abs(places - np.median(places, axis=0)).max())
     return float(2.0 * np.percentile(reach, _REACH))
 
