@@ -143,12 +143,16 @@ class CameraLikelihood:
 
     def assigned(self, posed: PosedBody, brief: bool = False) -> list[Term]:
         """See `ImageLikelihood.assigned`: one term of all features on contours, then the cues' other terms."""
+        if not self.matchers:
+            return []
         prediction = self.predictor.predict(posed, self._brief if brief else 1)
         groups, constant = self._groups(prediction)
         return [self.on_contours(prediction, groups, constant), *self.others(posed, prediction)]
 
     def assigned_values(self, posed: PosedBody) -> list[float]:
         """See `ImageLikelihood.assigned_values`."""
+        if not self.matchers:
+            return []
         prediction = self.predictor.predict(posed)
         groups, constant = self._groups(prediction)
         c = prediction.contours

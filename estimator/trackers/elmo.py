@@ -21,6 +21,7 @@ from estimator.modes.origin import Family, Origin
 from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
 from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
+from estimator.search.examples.limbs import LimbBank, SeenPoints, seen_points
 from estimator.search.examples.lookup import Looked, looked_up, sees_person
 from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.first_pose import start_modes
@@ -46,20 +47,23 @@ class ElmoSettings:
     index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
     paper; 0 for none. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
     short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
-    of the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
-    examples has it, the best of all looked at: limbs are nearly independent, and few examples are near in all of them;
-    0 for none, as in the paper. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
-    change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since
-    the last frame in which the person was seen.
+    of the starts go on from round to round. recombined: in every round but the last, searches from each of the
+    `recombined_of` best poses so far with one limb as one of the examples has it, for each limb: limbs are nearly
+    independent, and few examples are near in all of them; 0 for none, as in the paper. limbs: of how many examples
+    limbs are looked at for this, beside those of the neighbours. turn_floor, root_turn_floor [rad], root_slide_floor
+    [m]: what a frame may change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is
+    the transition's since the last frame in which the person was seen.
     """
 
     index: str = ""
     neighbours: int = setting(50, at_least=0)
     keep: bool = True
     modes: int = setting(5, at_least=1)
-    rounds: int = setting(3, at_least=0)
-    survivors: int = setting(16, at_least=1)
-    recombined: int = setting(8, at_least=0)
+    rounds: int = setting(5, at_least=0)
+    survivors: int = setting(8, at_least=1)
+    recombined: int = setting(6, at_least=0)
+    recombined_of: int = setting(2, at_least=1)
+    limbs: int = setting(800, at_least=0)
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
     root_slide_floor: float = setting(0.1, above=0)
@@ -157,7 +161,7 @@ class Elmo:
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
-        likely = self._modes(starts, looks, case)  # 3
+        likely = self._modes(starts, looks, observation, case)  # 3
         told = _told(looks, starts, StepCounts.between(before, self.search.steps))
         return self._judged(observation, self._weighed(likely, state, observation.time), told)  # 6
 
@@ -167,33 +171,40 @@ class Elmo:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts
 
-    def _modes(self, starts: Sequence[Hypothesis], looks: Sequence[Looked], case: FrameCase) -> Mixture:
+    def _modes(
+        self, starts: Sequence[Hypothesis], looks: Sequence[Looked], observation: Observation, case: FrameCase
+    ) -> Mixture:
         """The best distinct modes of the likelihood that are reached from the starts: how many reach one does not
         count. Points are paired with the body anew in every round, as in ICP, and only the best go on."""
         s, search = self.settings, self.search
         if s.rounds == 0:
             return self._likeliest(starts, case)
         candidates = search.explored(starts, case)
+        seen = self._seen(observation) if looks and s.recombined else None
         for left in reversed(range(s.rounds - 1)):
             best = search.distinct(candidates, s.survivors)
             again = [c.hypothesis._replace(q=c.q) for c in best]
-            if left == s.rounds - 2 and s.recombined:
-                again += search.screened(self._recombined(best[0].q, looks), case, s.recombined)
+            if left > 0 and seen is not None:
+                again += self._recombined([c.q for c in best[: s.recombined_of]], looks, seen)
             candidates = search.explored(again, case)
         return search.best_of(candidates, case, s.modes)
 
-    def _recombined(self, q: np.ndarray, looks: Sequence[Looked]) -> list[Hypothesis]:
-        """A pose with one of its limbs as one of the examples has it, for all limbs and examples."""
-        hypotheses = []
-        for limb in self.search.jumps.limbs:
-            if not set(limb.dofs.tolist()) <= self._place.keys():
-                continue
-            places = [self._place[dof] for dof in limb.dofs.tolist()]
-            for example in (pose for look in looks for pose in look.q):
-                other = q.copy()
-                other[places] = example[places]
-                hypotheses.append(Hypothesis(self.body.clamp(other), 0, Origin(Family.EXAMPLE)))
-        return hypotheses
+    def _recombined(self, poses: Sequence[np.ndarray], looks: Sequence[Looked], seen: SeenPoints) -> list[Hypothesis]:
+        """Poses with one of their limbs as one of the examples has it."""
+        bank, alike = self._limbs, np.concatenate([look.q for look in looks])
+        ways = (bank.best(q, k, alike, seen, self.settings.recombined) for q in poses for k in range(len(bank.limbs)))
+        return [Hypothesis(q, 0, Origin(Family.EXAMPLE)) for changed in ways for q in changed]
+
+    def _seen(self, observation: Observation) -> SeenPoints | None:
+        image = self.search.model.settings.image
+        return seen_points(observation, image.depth_noise, image.depth_nu)
+
+    @cached_property
+    def _limbs(self) -> LimbBank:
+        q, count = self.index.q, min(self.settings.limbs, len(self.index.q))
+        chosen = np.random.default_rng(0).choice(len(q), count, replace=False)
+        surface = self.search.model.image.surface
+        return LimbBank(self.body, surface, self.search.jumps.limbs, q[np.sort(chosen)].astype(np.float64))
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -202,11 +213,6 @@ class Elmo:
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))
-
-    @cached_property
-    def _place(self) -> dict[int, int]:
-        """Where degrees of freedom with limits have their angles in q."""
-        return dict(zip(self.body.bounded_v.tolist(), self.body.bounded_q.tolist(), strict=True))
 
     @cached_property
     def _floor(self) -> np.ndarray:
