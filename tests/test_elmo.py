@@ -318,7 +318,7 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
     cases: list[tuple[dict[str, Any], str]] = [
         (
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
-            "elmo goes by depth, which is not looked at",
+            "elmo goes by depth or silhouette, which is not looked at",
         ),
         ({"tracker": "css", "index": file, "keypoints": clip.first_frame}, "index: css looks nothing up in it"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),

@@ -14,15 +14,16 @@ import numpy as np
 
 from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
-from estimator.cues.depth.cue import Depth
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin
 from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
 from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
-from estimator.search.examples.lookup import Looked, looked_up, sees_person
+from estimator.search.examples.lookup import Looked, check_elevation, looked_up
 from estimator.search.examples.lookup_picture import lookup_picture
+from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
+from estimator.search.examples.votes import Votes
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
@@ -44,9 +45,10 @@ class ElmoSettings:
     """ELMO and its parts.
 
     index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
-    paper; 0 for none. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
-    short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
-    of the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
+    paper; 0 for none. votes: several cameras choose these together, each voting for the others' too; without, each
+    gives as many. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short
+    searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of
+    the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
     examples has it, the best of all looked at: limbs are nearly independent, and few examples are near in all of them;
     0 for none, as in the paper. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
     change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since
@@ -55,6 +57,7 @@ class ElmoSettings:
 
     index: str = ""
     neighbours: int = setting(50, at_least=0)
+    votes: bool = True
     keep: bool = True
     modes: int = setting(5, at_least=1)
     rounds: int = setting(3, at_least=0)
@@ -84,11 +87,13 @@ class ElmoState:
 class Elmo:
     """The recipe; numbers in comments are the paper's equations.
 
+    The person is seen by depth; where there is none by the silhouette, and the pose by whatever else is looked at.
+
     Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
 
-    needed_cue = Depth.name
+    needed_cues = CUES
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
         self.search = search
@@ -103,11 +108,16 @@ class Elmo:
             raise InputError("elmo.index", "no index of examples is named", remedy=REMEDY)
         return load_index(self.settings.index, self.body)
 
+    @cached_property
+    def votes(self) -> Votes:
+        """What several cameras choose among the examples by."""
+        return Votes(self.index, self.body)
+
     def can_start(self, observation: Observation) -> bool:
-        """Whether the person's surface is seen; without examples, whether a frame has enough keypoints."""
+        """Whether it is seen where the person is; without examples, whether a frame has enough keypoints."""
         if self.needs_keypoints:
             return enough_keypoints(observation)
-        return sees_person(observation)
+        return can_be_looked_up(observation, self._stature)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
@@ -120,7 +130,8 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        if not (sees_person(observation) or self.can_start(observation)):
+        goes_on = self.settings.keep and sees_person(observation)  # from the last modes, if from nothing else
+        if not (goes_on or self.can_start(observation)):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
         return self._searched(observation, state)
@@ -148,12 +159,16 @@ class Elmo:
 
     def looked(self, observation: Observation) -> list[Looked]:
         """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
-        count = self.settings.neighbours
-        return looked_up(self.index, observation, count) if count else []
+        if not self.settings.neighbours:
+            return []
+        votes = self.votes if self.settings.votes else None
+        return looked_up(self.index, observation, self.settings.neighbours, self._stature, votes)
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
         looks = self.looked(observation)
+        if state is None:
+            check_elevation(self.index, observation, looks)
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
@@ -202,6 +217,11 @@ class Elmo:
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))
+
+    @cached_property
+    def _stature(self) -> float:
+        """Of the body at rest, from the lowest landmark to the highest [m]."""
+        return float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2]))
 
     @cached_property
     def _place(self) -> dict[int, int]:
