@@ -199,6 +199,13 @@ def header(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
     return change
 
 
+def recipe(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
+    def change(arrays: dict[str, np.ndarray]) -> None:
+        header(recipe=json.loads(str(arrays["header"]))["recipe"] | changes)(arrays)
+
+    return change
+
+
 BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
     "of another kind": (lambda a: a.pop("codes"), "is no index of examples"),
     "format": (header(format=7), "is an index of format 7, this kinemode reads 1"),
@@ -304,6 +311,26 @@ def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip
     assert km.evaluate(icp, clip.truth).mpjpe < 0.06
 
 
+def test_they_go_by_the_silhouette_where_there_is_no_depth(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
+    """Edges and outline, nothing given; also where the feet leave the picture and the last modes alone go on."""
+    (folder,) = clip.masks.values()
+    for k, path in enumerate(sorted(folder.iterdir())):
+        mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if k == 3:
+            mask[np.nonzero(mask)[0].max() - 2 :] = 255
+        cv2.imwrite(str(tmp_path / path.name), mask)
+    few = {"elmo": {"neighbours": 12, "rounds": 2, "survivors": 6}}
+    how: dict[str, Any] = {"depth": None, "masks": tmp_path, "cues": "silhouette,edges", "index": file}
+    run = tracked(clip, tracker="elmo", settings=few, **how)
+    assert all(run.result(i).status != "unobserved" for i in range(len(run)))
+    assert run.result(2).extra["looked_at"] >= 12
+    assert run.result(3).extra["looked_at"] == 0
+    assert km.evaluate(run, clip.truth).mpjpe < 0.35  # from 1000 examples, and depth is a guess
+    psh = tracked(clip, tracker="psh", **how)
+    seen = [psh.result(i).status != "unobserved" for i in range(len(psh))]
+    assert seen == [True, True, True, False, True]
+
+
 def test_icp_stays_where_nobody_is_seen(clip: RenderedClip, tmp_path: Path) -> None:
     (folder,) = clip.depths.values()
     for k, path in enumerate(sorted(folder.iterdir())):
@@ -322,6 +349,10 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
         ),
         ({"tracker": "css", "index": file, "keypoints": clip.first_frame}, "index: css looks nothing up in it"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),
+        (
+            {"tracker": "psh", "index": changed(file, tmp_path / "high.npz", recipe(elevation=50.0))},
+            "its camera looks down by 50 degrees, cam01 by [0-9]*: too little .* train-index SUBJECT --elevation",
+        ),
         ({"tracker": "elmo", "index": clip.truth}, "is no index of examples"),
         ({"tracker": "icp"}, "keypoints"),
     ]

@@ -46,9 +46,9 @@ class ElmoSettings:
 
     index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
     paper; 0 for none. votes: several cameras choose these together, each voting for the others' too; without, each
-    gives as many. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short
-    searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of
-    the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
+    gives as many. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
+    short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
+    of the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
     examples has it, the best of all looked at: limbs are nearly independent, and few examples are near in all of them;
     0 for none, as in the paper. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
     change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since
