@@ -24,8 +24,8 @@ HIPS = ("left_hip", "right_hip")
 
 @dataclass(frozen=True)
 class Row:
-    """Errors (T) [mm] of every frame, means over `JOINTS`, NaN without a hypothesis: of the likeliest mode in the world,
-    with the hips aligned, and of the best of all modes with them aligned. seconds: of processor time a frame."""
+    """Errors (T) [mm] of every frame, means over `JOINTS`, NaN without a hypothesis: of the likeliest mode in the
+    world, with the hips aligned, and of the best of all modes with them aligned. seconds: of processor time a frame."""
 
     sequence: str
     tracker: str
@@ -107,7 +107,8 @@ def tracked(
     errors = measured(run, clip)
     removed(out)
     tell(f"{name}, {tracker}: {', '.join(f'{np.nanmean(e):.0f}' for e in errors)} mm")
-    return Row(name, tracker, plate, *(e.tolist() for e in errors), seconds=times.cpu_tracking)
+    world, aligned, best = (e.tolist() for e in errors)
+    return Row(name, tracker, plate, world, aligned, best, times.cpu_tracking)
 
 
 def measured(run: Run, clip: RenderedClip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

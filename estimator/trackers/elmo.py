@@ -22,7 +22,7 @@ from estimator.optimise.solution import SAMPLED, StepCounts
 from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
 from estimator.search.examples.lookup import Looked, check_elevation, looked_up
 from estimator.search.examples.lookup_picture import lookup_picture
-from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
+from estimator.search.examples.person_seen import CUES, Sight, can_be_looked_up, sees_person
 from estimator.search.examples.votes import Votes
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
@@ -87,7 +87,7 @@ class ElmoState:
 class Elmo:
     """The recipe; numbers in comments are the paper's equations.
 
-    The person is seen by depth; where there is none by the silhouette, and the pose by whatever else is looked at.
+    The person is seen by depth or, where that is not used, by the silhouette; the pose by all that is looked at.
 
     Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
@@ -117,7 +117,7 @@ class Elmo:
         """Whether it is seen where the person is; without examples, whether a frame has enough keypoints."""
         if self.needs_keypoints:
             return enough_keypoints(observation)
-        return can_be_looked_up(observation, self._stature)
+        return can_be_looked_up(observation, self._sight)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
@@ -130,7 +130,9 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        goes_on = self.settings.keep and sees_person(observation)  # from the last modes, if from nothing else
+        goes_on = self.settings.keep and sees_person(
+            observation, self._sight
+        )  # from the last modes, if from nothing else
         if not (goes_on or self.can_start(observation)):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
@@ -162,7 +164,7 @@ class Elmo:
         if not self.settings.neighbours:
             return []
         votes = self.votes if self.settings.votes else None
-        return looked_up(self.index, observation, self.settings.neighbours, self._stature, votes)
+        return looked_up(self.index, observation, self.settings.neighbours, self._sight, votes)
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
@@ -219,9 +221,10 @@ class Elmo:
         return mixture_of((mode,), np.zeros(1))
 
     @cached_property
-    def _stature(self) -> float:
-        """Of the body at rest, from the lowest landmark to the highest [m]."""
-        return float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2]))
+    def _sight(self) -> Sight:
+        """By depth where that is used; the body's height is that of its landmarks at rest."""
+        cue = next((name for name in CUES if name in self.search.model.cues.used), CUES[0])
+        return Sight(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
 
     @cached_property
     def _place(self) -> dict[int, int]:

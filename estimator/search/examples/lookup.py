@@ -11,7 +11,7 @@ from estimator.imaging.observation import Observation
 from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
-from estimator.search.examples.person_seen import PersonView, person_views
+from estimator.search.examples.person_seen import PersonView, Sight, person_views
 from estimator.search.examples.votes import Votes
 from humanoid.support.errors import InputError
 
@@ -33,16 +33,14 @@ class Looked(NamedTuple):
 
 
 def looked_up(
-    index: ExampleIndex, observation: Observation, count: int, stature: float, votes: Votes | None = None
+    index: ExampleIndex, observation: Observation, count: int, sight: Sight, votes: Votes | None = None
 ) -> list[Looked]:
     """By every camera that sees the person (see `person_views`) the `count` examples that look most like its picture;
     with votes, the `count` that several cameras choose together, each with those that it has proposed.
 
     Of several cameras those count that look down about as far as the examples' camera does, if any does.
-
-    stature [m]: of the person, see `person_views`.
     """
-    views = person_views(observation, index.side, stature)
+    views = person_views(observation, index.side, sight)
     if len(views) > 1:
         views = [v for v in views if _off(index, observation, v) <= ELEVATION] or views
     if votes is None or len(views) < 2:

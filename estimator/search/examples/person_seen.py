@@ -18,7 +18,14 @@ from estimator.imaging.standing import LEAST_SIDE, largest_part, standing_places
 from estimator.terms.upright import world_up
 
 CUES = (Depth.name, Outline.name)
-"""Of which one is needed: what a person is told from the rest of a picture by."""
+"""Of which one is needed, the first of those that are used: what a person is told from the rest of a picture by."""
+
+
+class Sight(NamedTuple):
+    """What a person is seen by: which of `CUES`, and their height [m], of use to the silhouette."""
+
+    cue: str
+    stature: float
 
 
 class PersonView(NamedTuple):
@@ -32,24 +39,21 @@ class PersonView(NamedTuple):
     description: np.ndarray
 
 
-def sees_person(observation: Observation) -> bool:
+def sees_person(observation: Observation, sight: Sight) -> bool:
     """Whether some camera has points of the person's surface, or somebody's silhouette, and a picture."""
-    return any(_shown(cues, name) for name in CUES for cues in observation.cues)
+    return any(_shown(cues, sight.cue) for cues in observation.cues)
 
 
-def can_be_looked_up(observation: Observation, stature: float) -> bool:
+def can_be_looked_up(observation: Observation, sight: Sight) -> bool:
     """Whether some camera sees the person, and where they are."""
-    return any(True for _ in _persons(observation, stature))
+    return any(True for _ in _persons(observation, sight))
 
 
-def person_views(observation: Observation, side: float, stature: float) -> list[PersonView]:
-    """Of every camera that has points of the person's surface; where none has, of every camera that has their
-    silhouette from head to feet.
-
-    side [m]: of the square that is cut out. stature [m]: of the person, see `standing_places`.
-    """
+def person_views(observation: Observation, side: float, sight: Sight) -> list[PersonView]:
+    """Of every camera that has points of the person's surface or, where it goes by that, their silhouette from head to
+    feet. side [m]: of the square that is cut out."""
     views = []
-    for c, frame, mask in _persons(observation, stature):
+    for c, frame, mask in _persons(observation, sight):
         cues = observation.cues[c]
         assert cues.picture is not None
         grey = cv2.cvtColor(cues.picture, cv2.COLOR_BGR2GRAY)
@@ -58,21 +62,20 @@ def person_views(observation: Observation, side: float, stature: float) -> list[
     return views
 
 
-def _persons(observation: Observation, stature: float) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
+def _persons(observation: Observation, sight: Sight) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
     """Number, frame at the person, and mask (H, W) bool of the cameras that know where the person is."""
     up = world_up(observation.cameras)
-    name = next((name for name in CUES if any(_shown(cues, name) for cues in observation.cues)), None)
     for c, cues in enumerate(observation.cues):
-        if name is None or not _shown(cues, name):
+        if not _shown(cues, sight.cue):
             continue
         assert cues.picture is not None
-        if name == Depth.name:
-            person: PersonPoints = cues[name]
+        if sight.cue == Depth.name:
+            person: PersonPoints = cues[Depth.name]
             frame = ViewFrame.at(person.points.places, cues.camera, up)
             yield c, frame, person.mask(cues.picture.shape)
             continue
-        mask = largest_part(cues[name].mask)
-        places = standing_places(mask, cues.camera, up, stature)
+        mask = largest_part(cues[sight.cue].mask)
+        places = standing_places(mask, cues.camera, up, sight.stature)
         if places is not None:
             yield c, ViewFrame.at(places, cues.camera, up), mask
 
