@@ -13,7 +13,7 @@ from estimator.search.examples.person_seen import PersonView
 from humanoid.kinematics.body import ROOT_JOINT, Body, PlacedBodies
 
 _AT_ONCE = 4096  # examples that are posed together
-_TYPICAL = 2000  # examples whose mean distance from a picture is the usual one
+_TYPICAL = 2000  # examples whose distances from a picture are the usual ones
 _BEYOND = 5.0  # degrees beyond the headings of the examples that a pose may turn away and still look like one of them
 
 
@@ -22,9 +22,10 @@ class Votes:
 
     A pose is another example in every camera: the one whose landmarks about their mean are nearest to its own, as that
     camera sees them (squared distances, summed). A camera's vote is by how many bits fewer than usual this example
-    differs from its picture; votes are summed. A camera from which a pose turns away farther than any example has no
-    vote on it, which counts as a usual one: so a pose of which two cameras are fairly sure goes before one of which one
-    is. Cameras are heard in the order of their names.
+    differs from its picture, in standard deviations of what is usual. A camera from which a pose turns away farther
+    than any example has no vote on it. Votes are summed and divided by the root of their number, as deviations of
+    independent measurements are (Stouffer): the plain sum would prefer the poses that many cameras may judge, the mean
+    those that one does. Cameras are heard in the order of their names.
 
     index: read. body: whose poses they are.
     """
@@ -57,7 +58,8 @@ class Votes:
             example[row], votes[row] = seen, self._votes(views[c], seen)
         _, first = np.unique(example, axis=1, return_index=True)
         first = np.sort(first)
-        best = first[np.argsort(votes.sum(axis=0)[first], kind="stable")[:count]]
+        together = votes.sum(axis=0) / np.sqrt((example >= 0).sum(axis=0))
+        best = first[np.argsort(together[first], kind="stable")[:count]]
         return [place[best[by[best] == c]] for c in range(len(views))]
 
     def examples(self, q: np.ndarray, frame: ViewFrame) -> np.ndarray:
@@ -76,10 +78,11 @@ class Votes:
     def _votes(self, view: PersonView, examples: np.ndarray) -> np.ndarray:
         """Of one camera on examples (N,), those it has none on being negative: the lower, the more alike."""
         some = np.arange(0, len(self.index.q), max(1, len(self.index.q) // _TYPICAL))
-        usual = self.index.distances(view.description, some).mean()
+        usual = self.index.distances(view.description, some)
         votes = np.zeros(len(examples))
         judged = examples >= 0
-        votes[judged] = self.index.distances(view.description, examples[judged]) - usual
+        off = self.index.distances(view.description, examples[judged]) - usual.mean()
+        votes[judged] = off / max(float(usual.std()), 1.0)
         return votes
 
     def _turned(self, placed: PlacedBodies, frame: ViewFrame) -> np.ndarray:
