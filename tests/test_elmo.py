@@ -27,7 +27,7 @@ from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_inde
 from estimator.synthesis.examples.pictures import ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import train_index
-from estimator.trackers.elmo import ElmoState
+from estimator.trackers.elmo import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
@@ -300,6 +300,36 @@ def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file
     ]
     reader.close()
     check_tracker(lambda: make_tracker(name, body, settings), frames, seed=1)
+
+
+def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -> None:
+    """It sees the same here: what is looked up is what one finds, unless cameras do not vote; both have a picture."""
+    (camera,) = load_cameras(clip.cameras).values()
+    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
+    (cues,) = reader.at(0)
+    reader.close()
+    body = Body(load_subject(clip.subject))
+
+    def seen_by(count: int, **own: Any) -> tuple[Elmo, Observation]:
+        cameras = tuple(replace(camera, name=f"{camera.name}_{k}") for k in range(count))
+        nothing = np.full((count, len(body.landmark_names), 2), np.nan)
+        observation = Observation(0, 0.0, cameras, nothing, np.zeros(nothing.shape[:2]), cues=(cues,) * count)
+        changes = {"elmo": {"index": str(file), "neighbours": 8, "rounds": 1, **own}}
+        tracker = make_tracker("elmo", body, settings_for("elmo", changes=changes))
+        assert isinstance(tracker, Elmo)
+        return tracker, observation
+
+    def looked(count: int, **own: Any) -> list[list[int]]:
+        tracker, observation = seen_by(count, **own)
+        return [look.neighbours.numbers.tolist() for look in tracker.looked(observation)]
+
+    (alone,) = looked(1)
+    assert looked(2) == [alone, []]
+    assert looked(2, votes=False) == [alone, alone]
+    tracker, observation = seen_by(2)
+    _, result = tracker.init(np.random.default_rng(0), observation)
+    assert result.extra["searches_example"] == 8
+    assert set(tracker.pictures(observation, result)) == {0, 1}
 
 
 def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip, file: Path) -> None:

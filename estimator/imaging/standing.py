@@ -8,7 +8,7 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.media.threads import one_thread
 
-LEAST_SIDE = 24  # px, of the height of a person who can be told from anything else
+LEAST_SHARE = 0.2  # of the picture's height, of a person who is told from a part of one: an arm that alone has moved
 _HEAD = 0.06  # of the height, to either side of the middle: where the head is, and no raised arm
 _FEET = 0.04  # of the height: what depth takes for the floor
 _FRONT = 0.06  # of the height: by how much what is seen of a trunk is nearer than its middle
@@ -32,10 +32,10 @@ def standing_places(mask: np.ndarray, camera: Camera, up: np.ndarray, stature: f
     known in. stature [m]: from the soles to the top of the head. The top is looked for above the middle of the person,
     so that raised arms do not count; a person who bends or sits is taken for one who is farther away.
 
-    None where their height is not seen: head or feet leave the picture, or there is next to nothing of them.
+    None where their height is not seen: head or feet leave the picture, or too little of them is there.
     """
     rows, columns = np.nonzero(mask)
-    if not len(rows) or np.ptp(rows) < LEAST_SIDE:
+    if not len(rows) or np.ptp(rows) < LEAST_SHARE * len(mask):
         return None
     step = max(1, len(rows) // _MOST)
     pixels = np.stack([columns, rows], axis=1)

@@ -130,9 +130,8 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        goes_on = self.settings.keep and sees_person(
-            observation, self._sight
-        )  # from the last modes, if from nothing else
+        # from the last modes, if from nothing else
+        goes_on = self.settings.keep and sees_person(observation, self._sight)
         if not (goes_on or self.can_start(observation)):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result

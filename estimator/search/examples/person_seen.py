@@ -10,11 +10,10 @@ import numpy as np
 
 from estimator.cues.depth.cue import Depth, PersonPoints
 from estimator.cues.silhouette.cue import Outline
-from estimator.cues.silhouette.foreground import Silhouette
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.imaging.person_view import ViewFrame, described
-from estimator.imaging.standing import LEAST_SIDE, largest_part, standing_places
+from estimator.imaging.standing import LEAST_SHARE, largest_part, standing_places
 from estimator.terms.upright import world_up
 
 CUES = (Depth.name, Outline.name)
@@ -85,5 +84,5 @@ def _shown(cues: ImageCues, name: str) -> bool:
         return False
     if name == Depth.name:
         return True
-    silhouette: Silhouette = cues[name]
-    return bool(np.count_nonzero(silhouette.mask.any(axis=1)) >= LEAST_SIDE)
+    mask = cues[name].mask
+    return bool(np.count_nonzero(mask.any(axis=1)) >= LEAST_SHARE * len(mask))
