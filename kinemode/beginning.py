@@ -44,18 +44,16 @@ def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:
     """Raise InputError where a tracker, of some name, goes by cues of which none is looked at."""
     if isinstance(tracker, GoesByCue) and not set(tracker.needed_cues) & set(cues):
         problem = f"{name} goes by {' or '.join(tracker.needed_cues)}, which is not looked at"
-        raise InputError("cues", problem, remedy="; ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))
+        raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))
 
 
 def _how_to_give(cue: Cue) -> str:
     """What makes the pictures say something of a cue."""
     if cue.needs_depth:
         return f"a pair of cameras (--stereo) or depth pictures (--depth), and --cues {cue.name}"
-    return (
-        f"--cues {cue.name},edges, which takes masks (--masks) or learns the background"
-        if cue.uses_masks
-        else f"--cues {cue.name}"
-    )
+    if cue.uses_masks:
+        return f"--cues {cue.name},edges, which takes masks (--mask) or learns the background"
+    return f"--cues {cue.name}"
 
 
 def check_capabilities(tracker: Tracker[Any], chosen: Chosen, workers: int) -> None:
