@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from estimator.cues.base import Cue
 from estimator.imaging.observation import Observation
+from estimator.likelihood.registry import CUES
 from estimator.trackers.base import Tracker
 from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
 from estimator.trackers.capabilities import GoesByCue, HasEnergy, SharesWork
@@ -39,11 +41,19 @@ def check_beginning(
 
 
 def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:
-    """Raise InputError where a tracker, of some name, goes by a cue that is not looked at."""
-    if isinstance(tracker, GoesByCue) and tracker.needed_cue not in cues:
-        option = "a pair of cameras (--stereo) or depth pictures (--depth), and --cues"
-        problem = f"{name} goes by {tracker.needed_cue}, which is not looked at"
-        raise InputError("cues", problem, remedy=f"give {option} {tracker.needed_cue}")
+    """Raise InputError where a tracker, of some name, goes by cues of which none is looked at."""
+    if isinstance(tracker, GoesByCue) and not set(tracker.needed_cues) & set(cues):
+        problem = f"{name} goes by {' or '.join(tracker.needed_cues)}, which is not looked at"
+        raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))
+
+
+def _how_to_give(cue: Cue) -> str:
+    """What makes the pictures say something of a cue."""
+    if cue.needs_depth:
+        return f"a pair of cameras (--stereo) or depth pictures (--depth), and --cues {cue.name}"
+    if cue.uses_masks:
+        return f"--cues {cue.name},edges, which takes masks (--mask) or learns the background"
+    return f"--cues {cue.name}"
 
 
 def check_capabilities(tracker: Tracker[Any], chosen: Chosen, workers: int) -> None:

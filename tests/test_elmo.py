@@ -27,7 +27,7 @@ from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_inde
 from estimator.synthesis.examples.pictures import ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import train_index
-from estimator.trackers.elmo import ElmoState
+from estimator.trackers.elmo import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
@@ -199,6 +199,13 @@ def header(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
     return change
 
 
+def recipe(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
+    def change(arrays: dict[str, np.ndarray]) -> None:
+        header(recipe=json.loads(str(arrays["header"]))["recipe"] | changes)(arrays)
+
+    return change
+
+
 BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
     "of another kind": (lambda a: a.pop("codes"), "is no index of examples"),
     "format": (header(format=7), "is an index of format 7, this kinemode reads 1"),
@@ -295,6 +302,36 @@ def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file
     check_tracker(lambda: make_tracker(name, body, settings), frames, seed=1)
 
 
+def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -> None:
+    """It sees the same here: what is looked up is what one finds, unless cameras do not vote; both have a picture."""
+    (camera,) = load_cameras(clip.cameras).values()
+    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
+    (cues,) = reader.at(0)
+    reader.close()
+    body = Body(load_subject(clip.subject))
+
+    def seen_by(count: int, **own: Any) -> tuple[Elmo, Observation]:
+        cameras = tuple(replace(camera, name=f"{camera.name}_{k}") for k in range(count))
+        nothing = np.full((count, len(body.landmark_names), 2), np.nan)
+        observation = Observation(0, 0.0, cameras, nothing, np.zeros(nothing.shape[:2]), cues=(cues,) * count)
+        changes = {"elmo": {"index": str(file), "neighbours": 8, "rounds": 1, **own}}
+        tracker = make_tracker("elmo", body, settings_for("elmo", changes=changes))
+        assert isinstance(tracker, Elmo)
+        return tracker, observation
+
+    def looked(count: int, **own: Any) -> list[list[int]]:
+        tracker, observation = seen_by(count, **own)
+        return [look.neighbours.numbers.tolist() for look in tracker.looked(observation)]
+
+    (alone,) = looked(1)
+    assert looked(2) == [alone, []]
+    assert looked(2, votes=False) == [alone, alone]
+    tracker, observation = seen_by(2)
+    _, result = tracker.init(np.random.default_rng(0), observation)
+    assert result.extra["searches_example"] == 8
+    assert set(tracker.pictures(observation, result)) == {0, 1}
+
+
 def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip, file: Path) -> None:
     psh = tracked(clip, tracker="psh", index=file)
     index = load_index(file, psh.body)
@@ -302,6 +339,26 @@ def test_psh_takes_an_example_as_it_is_and_icp_the_first_pose(clip: RenderedClip
     assert np.abs(index.q[:, ROOT_Q.stop :] - angles).max(axis=1).min() < 1e-5
     icp = tracked(clip, tracker="icp", keypoints=clip.first_frame)
     assert km.evaluate(icp, clip.truth).mpjpe < 0.06
+
+
+def test_they_go_by_the_silhouette_where_there_is_no_depth(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
+    """Edges and outline, nothing given; also where the feet leave the picture and the last modes alone go on."""
+    (folder,) = clip.masks.values()
+    for k, path in enumerate(sorted(folder.iterdir())):
+        mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if k == 3:
+            mask[np.nonzero(mask)[0].max() - 2 :] = 255
+        cv2.imwrite(str(tmp_path / path.name), mask)
+    few = {"elmo": {"neighbours": 12, "rounds": 2, "survivors": 6}}
+    how: dict[str, Any] = {"depth": None, "masks": tmp_path, "cues": "silhouette,edges", "index": file}
+    run = tracked(clip, tracker="elmo", settings=few, **how)
+    assert all(run.result(i).status != "unobserved" for i in range(len(run)))
+    assert run.result(2).extra["looked_at"] >= 12
+    assert run.result(3).extra["looked_at"] == 0
+    assert km.evaluate(run, clip.truth).mpjpe < 0.35  # from 1000 examples, and depth is a guess
+    psh = tracked(clip, tracker="psh", **how)
+    seen = [psh.result(i).status != "unobserved" for i in range(len(psh))]
+    assert seen == [True, True, True, False, True]
 
 
 def test_icp_stays_where_nobody_is_seen(clip: RenderedClip, tmp_path: Path) -> None:
@@ -318,10 +375,14 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
     cases: list[tuple[dict[str, Any], str]] = [
         (
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
-            "elmo goes by depth, which is not looked at",
+            "elmo goes by depth or silhouette, which is not looked at",
         ),
         ({"tracker": "css", "index": file, "keypoints": clip.first_frame}, "index: css looks nothing up in it"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),
+        (
+            {"tracker": "psh", "index": changed(file, tmp_path / "high.npz", recipe(elevation=50.0))},
+            "its camera looks down by 50 degrees, cam01 by [0-9]*: too little .* train-index SUBJECT --elevation",
+        ),
         ({"tracker": "elmo", "index": clip.truth}, "is no index of examples"),
         ({"tracker": "icp"}, "keypoints"),
     ]

@@ -46,9 +46,9 @@ class SharesWork(Protocol):
 
 @runtime_checkable
 class GoesByCue(Protocol):
-    """Can do nothing without one of the pictures' cues. needed_cue: its name."""
+    """Can do nothing without the pictures' cues. needed_cues: the names of those of which one is enough."""
 
-    needed_cue: str
+    needed_cues: tuple[str, ...]
 
 
 @runtime_checkable

@@ -14,7 +14,6 @@ import numpy as np
 
 from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
-from estimator.cues.depth.cue import Depth
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin
@@ -22,8 +21,10 @@ from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
 from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
 from estimator.search.examples.limbs import LimbBank, SeenPoints, seen_points
-from estimator.search.examples.lookup import Looked, looked_up, sees_person
+from estimator.search.examples.lookup import Looked, check_elevation, looked_up
 from estimator.search.examples.lookup_picture import lookup_picture
+from estimator.search.examples.person_seen import CUES, Sight, can_be_looked_up, sees_person
+from estimator.search.examples.votes import Votes
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
@@ -45,7 +46,8 @@ class ElmoSettings:
     """ELMO and its parts.
 
     index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
-    paper; 0 for none. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
+    paper; 0 for none. votes: several cameras choose these together, each voting for the others' too; without, each
+    gives as many. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
     short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
     of the starts go on from round to round. recombined: in every round but the last, searches from each of the
     `recombined_of` best poses so far with one limb as one of the examples has it, for each limb: limbs are nearly
@@ -57,6 +59,7 @@ class ElmoSettings:
 
     index: str = ""
     neighbours: int = setting(50, at_least=0)
+    votes: bool = True
     keep: bool = True
     modes: int = setting(5, at_least=1)
     rounds: int = setting(5, at_least=0)
@@ -88,11 +91,13 @@ class ElmoState:
 class Elmo:
     """The recipe; numbers in comments are the paper's equations.
 
+    The person is seen by depth or, where that is not used, by the silhouette; the pose by all that is looked at.
+
     Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
 
-    needed_cue = Depth.name
+    needed_cues = CUES
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
         self.search = search
@@ -107,11 +112,16 @@ class Elmo:
             raise InputError("elmo.index", "no index of examples is named", remedy=REMEDY)
         return load_index(self.settings.index, self.body)
 
+    @cached_property
+    def votes(self) -> Votes:
+        """What several cameras choose among the examples by."""
+        return Votes(self.index, self.body)
+
     def can_start(self, observation: Observation) -> bool:
-        """Whether the person's surface is seen; without examples, whether a frame has enough keypoints."""
+        """Whether it is seen where the person is; without examples, whether a frame has enough keypoints."""
         if self.needs_keypoints:
             return enough_keypoints(observation)
-        return sees_person(observation)
+        return can_be_looked_up(observation, self._sight)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
@@ -124,7 +134,9 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        if not (sees_person(observation) or self.can_start(observation)):
+        # from the last modes, if from nothing else
+        goes_on = self.settings.keep and sees_person(observation, self._sight)
+        if not (goes_on or self.can_start(observation)):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
         return self._searched(observation, state)
@@ -152,12 +164,16 @@ class Elmo:
 
     def looked(self, observation: Observation) -> list[Looked]:
         """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
-        count = self.settings.neighbours
-        return looked_up(self.index, observation, count) if count else []
+        if not self.settings.neighbours:
+            return []
+        votes = self.votes if self.settings.votes else None
+        return looked_up(self.index, observation, self.settings.neighbours, self._sight, votes)
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
         looks = self.looked(observation)
+        if state is None:
+            check_elevation(self.index, observation, looks)
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
@@ -213,6 +229,12 @@ class Elmo:
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))
+
+    @cached_property
+    def _sight(self) -> Sight:
+        """By depth where that is used; the body's height is that of its landmarks at rest."""
+        cue = next((name for name in CUES if name in self.search.model.cues.used), CUES[0])
+        return Sight(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
 
     @cached_property
     def _floor(self) -> np.ndarray:

@@ -71,10 +71,18 @@ class HashTables:
         fell_back = len(candidates) < min(count, len(self))
         if fell_back:
             candidates = np.arange(len(self))
-        distance = np.empty(len(candidates), np.int64)
-        _differing(self.codes, code, candidates, distance)
+        distance = self._differences(code, candidates)
         order = np.lexsort((candidates, distance))[:count]
         return Neighbours(candidates[order], distance[order], len(candidates), fell_back)
+
+    def distances(self, value: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """In how many bits some examples (K,) int64 differ from value (M,) bool, (K,) int64."""
+        return self._differences(packed(value[None])[0], numbers)
+
+    def _differences(self, code: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        distance = np.empty(len(numbers), np.int64)
+        _differing(self.codes, code, numbers, distance)
+        return distance
 
     def _keys(self, values: np.ndarray) -> np.ndarray:
         """Keys (tables, N) of values (N, M)."""

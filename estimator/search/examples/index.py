@@ -71,6 +71,10 @@ class ExampleIndex:
         """The `count` examples that look most like a description (bins,)."""
         return self.tables.nearest(self.bits.of(description[None])[0], count)
 
+    def distances(self, description: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """In how many bits some examples (K,) differ from a description (bins,), (K,) int64."""
+        return self.tables.distances(self.bits.of(description[None])[0], numbers)
+
     def poses(self, numbers: np.ndarray, frame: ViewFrame) -> np.ndarray:
         """Some examples as poses (K, nq) in the world, of a person who is seen in `frame`."""
         q = self.q[numbers].astype(np.float64)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from estimator.cues.depth.cue import Depth, PersonPoints
-from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
-from estimator.imaging.person_view import ViewFrame, described
+from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
-from estimator.terms.upright import world_up
+from estimator.search.examples.person_seen import PersonView, Sight, person_views
+from estimator.search.examples.votes import Votes
+from humanoid.support.errors import InputError
+
+ELEVATION = 15.0  # degrees by which a camera may look down more, or less, than the examples' does
+_PROPOSED = 2  # times as many poses as are kept are proposed by each of several cameras
 
 
 class Looked(NamedTuple):
@@ -29,28 +32,53 @@ class Looked(NamedTuple):
     q: np.ndarray
 
 
-def sees_person(observation: Observation) -> bool:
-    """Whether some camera has points of the person's surface and a picture."""
-    return any(_shown(cues) for cues in observation.cues)
+def looked_up(
+    index: ExampleIndex, observation: Observation, count: int, sight: Sight, votes: Votes | None = None
+) -> list[Looked]:
+    """By every camera that sees the person (see `person_views`) the `count` examples that look most like its picture;
+    with votes, the `count` that several cameras choose together, each with those that it has proposed.
+
+    Of several cameras those count that look down about as far as the examples' camera does, if any does.
+    """
+    views = person_views(observation, index.side, sight)
+    if len(views) > 1:
+        views = [v for v in views if _off(index, observation, v) <= ELEVATION] or views
+    if votes is None or len(views) < 2:
+        return [_looked(index, view, count) for view in views]
+    proposed = [_looked(index, view, _PROPOSED * count) for view in views]
+    names = [observation.cameras[view.camera].name for view in views]
+    numbers, q = [look.neighbours.numbers for look in proposed], [look.q for look in proposed]
+    kept = votes.elected(views, names, numbers, q, count)
+    return [_only(look, chosen) for look, chosen in zip(proposed, kept, strict=True)]
 
 
-def looked_up(index: ExampleIndex, observation: Observation, count: int) -> list[Looked]:
-    """By every camera that has points of the person's surface, the `count` examples that look most like its picture."""
-    up = world_up(observation.cameras)
-    looks = []
-    for c, cues in enumerate(observation.cues):
-        if not _shown(cues):
-            continue
-        person: PersonPoints = cues[Depth.name]
-        assert cues.picture is not None
-        frame = ViewFrame.at(person.points.places, cues.camera, up)
-        grey = cv2.cvtColor(cues.picture, cv2.COLOR_BGR2GRAY)
-        mask = person.mask(grey.shape)
-        description, square, where = described(grey, mask, cues.camera, frame, index.side)
-        neighbours = index.nearest(description, count)
-        looks.append(Looked(c, frame, square, where, neighbours, index.poses(neighbours.numbers, frame)))
-    return looks
+def check_elevation(index: ExampleIndex, observation: Observation, looks: Sequence[Looked]) -> None:
+    """Raise InputError where all cameras that see the person look down on them much more, or less, than the camera of
+    the examples does."""
+    off = [_off(index, observation, look) for look in looks]
+    if not off or min(off) <= ELEVATION:
+        return
+    k = int(np.argmin(off))
+    camera = observation.cameras[looks[k].camera]
+    seen = looks[k].frame.elevation(camera)
+    known = index.recipe.elevation
+    problem = f"its camera looks down by {known:.0f} degrees, {camera.name} by {seen:.0f}: too little would look alike"
+    remedy = f"kinemode train-index SUBJECT --elevation {seen:.0f} --out FILE makes one for it"
+    raise InputError("index", problem, remedy=remedy)
 
 
-def _shown(cues: ImageCues) -> bool:
-    return Depth.name in cues and cues.picture is not None
+def _off(index: ExampleIndex, observation: Observation, seen: PersonView | Looked) -> float:
+    """How far the elevation [degrees] of a camera is from that of the examples."""
+    return abs(seen.frame.elevation(observation.cameras[seen.camera]) - index.recipe.elevation)
+
+
+def _looked(index: ExampleIndex, view: PersonView, count: int) -> Looked:
+    neighbours = index.nearest(view.description, count)
+    q = index.poses(neighbours.numbers, view.frame)
+    return Looked(view.camera, view.frame, view.square, view.where, neighbours, q)
+
+
+def _only(look: Looked, chosen: np.ndarray) -> Looked:
+    """The same with some of its examples, by their places among them."""
+    numbers, distance = look.neighbours.numbers[chosen], look.neighbours.distance[chosen]
+    return look._replace(neighbours=look.neighbours._replace(numbers=numbers, distance=distance), q=look.q[chosen])

@@ -1,0 +1,88 @@
+"""The person as one camera sees them, for a look into an index: by depth, or by the silhouette alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from estimator.cues.depth.cue import Depth, PersonPoints
+from estimator.cues.silhouette.cue import Outline
+from estimator.imaging.image_cues import ImageCues
+from estimator.imaging.observation import Observation
+from estimator.imaging.person_view import ViewFrame, described
+from estimator.imaging.standing import LEAST_SHARE, largest_part, standing_places
+from estimator.terms.upright import world_up
+
+CUES = (Depth.name, Outline.name)
+"""Of which one is needed, the first of those that are used: what a person is told from the rest of a picture by."""
+
+
+class Sight(NamedTuple):
+    """What a person is seen by: which of `CUES`, and their height [m], of use to the silhouette."""
+
+    cue: str
+    stature: float
+
+
+class PersonView(NamedTuple):
+    """A person in the picture of one camera, its number: the frame at them, the cut-out (200, 200) uint8, where its
+    edges count (200, 200) bool, and their histogram (bins,)."""
+
+    camera: int
+    frame: ViewFrame
+    square: np.ndarray
+    where: np.ndarray
+    description: np.ndarray
+
+
+def sees_person(observation: Observation, sight: Sight) -> bool:
+    """Whether some camera has points of the person's surface, or somebody's silhouette, and a picture."""
+    return any(_shown(cues, sight.cue) for cues in observation.cues)
+
+
+def can_be_looked_up(observation: Observation, sight: Sight) -> bool:
+    """Whether some camera sees the person, and where they are."""
+    return any(True for _ in _persons(observation, sight))
+
+
+def person_views(observation: Observation, side: float, sight: Sight) -> list[PersonView]:
+    """Of every camera that has points of the person's surface or, where it goes by that, their silhouette from head to
+    feet. side [m]: of the square that is cut out."""
+    views = []
+    for c, frame, mask in _persons(observation, sight):
+        cues = observation.cues[c]
+        assert cues.picture is not None
+        grey = cv2.cvtColor(cues.picture, cv2.COLOR_BGR2GRAY)
+        description, square, where = described(grey, mask, cues.camera, frame, side)
+        views.append(PersonView(c, frame, square, where, description))
+    return views
+
+
+def _persons(observation: Observation, sight: Sight) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
+    """Number, frame at the person, and mask (H, W) bool of the cameras that know where the person is."""
+    up = world_up(observation.cameras)
+    for c, cues in enumerate(observation.cues):
+        if not _shown(cues, sight.cue):
+            continue
+        assert cues.picture is not None
+        if sight.cue == Depth.name:
+            person: PersonPoints = cues[Depth.name]
+            frame = ViewFrame.at(person.points.places, cues.camera, up)
+            yield c, frame, person.mask(cues.picture.shape)
+            continue
+        mask = largest_part(cues[sight.cue].mask)
+        places = standing_places(mask, cues.camera, up, sight.stature)
+        if places is not None:
+            yield c, ViewFrame.at(places, cues.camera, up), mask
+
+
+def _shown(cues: ImageCues, name: str) -> bool:
+    if name not in cues or cues.picture is None:
+        return False
+    if name == Depth.name:
+        return True
+    mask = cues[name].mask
+    return bool(np.count_nonzero(mask.any(axis=1)) >= LEAST_SHARE * len(mask))
