@@ -52,22 +52,26 @@ class Curves:
         """Of an index made so, the chosen examples being its first; made.neighbours at most `most`."""
         tables = self._made(made)
         rng = np.random.default_rng(tuple(made))
-        best, chance, looked, back, seconds = [], [], [], [], []
-        for value, away in zip(self._asked.values, self._asked.away, strict=True):
+        seconds, neighbours, drawn = [], [], []
+        for value in self._asked.values:
             begin = time.perf_counter()
-            near = tables.nearest(value, made.neighbours)
+            neighbours.append(tables.nearest(value, made.neighbours))
             seconds.append(time.perf_counter() - begin)
-            best.append(away[near.numbers].min())
-            chance.append(away[rng.choice(made.examples, made.neighbours, replace=False)].min())
-            looked.append(near.looked_at / made.examples)
-            back.append(near.fell_back)
-        nearest = self._asked.away[:, : made.examples].min(axis=1)
-        exact = self._exact_best(tables)[:, made.neighbours - 1]
-        nearest_mm, exact_mm, best_mm, by_chance, share, too_few = (
-            float(np.mean(v)) for v in (nearest, exact, best, chance, looked, back)
+            drawn.append(rng.choice(made.examples, made.neighbours, replace=False))
+        return Row(
+            made,
+            nearest=float(self._asked.away[:, : made.examples].min(axis=1).mean()),
+            exact=float(self._exact_best(tables)[:, made.neighbours - 1].mean()),
+            hashed=self._best([near.numbers for near in neighbours]),
+            chance=self._best(drawn),
+            looked_at=float(np.mean([near.looked_at for near in neighbours])) / made.examples,
+            fell_back=float(np.mean([near.fell_back for near in neighbours])),
+            query_ms=1e3 * float(np.median(seconds)),
         )
-        query_ms = 1e3 * float(np.median(seconds))
-        return Row(made, nearest_mm, exact_mm, best_mm, by_chance, share, too_few, query_ms)
+
+    def _best(self, chosen: list[np.ndarray]) -> float:
+        """Mean error of the best of those chosen for each query [mm]."""
+        return float(np.mean([away[numbers].min() for away, numbers in zip(self._asked.away, chosen, strict=True)]))
 
     def _made(self, made: Made) -> HashTables:
         """With the keys of the index, where it has as many, otherwise with others drawn anew."""

@@ -120,6 +120,17 @@ def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
     assert exact >= 18
 
 
+@pytest.mark.parametrize("count", [1, 10, 400])
+def test_all_are_compared_and_equals_keep_their_order(count: int) -> None:
+    values = np.random.default_rng(4).random((300, 12)) < 0.5  # so few bits that many are equally far
+    tables = HashTables(packed(values), np.arange(4)[None])
+    for query in values[:5] ^ True:
+        near, differing = tables.nearest_of_all(query, count), (values ^ query).sum(axis=1)
+        np.testing.assert_array_equal(near.numbers, np.lexsort((np.arange(300), differing))[:count])
+        np.testing.assert_array_equal(near.distance, differing[near.numbers])
+        assert near.looked_at == len(values)
+
+
 def test_empty_buckets_fall_back_to_all_examples() -> None:
     values = clustered(np.random.default_rng(2))
     near = hashed(values).nearest(~values[0], 5)
