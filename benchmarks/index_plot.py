@@ -37,7 +37,7 @@ def write_curves(path: Path, curves: Mapping[str, Sequence[Row]]) -> None:
         axes.set(xscale="log", xlabel=TITLES[name])
         axes.set_xticks(at, [f"{x:,}" for x in at], fontsize=7)
         axes.minorticks_off()
-        axes.set_ylim(bottom=0.0)
+    panels[0].set_ylim(bottom=0.0)
     panels[0].set_ylabel("error of the best [mm]")
     panels[0].plot([], [], "--", color=_LOOKED_AT, label="share looked at (right)")
     figure.legend(
