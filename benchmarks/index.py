@@ -28,6 +28,7 @@ from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
 _SEED = 12345  # of the queries: other bodies, clothes, light and poses than the index's
+_OPTIONS = {"examples": "--sizes", "key_bits": "--key-bits", "tables": "--tables", "neighbours": "--counts"}
 _LONGEST_KEY = 62  # bits: keys are whole numbers of 64
 
 
@@ -82,7 +83,7 @@ def main(
     changed = {
         name: [made._replace(**{name: v}) for v in some] for name, some in (values | {"neighbours": counts}).items()
     }
-    _check(changed, queries, len(whole.bits))
+    check(changed, queries, len(whole.bits))
     with one_thread():
         pictures = painted(body, whole, queries, np.random.default_rng(seed))
         histogram_ms = 1e3 * _seconds(lambda: [edge_histogram(e.grey, e.where) for e in pictures]) / queries
@@ -100,13 +101,14 @@ def main(
     save(json, {"measure": "index", **asked_for, **size, "curves": plain, "searches": [asdict(r) for r in beside]})
 
 
-def _check(changed: dict[str, list[Made]], queries: int, bits: int) -> None:
+def check(changed: dict[str, list[Made]], queries: int, bits: int) -> None:
     """Raise InputError where something that is asked for cannot be made."""
     if queries < 1:
         raise InputError("--queries", f"is {queries}", remedy="1 or more")
     longest = min(bits, _LONGEST_KEY)
-    for name, option in zip(changed, ("--sizes", "--key-bits", "--tables", "--counts"), strict=True):
-        for made in changed[name]:
+    for name, some in changed.items():
+        option = _OPTIONS[name]
+        for made in some:
             if min(made) < 1:
                 raise InputError(option, f"has {min(made)}", remedy="1 or more")
             if made.neighbours > made.examples:

@@ -3,7 +3,7 @@ are left out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from importlib.util import find_spec
 from typing import Any
 
@@ -25,15 +25,19 @@ def missing() -> list[str]:
     return [package for module, package in _PACKAGES.items() if find_spec(module) is None]
 
 
-def library_searches(codes: np.ndarray, count: int) -> dict[str, Callable[[], Search]]:
-    """What makes each search of `count` neighbours among codes (N, W) uint64, by its name."""
+def library_searches(
+    codes: np.ndarray, count: int, modules: Collection[str] = tuple(_PACKAGES)
+) -> dict[str, Callable[[], Search]]:
+    """What makes each search of `count` neighbours among codes (N, W) uint64, by its name; of the modules that are
+    installed."""
     known = np.ascontiguousarray(codes).view(np.uint8)
     made: dict[str, Callable[[], Search]] = {}
-    if find_spec("faiss") is not None:
+    here = {name for name in modules if find_spec(name) is not None}
+    if "faiss" in here:
         made["faiss flat"] = lambda: _faiss_flat(known, count)
         made[f"faiss IVF, {_PROBED} of {_LISTS} lists"] = lambda: _faiss_lists(known, count)
         made[f"faiss HNSW, {_LINKS} links"] = lambda: _faiss_graph(known, count)
-    if find_spec("pynndescent") is not None:
+    if "pynndescent" in here:
         _descent(known[:_FEW], 1)  # compiles it, which takes longer than to build an index
         made["pynndescent"] = lambda: _descent(known, count)
     return made
