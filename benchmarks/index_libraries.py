@@ -13,7 +13,7 @@ import numpy as np
 Search = Callable[[np.ndarray], np.ndarray]
 """From the bits of a query (M,) bool to the numbers of its neighbours."""
 _PACKAGES = {"faiss": "faiss-cpu", "pynndescent": "pynndescent"}
-_LISTS, _PROBED = 1024, 32  # of faiss' inverted file: about 4 sqrt(60,000), as its authors advise; those searched
+_LISTS, _PROBED = 256, 16  # of faiss' inverted file: about sqrt(60,000); of them searched
 _LINKS, _BREADTH = 32, 128  # of faiss' graph: of an example; candidates of a search
 _TO_LEARN_A_LIST = 39  # examples that faiss wants to learn the middle of a list from
 _FEW = 200
