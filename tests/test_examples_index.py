@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.imaging.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram
+from estimator.imaging.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram, edges_by_direction
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed, unpacked
 
@@ -38,22 +38,46 @@ def test_a_direction_has_no_sign() -> None:
 
 
 def test_windows_count_the_pixels_in_them() -> None:
-    """Every window against the pixels that the smallest windows, which overlap by half, have counted."""
-    rng = np.random.default_rng(0)
-    where = np.zeros((SIDE, SIDE), bool)
-    picture = np.kron(rng.integers(0, 256, (20, 20)), np.ones((10, 10))).astype(np.uint8)
-    bins = edge_histogram(picture)
-    sizes = np.split(bins, np.cumsum([(SIDE // (w // 2)) ** 2 * DIRECTIONS for w in WINDOWS])[:-1])
-    for size, counts in zip(WINDOWS, sizes, strict=True):
-        n = SIDE // (size // 2)
-        windows = counts.reshape(n, n, DIRECTIONS)
+    """Larger windows against the smallest, of which every second covers the picture once; those at the border end
+    there."""
+    picture = np.kron(np.random.default_rng(0).integers(0, 256, (10, 10)), np.ones((20, 20))).astype(np.uint8)
+    ends = np.cumsum([(SIDE // (w // 2)) ** 2 * DIRECTIONS for w in WINDOWS])[:-1]
+    by_size = [bins.reshape(-1, DIRECTIONS) for bins in np.split(edge_histogram(picture), ends)]
+    smallest = by_size[0].reshape(50, 50, DIRECTIONS)[::2, ::2].astype(int)
+    assert smallest.sum() > 1000
+    for size, bins in zip(WINDOWS[1:], by_size[1:], strict=True):
+        step, n = size // 16, SIDE // (size // 2)  # in windows of 8 px; a window is two steps
         for i, j in ((0, 0), (3, n - 1), (n - 1, 5), (n - 1, n - 1)):
-            where[:] = False
-            rows, columns = (slice(k * size // 2, k * size // 2 + size) for k in (i, j))
-            where[rows, columns] = True
-            alone = np.split(edge_histogram(picture, where), [sizes[0].size])[0].reshape(50, 50, DIRECTIONS)
-            # windows of 8 px at steps of 8 cover every pixel once
-            np.testing.assert_array_equal(windows[i, j], alone[::2, ::2].sum(axis=(0, 1)))
+            covered = smallest[i * step : (i + 2) * step, j * step : (j + 2) * step]
+            np.testing.assert_array_equal(bins.reshape(n, n, DIRECTIONS)[i, j], covered.sum(axis=(0, 1)))
+
+
+def test_the_outline_counts_where_person_and_background_are_alike() -> None:
+    where = np.zeros((SIDE, SIDE), bool)
+    where[60:140, 80:120] = True
+    even = np.full((SIDE, SIDE), 128, np.uint8)
+    assert edge_histogram(even).sum() == 0
+    horizontal, falling, vertical, rising = edges_by_direction(even, where)
+    rows, columns = np.nonzero(horizontal)  # normals: of the sides
+    assert set(columns) <= {79, 80, 119, 120}
+    assert 140 <= len(rows) <= 180
+    rows, columns = np.nonzero(vertical)
+    assert set(rows) <= {59, 60, 139, 140}
+    assert falling.sum() + rising.sum() < 20  # the corners
+
+
+def test_edges_finer_than_limbs_do_not_count() -> None:
+    assert edge_histogram(stripes(0.0, period=4.0)).sum() == 0
+    assert edge_histogram(stripes(0.0, period=24.0)).sum() > 0
+
+
+def test_edges_beside_the_person_do_not_count() -> None:
+    where = np.zeros((SIDE, SIDE), bool)
+    where[:, :100] = True
+    of_all, of_person = (np.any(edges_by_direction(stripes(0.0, 24.0), w), axis=0) for w in (None, where))
+    assert of_all[:, 110:].any()
+    assert not of_person[:, 102:].any()
+    np.testing.assert_array_equal(of_person[:, :90], of_all[:, :90])
 
 
 def test_a_picture_of_another_kind_is_refused() -> None:
@@ -118,6 +142,17 @@ def test_the_nearest_of_a_family_are_those_of_exact_search() -> None:
         assert near.looked_at < 0.2 * len(values)
         exact += set(near.numbers) == set(np.lexsort((np.arange(len(values)), differing))[:10])
     assert exact >= 18
+
+
+@pytest.mark.parametrize("count", [1, 10, 400])
+def test_all_are_compared_and_equals_keep_their_order(count: int) -> None:
+    values = np.random.default_rng(4).random((300, 12)) < 0.5  # so few bits that many are equally far
+    tables = HashTables(packed(values), np.arange(4)[None])
+    for query in values[:5] ^ True:
+        near, differing = tables.nearest_of_all(query, count), (values ^ query).sum(axis=1)
+        np.testing.assert_array_equal(near.numbers, np.lexsort((np.arange(300), differing))[:count])
+        np.testing.assert_array_equal(near.distance, differing[near.numbers])
+        assert near.looked_at == len(values)
 
 
 def test_empty_buckets_fall_back_to_all_examples() -> None:

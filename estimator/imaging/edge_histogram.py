@@ -8,7 +8,9 @@ import numpy as np
 SIDE = 200  # px of the square picture that they are made of
 DIRECTIONS = 4
 WINDOWS = (8, 16, 32)  # px, each at steps of half its size
-LEAST_CONTRAST = 20.0  # grey values across an edge, over a pixel
+_FINE = 3.0  # px, standard deviation of the smoothing: edges of clothes are finer than those of limbs, and chance
+LEAST_CONTRAST = 5.0  # grey values across an edge of the smoothed picture, over a pixel
+_FINE_OUTLINE, _LEAST_OUTLINE = 1.0, 40.0  # the same for the picture of where the person is, 0 and 255
 _SLOPE_OF_STEP = 4.0  # Sobel's answer to a step of one grey value beside it
 
 
@@ -26,7 +28,8 @@ def edge_histogram(picture: np.ndarray, where: np.ndarray | None = None) -> np.n
     size, row, column and direction. Directions are those of the edge's normal to the nearest 45 degrees, light to dark
     and dark to light the same: horizontal, falling, vertical, rising.
 
-    picture (200, 200) uint8, grey. where (200, 200) bool: only edges there count; all unless given.
+    picture (200, 200) uint8, grey. where (200, 200) bool: where the person is; only edges there count, and the outline
+    is one however alike person and background are. Without it all edges count.
 
     Raises
     ------
@@ -39,15 +42,24 @@ def edge_histogram(picture: np.ndarray, where: np.ndarray | None = None) -> np.n
 
 
 def edges_by_direction(picture: np.ndarray, where: np.ndarray | None) -> list[np.ndarray]:
-    """Masks (H, W) uint8 of the edge pixels of each direction: thin, and strong enough to be seen."""
-    dx, dy = (cv2.Sobel(picture, cv2.CV_16S, *order) for order in ((1, 0), (0, 1)))
-    strong = _SLOPE_OF_STEP * LEAST_CONTRAST
-    edges = cv2.Canny(dx, dy, 0.5 * strong, strong, L2gradient=True) > 0
+    """Masks (H, W) uint8 of the edge pixels of each direction: thin, and strong enough to be seen; see
+    `edge_histogram`."""
+    edges, dx, dy = _edges(picture, _FINE, LEAST_CONTRAST)
     if where is not None:
-        edges &= where
+        outline, *slope = _edges(where.astype(np.uint8) * np.uint8(255), _FINE_OUTLINE, _LEAST_OUTLINE)
+        edges = (edges & where) | outline
+        dx, dy = (np.where(outline, of_outline, of_all) for of_outline, of_all in zip(slope, (dx, dy), strict=True))
     angle = cv2.phase(dx.astype(np.float32), dy.astype(np.float32))
     direction = np.round(angle * (DIRECTIONS / np.pi)).astype(np.int64) % DIRECTIONS
     return [(edges & (direction == k)).astype(np.uint8) for k in range(DIRECTIONS)]
+
+
+def _edges(picture: np.ndarray, fine: float, contrast: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where there are edges (H, W) bool, and the slope along columns and rows, of a picture smoothed by `fine` [px]."""
+    smooth = cv2.GaussianBlur(picture, (0, 0), fine)
+    dx, dy = (cv2.Sobel(smooth, cv2.CV_16S, *order) for order in ((1, 0), (0, 1)))
+    strong = _SLOPE_OF_STEP * contrast
+    return cv2.Canny(dx, dy, 0.5 * strong, strong, L2gradient=True) > 0, dx, dy
 
 
 def _counts(sums: list[np.ndarray], size: int) -> np.ndarray:

@@ -12,8 +12,6 @@ from estimator.cameras.camera import Camera
 from estimator.imaging.edge_histogram import SIDE, edge_histogram
 from estimator.media.threads import one_thread
 
-_MARGIN = 1  # px of the cut-out that edges may lie beyond the mask
-
 
 @dataclass(frozen=True)
 class ViewFrame:
@@ -50,8 +48,8 @@ class ViewFrame:
 def described(
     grey: np.ndarray, mask: np.ndarray, camera: Camera, frame: ViewFrame, side: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The edge direction histogram (bins,) of a person, the cut-out (200, 200) uint8 that it is of, and where its edges
-    count, (200, 200) bool.
+    """The edge direction histogram (bins,) of a person, the cut-out (200, 200) uint8 that it is of, and where it shows
+    them, (200, 200) bool.
 
     grey (H, W) uint8, mask (H, W) bool of the person: of the camera. side [m]: of the square, at the person's depth.
     """
@@ -72,12 +70,11 @@ def square_transform(camera: Camera, frame: ViewFrame, side: float) -> np.ndarra
 def cut_out(
     grey: np.ndarray, mask: np.ndarray, camera: Camera, frame: ViewFrame, side: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The grey square (200, 200) uint8 around a person, and where it shows them or their outline, (200, 200) bool."""
+    """The grey square (200, 200) uint8 around a person, and where it shows them, (200, 200) bool."""
     to_square = square_transform(camera, frame, side)
     scale = to_square[0, 0]
     if scale < 1.0:  # pixels that fall together are averaged
         grey = cv2.GaussianBlur(grey, (0, 0), 0.5 / scale)
     square = cv2.warpAffine(grey, to_square, (SIDE, SIDE), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     shown = cv2.warpAffine(mask.astype(np.uint8), to_square, (SIDE, SIDE), flags=cv2.INTER_NEAREST)
-    size = 2 * _MARGIN + 1
-    return np.asarray(square), cv2.dilate(shown, np.ones((size, size), np.uint8)) > 0
+    return np.asarray(square), shown > 0

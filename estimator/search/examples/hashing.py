@@ -68,12 +68,23 @@ class HashTables:
             for of_table, s, k in zip(self._order, self._sorted, keys, strict=True)
         ]
         candidates = np.unique(np.concatenate(buckets)).astype(np.int64)
-        fell_back = len(candidates) < min(count, len(self))
-        if fell_back:
-            candidates = np.arange(len(self))
+        if len(candidates) < min(count, len(self)):
+            return self.nearest_of_all(value, count)._replace(fell_back=True)
+        return self._nearest_among(candidates, code, count)
+
+    def nearest_of_all(self, value: np.ndarray, count: int) -> Neighbours:
+        """The `count` examples that differ least from value (M,) bool, compared with every one; of equals the first."""
+        return self._nearest_among(np.arange(len(self)), packed(value[None])[0], count)
+
+    def _nearest_among(self, candidates: np.ndarray, code: np.ndarray, count: int) -> Neighbours:
         distance = self._differences(code, candidates)
-        order = np.lexsort((candidates, distance))[:count]
-        return Neighbours(candidates[order], distance[order], len(candidates), fell_back)
+        rank = distance * len(self) + candidates  # no two are equal
+        if count < len(rank):
+            order = np.argpartition(rank, count)[:count]
+            order = order[np.argsort(rank[order])]
+        else:
+            order = np.argsort(rank)
+        return Neighbours(candidates[order], distance[order], len(candidates), False)
 
     def distances(self, value: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """In how many bits some examples (K,) int64 differ from value (M,) bool, (K,) int64."""

@@ -22,7 +22,7 @@ from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
-FORMAT = 1
+FORMAT = 2  # another whenever equal pictures are described otherwise
 REMEDY = "train one: kinemode train-index SUBJECT --out FILE"
 _FIELDS = {
     "q": Field("f", ("N", "nq")), "codes": Field("u", ("N", "W")), "feature": Field("i", ("M",)),

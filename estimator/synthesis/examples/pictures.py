@@ -27,13 +27,13 @@ _FEET = 0.07  # m above the lowest point: what depth takes for the floor
 _GIRTH, _LENGTH = 0.07, 0.04  # standard deviations of a variant's, as shares
 _LIGHT = 0.35, 0.75  # ambient
 _UNEVEN = 30.0  # grey values
-_WIDER = 3  # px by which blocks of pixels that are compared by stereo widen a person, at most
+_WIDER = 3  # px by which blocks of pixels that are compared by stereo widen a person on a side, at most
 
 
 class Example(NamedTuple):
     """description (bins,): see `estimator.imaging.edge_histogram`. q (nq,): the pose, the root in the frame of the view
     (`ViewFrame`). landmarks (L, 3) [m]: of the pose in that frame, about their mean. grey, where (200, 200): the
-    cut-out, and where its edges count."""
+    cut-out, and where it shows the person."""
 
     description: np.ndarray
     q: np.ndarray
@@ -144,9 +144,10 @@ def _background(rng: np.random.Generator) -> np.ndarray:
 
 
 def _as_seen(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A mask (H, W) bool as depth tells it: wider than the person by some pixels."""
-    side = 2 * int(rng.integers(0, _WIDER + 1)) + 1
-    return cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    """A mask (H, W) bool as depth tells it: wider than the person by some pixels, on each side by others."""
+    left, right, above, below = (int(px) for px in rng.integers(0, _WIDER + 1, 4))
+    block = np.ones((above + below + 1, left + right + 1), np.uint8)
+    return cv2.dilate(mask.astype(np.uint8), block, anchor=(left, above)) > 0
 
 
 def _seen_places(nearness: np.ndarray, camera: Camera) -> np.ndarray:

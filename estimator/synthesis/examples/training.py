@@ -16,7 +16,7 @@ from estimator.media.threads import one_thread
 from estimator.parallel.pool import Workers, worker_pool
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed
-from estimator.search.examples.index import ExampleIndex, IndexRecipe
+from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
 from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from humanoid.kinematics.body import Body, points_in_world
@@ -52,7 +52,7 @@ def train_index(
     _check(subject, recipe)
     body = Body(subject)
     painting = Painting(subject.urdf, subject.source, subject.base, recipe, _side(body, recipe))
-    kept = _Kept(parts, repr(painting))
+    kept = _Kept(parts, f"{FORMAT}{painting!r}")
     counts = [-(-recipe.pairs // PAIRS_AT_ONCE), -(-recipe.examples // EXAMPLES_AT_ONCE)]
     told = _Told(progress, sum(counts))
     with worker_pool(painting, processes) as workers:
