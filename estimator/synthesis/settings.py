@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from humanoid.support.errors import InputError
@@ -31,7 +32,8 @@ class SceneSettings:
     shutter: share of the time between frames for which the shutter is open; 0 freezes the motion. sub_frames: pictures
         averaged over that time.
     lens_blur [px]: standard deviation of the lens's blur. noise: of the sensor, in grey values.
-    occluder: what stands between the first camera and the person.
+    occluder: what stands between the first camera and the person. hidden [s]: from when until when (that instant not
+        included) a screen before every camera hides the person wholly, as ((1.0, 2.0), (4.5, 5.0)).
     pan, shake [px]: how far the moving background swings slowly, and trembles.
 
     Raises
@@ -50,6 +52,7 @@ class SceneSettings:
     lens_blur: float = 0.0
     noise: float = 2.5
     occluder: str = "none"
+    hidden: Sequence[tuple[float, float]] = ()
     pan: float = 40.0
     shake: float = 1.5
 
@@ -59,6 +62,16 @@ class SceneSettings:
         _chosen("occluder", self.occluder, OCCLUDERS)
         for name, (low, high) in _RANGES.items():
             in_range(name, getattr(self, name), low, high)
+        for span in self.hidden:
+            if len(span) != 2 or not (math.isfinite(span[1]) and 0.0 <= span[0] < span[1]):
+                shown = ":".join(f"{moment:g}" for moment in span)
+                raise InputError(
+                    "hidden", f"is {shown}", remedy="seconds FROM:TO, of which FROM is 0 or more, TO later"
+                )
+
+    def hides(self, time: float) -> bool:
+        """Whether the person is hidden at a time [s]."""
+        return any(begin <= time < end for begin, end in self.hidden)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import Flag
+from kinemode.commands.options import Files, Flag
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
@@ -40,6 +40,7 @@ def render(
     seconds: float | None = None,
     seed: int = 0,
     occluder: Literal["none", "post", "box"] = "none",
+    hidden: Files = None,
     noise: float = 2.5,
     shutter: float = 0.0,
     lens_blur: float = 0.0,
@@ -59,7 +60,7 @@ def render(
 
     kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
 
-    kinemode render --motion reach --background textured --stereo 0.12 --depth --out pair
+    kinemode render --motion reach --background textured --stereo 0.12 --depth --hidden 1.0:2.0 --out pair
 
     Parameters
     ----------
@@ -85,6 +86,8 @@ def render(
         Of the scene, the clothes, the sensor's noise and the keypoints' errors.
     occluder
         What stands between the first camera and the person.
+    hidden
+        FROM:TO in seconds: a screen before every camera hides the person from then until before that.
     noise
         Of the sensor, in grey values.
     shutter
@@ -108,9 +111,15 @@ def render(
         Also write the exact depth of every pixel, as 16-bit PNG in millimetres.
     """
     import kinemode as km
+    from kinemode.inputs.declared import spans
 
     scene = km.SceneSettings(
-        background=background, occluder=occluder, noise=noise, shutter=shutter, lens_blur=lens_blur
+        background=background,
+        occluder=occluder,
+        hidden=spans(hidden or ()),
+        noise=noise,
+        shutter=shutter,
+        lens_blur=lens_blur,
     )
     km.render(
         out,

@@ -67,6 +67,16 @@ class Declared:
         return start, end
 
 
+def spans(given: Iterable[str]) -> tuple[tuple[float, float], ...]:
+    """Spans of time [s] that are written as FROM:TO; raises InputError for others."""
+    return tuple(value_of(text, "--hidden", _span, "seconds FROM:TO, as 1.0:2.0") for text in given)
+
+
+def _span(value: Any) -> tuple[float, float]:
+    begin, end = map(_seconds, str(value).split(":"))
+    return begin, end
+
+
 def _size(value: Any) -> Size:
     if isinstance(value, str):
         written = _SIZE.fullmatch(value)
