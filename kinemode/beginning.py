@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from estimator.imaging.observation import Observation
+from estimator.search.settings import BY_INDEX
 from estimator.trackers.base import Tracker
 from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
 from estimator.trackers.capabilities import GoesByCue, HasEnergy, SharesWork
@@ -38,9 +39,15 @@ def check_beginning(
         raise InputError("cues", problem, remedy="give the clips and let their pictures be looked at (--cues)")
 
 
+def check_start(tracker: Tracker[Any], chosen: Chosen) -> None:
+    """Raise InputError where a tracker is to begin by an index and cannot."""
+    if chosen.settings.search.start == BY_INDEX and tracker.needs_keypoints:
+        raise InputError("start", f"{chosen.tracker} begins by keypoints alone", remedy="leave it out")
+
+
 def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:
     """Raise InputError where a tracker, of some name, goes by a cue that is not looked at."""
-    if isinstance(tracker, GoesByCue) and tracker.needed_cue not in cues:
+    if isinstance(tracker, GoesByCue) and tracker.needed_cue not in (None, *cues):
         option = "a pair of cameras (--stereo) or depth pictures (--depth), and --cues"
         problem = f"{name} goes by {tracker.needed_cue}, which is not looked at"
         raise InputError("cues", problem, remedy=f"give {option} {tracker.needed_cue}")

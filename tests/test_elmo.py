@@ -284,7 +284,7 @@ def test_a_state_is_stored_to_the_last_bit() -> None:
 @pytest.mark.parametrize("name", BY_DEPTH)
 def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file: Path) -> None:
     (camera,) = load_cameras(clip.cameras).values()
-    settings = settings_for(name, changes={"elmo": {"index": str(file), "neighbours": 6}})
+    settings = settings_for(name, changes={"search": {"index": str(file)}, "elmo": {"neighbours": 6}})
     reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
     body = Body(load_subject(clip.subject))
     nothing = np.full((1, len(body.landmark_names), 2), np.nan)
@@ -320,7 +320,7 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
             "elmo goes by depth, which is not looked at",
         ),
-        ({"tracker": "css", "index": file, "keypoints": clip.first_frame}, "index: css looks nothing up in it"),
+        ({"tracker": "css-paper", "index": file, "keypoints": clip.first_frame}, "index: css-paper looks nothing up"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),
         ({"tracker": "elmo", "index": clip.truth}, "is no index of examples"),
         ({"tracker": "icp"}, "keypoints"),

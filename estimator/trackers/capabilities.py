@@ -46,9 +46,12 @@ class SharesWork(Protocol):
 
 @runtime_checkable
 class GoesByCue(Protocol):
-    """Can do nothing without one of the pictures' cues. needed_cue: its name."""
+    """May be able to do nothing without one of the pictures' cues. needed_cue: its name, None where it needs none."""
 
-    needed_cue: str
+    @property
+    def needed_cue(self) -> str | None:
+        """See above."""
+        ...
 
 
 @runtime_checkable

@@ -20,52 +20,58 @@ from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin
 from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
-from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
 from estimator.search.examples.lookup import Looked, looked_up, sees_person
 from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
+from estimator.search.from_examples import Descent, descended, example_starts
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
-from estimator.search.settings import BY_VOLUME
-from estimator.trackers.beginning import enough_keypoints
+from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
+from estimator.trackers.beginning import Begins, enough_keypoints
 from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.body import Body
-from humanoid.support.errors import InputError
+from humanoid.support.idle import idle_where
 from humanoid.support.settings import check, setting
+
+_USUAL = Descent()
 
 
 @dataclass(frozen=True)
 class ElmoSettings:
     """ELMO and its parts.
 
-    index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
-    paper; 0 for none. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
-    short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
-    of the starts go on from round to round. recombined: searches from the best pose so far with one limb as one of the
-    examples has it, the best of all looked at: limbs are nearly independent, and few examples are near in all of them;
-    0 for none, as in the paper. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may
-    change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since
-    the last frame in which the person was seen.
+    neighbours: examples of the index (`search.index`) that a frame is searched from, 50 in the paper; 0 for none. keep:
+    search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of each
+    start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go on
+    from round to round. recombined: searches from the best pose so far with one limb as one of the examples has it, the
+    best of all looked at: limbs are nearly independent, and few examples are near in all of them; 0 for none, as in the
+    paper. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may change at least, as standard
+    deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since the last frame in which the
+    person was seen.
     """
 
-    index: str = ""
-    neighbours: int = setting(50, at_least=0)
+    neighbours: int = setting(_USUAL.neighbours, at_least=0)
     keep: bool = True
     modes: int = setting(5, at_least=1)
-    rounds: int = setting(3, at_least=0)
-    survivors: int = setting(16, at_least=1)
-    recombined: int = setting(8, at_least=0)
+    rounds: int = setting(_USUAL.rounds, at_least=0)
+    survivors: int = setting(_USUAL.survivors, at_least=1)
+    recombined: int = setting(_USUAL.recombined, at_least=0)
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
     root_slide_floor: float = setting(0.1, above=0)
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def descent(self) -> Descent:
+        """Those of them that say how modes are searched from examples."""
+        return Descent(self.neighbours, self.rounds, self.survivors, self.recombined)
 
 
 @dataclass(frozen=True)
@@ -81,37 +87,26 @@ class ElmoState:
         return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
 
 
-class Elmo:
+class Elmo(Begins):
     """The recipe; numbers in comments are the paper's equations.
 
     Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
 
-    needed_cue = Depth.name
+    @property
+    def needed_cue(self) -> str:
+        """See `estimator.trackers.capabilities.GoesByCue`."""
+        return Depth.name
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
         self.search = search
         self.body: Body = search.body
         self.settings = settings or ElmoSettings()
-        self.needs_keypoints = self.settings.neighbours == 0
-
-    @cached_property
-    def index(self) -> ExampleIndex:
-        """The examples, read when they are first asked for; raises InputError where there are none."""
-        if not self.settings.index:
-            raise InputError("elmo.index", "no index of examples is named", remedy=REMEDY)
-        return load_index(self.settings.index, self.body)
-
-    def can_start(self, observation: Observation) -> bool:
-        """Whether the person's surface is seen; without examples, whether a frame has enough keypoints."""
-        if self.needs_keypoints:
-            return enough_keypoints(observation)
-        return sees_person(observation)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        if self.needs_keypoints:
+        if self.needs_keypoints or not self.settings.neighbours:
             mixture = start_modes(self.search, rng, observation, self.settings.modes)
             return self._judged(observation, mixture, None)
         return self._searched(observation, None)
@@ -120,7 +115,7 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        if not (sees_person(observation) or self.can_start(observation)):
+        if not (sees_person(observation) or (not self.settings.neighbours and enough_keypoints(observation))):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
         return self._searched(observation, state)
@@ -143,13 +138,13 @@ class Elmo:
         shown: dict[int, CuePicture] = {}
         for look in self.looked(observation):
             cues = observation.cues[look.camera]
-            shown[look.camera] = lookup_picture(self.body, anatomy, self.index.side, cues, look, modes)
+            shown[look.camera] = lookup_picture(self.body, anatomy, self.search.examples.side, cues, look, modes)
         return shown
 
     def looked(self, observation: Observation) -> list[Looked]:
         """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
         count = self.settings.neighbours
-        return looked_up(self.index, observation, count) if count else []
+        return looked_up(self.search.examples, observation, count) if count else []
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
@@ -162,38 +157,17 @@ class Elmo:
         return self._judged(observation, self._weighed(likely, state, observation.time), told)  # 6
 
     def _starts(self, looks: Sequence[Looked], state: ElmoState | None) -> list[Hypothesis]:
-        starts = [Hypothesis(self.body.clamp(q), 0, Origin(Family.EXAMPLE)) for look in looks for q in look.q]
+        starts = example_starts(self.body, looks)
         if state is not None and self.settings.keep:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts
 
     def _modes(self, starts: Sequence[Hypothesis], looks: Sequence[Looked], case: FrameCase) -> Mixture:
-        """The best distinct modes of the likelihood that are reached from the starts: how many reach one does not
-        count. Points are paired with the body anew in every round, as in ICP, and only the best go on."""
-        s, search = self.settings, self.search
-        if s.rounds == 0:
+        """The best distinct modes of the likelihood that are reached from the starts."""
+        if self.settings.rounds == 0:
             return self._likeliest(starts, case)
-        candidates = search.explored(starts, case)
-        for left in reversed(range(s.rounds - 1)):
-            best = search.distinct(candidates, s.survivors)
-            again = [c.hypothesis._replace(q=c.q) for c in best]
-            if left == s.rounds - 2 and s.recombined:
-                again += search.screened(self._recombined(best[0].q, looks), case, s.recombined)
-            candidates = search.explored(again, case)
-        return search.best_of(candidates, case, s.modes)
-
-    def _recombined(self, q: np.ndarray, looks: Sequence[Looked]) -> list[Hypothesis]:
-        """A pose with one of its limbs as one of the examples has it, for all limbs and examples."""
-        hypotheses = []
-        for limb in self.search.jumps.limbs:
-            if not set(limb.dofs.tolist()) <= self._place.keys():
-                continue
-            places = [self._place[dof] for dof in limb.dofs.tolist()]
-            for example in (pose for look in looks for pose in look.q):
-                other = q.copy()
-                other[places] = example[places]
-                hypotheses.append(Hypothesis(self.body.clamp(other), 0, Origin(Family.EXAMPLE)))
-        return hypotheses
+        candidates = descended(self.search, starts, looks, case, self.settings.descent)
+        return self.search.best_of(candidates, case, self.settings.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -202,11 +176,6 @@ class Elmo:
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))
-
-    @cached_property
-    def _place(self) -> dict[int, int]:
-        """Where degrees of freedom with limits have their angles in q."""
-        return dict(zip(self.body.bounded_v.tolist(), self.body.bounded_q.tolist(), strict=True))
 
     @cached_property
     def _floor(self) -> np.ndarray:
@@ -252,14 +221,16 @@ _OWN: dict[str, Any] = {
 does not have, only hold what depth does not show."""
 
 
-def _spec(name: str, sentence: str, settings: ElmoSettings) -> Spec:
+def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDEX) -> Spec:
     return Spec(
         name=name,
         sentence=sentence,
         make=by_search(Elmo),
         group="elmo",
         settings=settings,
-        defaults=together(FROM_A_PAPER, _OWN),
+        defaults=together(FROM_A_PAPER, _OWN, {"search": {"start": start}}),
+        idle=(idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),),
+        looks_up=lambda own: own.neighbours > 0,
         shares_work=lambda own: True,
     )
 
@@ -275,5 +246,6 @@ SPECS = (
         "icp",
         "one search from the last pose (ELMO section 4)",
         ElmoSettings(modes=1, neighbours=0, rounds=8, survivors=1),
+        BY_KEYPOINTS,
     ),
 )
