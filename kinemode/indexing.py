@@ -48,6 +48,11 @@ def write_index(
     return out
 
 
+def painting_seconds(recipe: IndexRecipe) -> float:
+    """About how long an index takes one core [s]."""
+    return (recipe.examples + 2 * recipe.pairs) * _SECONDS_EACH
+
+
 def beginning(chosen: Chosen, start: str | None) -> Chosen:
     """A tracker's settings with what its first pose comes from, where that is said."""
     if start is None:
@@ -104,7 +109,7 @@ def _cached(subject: Subject, progress: Reporter) -> Path:
     for root in cache_roots():
         if (path := root / name).is_file():
             return path
-    minutes = (recipe.examples + 2 * recipe.pairs) * _SECONDS_EACH / 60.0
+    minutes = painting_seconds(recipe) / 60.0
     said = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
     warnings.warn(f"{said}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
     folder = next(filter(_takes_files, cache_roots()), None) or Path(tempfile.mkdtemp(prefix="kinemode-"))

@@ -71,8 +71,9 @@ class CssSettings:
         penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs
         that have lost their image, so keypoints of the whole person make a quarter of them enough.
     examples: modes reached from examples that look like the picture, where an index is given (`search.index`), with the
-        penalty example_penalty. lost_examples: instead, where the parents' own continuations explain less than half of
-        what is seen, as after an occlusion; then the whole budget is spent.
+        penalty example_penalty. lost_examples: instead, where nothing was seen in the frame before, or the parents' own
+        continuations explain less than half of what is seen; then the whole budget is spent. Besides, with an index
+        the change that is penalised is that since the person was last seen, not since the frame before.
     """
 
     modes: int = setting(7, at_least=1)
@@ -136,16 +137,18 @@ class CovarianceScaledSampling(Begins, CarriesMixture):
         self, rng: np.random.Generator, state: MixtureState, observation: Observation
     ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
+        elapsed, by_index = observation.time - state.time, bool(self.search.settings.index)
         if not observable(observation):
-            return carried(self.search, state.mixture, observation.time - state.time, observation)
+            after, result = carried(self.search, state.mixture, elapsed, observation)
+            return replace(after, unseen=state.unseen + elapsed if by_index else 0.0), result
         prior = state.mixture
         likelihood = self.search.likelihood(observation, prior.modes[0].q)
-        case = FrameCase(self.search.associations(observation), observation.time - state.time, likelihood)
+        case = FrameCase(self.search.associations(observation), elapsed + state.unseen, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
         candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
-        looks_up = bool(self.search.settings.index) and sees_person(observation)
-        lost = looks_up and self._lost(candidates, case, observation)
+        looks_up = by_index and sees_person(observation)
+        lost = looks_up and (state.unseen > 0.0 or self._lost(candidates, case, observation))
         doubt = 1.0 if lost else 1.0 - float(prior.weights[0])
         left = self.settings.budget.left(len(candidates), _rise(candidates, prior), doubt)
         sources = self._sources(proposals, observation)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.formats.checked_arrays import (
+    DamageError,
     Field,
     check_arrays,
     check_configurations,
@@ -44,10 +45,12 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class MixtureState:
-    """A mixture and the time [s] it belongs to."""
+    """A mixture and the time [s] it belongs to. unseen [s]: for how long by then nothing had been seen, for trackers
+    that go by it."""
 
     mixture: Mixture
     time: float
+    unseen: float = 0.0
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
@@ -63,6 +66,7 @@ class MixtureState:
             "status": np.array([m.status for m in modes], dtype=np.str_),
             "association": np.array([m.association for m in modes], dtype=np.str_),
             **{name: np.array([getattr(m, name) for m in modes]) for name in _NUMBERS},
+            **({"unseen": np.array(self.unseen)} if self.unseen else {}),
         }
 
     @staticmethod
@@ -89,7 +93,10 @@ class MixtureState:
             )
             for k in range(len(arrays["weights"]))
         )
-        return MixtureState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]))
+        unseen = float(arrays.get("unseen", 0.0))
+        if not 0.0 <= unseen < np.inf:
+            raise DamageError(f"unseen for {unseen:g} s")
+        return MixtureState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]), unseen)
 
 
 class CarriesMixture:

@@ -5,15 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from humanoid.support.errors import InputError
 from kinemode.commands.options import Files, Flag
 
 
-def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
+def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
     """Render a short clip with known motion, track it from one camera, and show the errors.
 
     Writes overlay.mp4, preview.html and contact_sheet.png.
 
-    Example: kinemode demo --out demo-out
+    Examples:
+
+    kinemode demo --out demo-out
+
+    kinemode demo --occlusion --out occlusion-out
 
     Parameters
     ----------
@@ -21,7 +26,19 @@ def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
         Folder for the clip, the run and the pictures.
     seed
         Seed of the tracker's random numbers.
+    occlusion
+        Instead: a screen hides the person for a while, who is found again by depth and an index of examples, no pose
+        given; writes overlay.mp4 and contact_sheet.png.
+    index
+        With --occlusion: the index of examples of human34; a small one is made in the folder unless given.
     """
+    if occlusion:
+        from kinemode.demo_occlusion import run_occlusion_demo
+
+        run_occlusion_demo(out, seed=seed, index=index)
+        return
+    if index is not None:
+        raise InputError("index", "the demonstration looks nothing up in it", remedy="leave it out, or --occlusion")
     from kinemode.demo import run_demo
 
     run_demo(out, seed=seed)
