@@ -40,9 +40,10 @@ def check_beginning(
 
 
 def check_start(tracker: Tracker[Any], chosen: Chosen) -> None:
-    """Raise InputError where a tracker is to begin by an index and cannot."""
-    if chosen.settings.search.start == BY_INDEX and tracker.needs_keypoints:
-        raise InputError("start", f"{chosen.tracker} begins by keypoints alone", remedy="leave it out")
+    """Raise InputError where a tracker is to begin by an index and does not."""
+    begins = isinstance(tracker, GoesByCue) and tracker.needed_cue is not None and not tracker.needs_keypoints
+    if chosen.settings.search.start == BY_INDEX and not begins:
+        raise InputError("start", f"{chosen.tracker} does not begin by an index", remedy="leave it out")
 
 
 def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:

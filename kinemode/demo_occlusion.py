@@ -34,9 +34,8 @@ RECIPE = IndexRecipe(examples=4000, pairs=1000, variants=8)
 
 
 class Recovery(NamedTuple):
-    """Mean errors over the limb joints of the likeliest hypothesis, in the world, nothing aligned [mm]: in the last frame
-    in which the person was seen, the first in which they are seen again, the third, and over all in which they are
-    seen."""
+    """Mean errors over the limb joints of the likeliest hypothesis, in the world, nothing aligned [mm]: in the last
+    frame in which the person was seen, the first in which they are seen again, the third, and over all of these."""
 
     before: float
     after: float
@@ -76,9 +75,9 @@ def run_occlusion_demo(
     )  # fmt: skip
     result = recovery(run, clip)
     console.print(
-        f"a screen hides the person from {HIDDEN[0]:g} to {HIDDEN[1]:g} s, no pose is given. Mean error of the joints in the"
-        f" world: {result.before:.0f} mm in the last frame before the screen, {result.after:.0f} mm in the first after it,"
-        f" {result.third:.0f} mm in the third, {result.seen:.0f} mm over all in which the person is seen"
+        f"a screen hides the person from {HIDDEN[0]:g} to {HIDDEN[1]:g} s, no pose is given. Mean error of the joints:"
+        f" {result.before:.0f} mm in the last frame before the screen, {result.after:.0f} mm in the first after it,"
+        f" {result.third:.0f} mm in the third, {result.seen:.0f} mm over all in which the person is seen (in the world)"
     )
     console.print("\nlook at:")
     with progress("overlay") as report_progress:

@@ -80,7 +80,9 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
     choice = cue_choice(wanted.cues)
     chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
     check_workers(chosen, checked_count(wanted.workers))
-    chosen = with_index(beginning(chosen, wanted.start), loaded, wanted.index, wanted.progress)
+    chosen = beginning(chosen, wanted.start)
+    check_start(make_tracker(chosen.tracker, Body(loaded), chosen.settings), chosen)
+    chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
     # gone with this function unless the run keeps it
     temporary = TemporaryFolder() if wanted.out is None else None
     path = temporary.path / "track.run" if temporary is not None else Path(cast(PathLike, wanted.out))
@@ -114,7 +116,6 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
     body = Body(subject)
     tracker = make_tracker(job.tracker, body, job.settings)
     check_capabilities(tracker, job.chosen, job.workers)
-    check_start(tracker, job.chosen)
     check_cue(tracker, job.tracker, names_of(chosen))
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:

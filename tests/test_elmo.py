@@ -43,16 +43,15 @@ SMALL = IndexRecipe(examples=1000, pairs=200, variants=2, tables=10, key_bits=12
 UP = np.array([0.0, 0.0, 1.0])
 
 
-@pytest.fixture(scope="module")
-def index() -> ExampleIndex:
-    return train_index(load_subject("human34"), SMALL)
+@pytest.fixture
+def index(small_index: ExampleIndex) -> ExampleIndex:
+    assert small_index.recipe == SMALL
+    return small_index
 
 
-@pytest.fixture(scope="module")
-def file(index: ExampleIndex, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("index") / "index.npz"
-    index.save(path)
-    return path
+@pytest.fixture
+def file(small_index_file: Path) -> Path:
+    return small_index_file
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 130.0])
