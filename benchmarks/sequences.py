@@ -18,9 +18,9 @@ from benchmarks.kept_runs import kept_clip
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
+from estimator.synthesis import SceneSettings
 from estimator.synthesis.motion_keys import motion_named
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import spans
 from kinemode.pictures import cue_choice
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
@@ -165,7 +165,7 @@ def main(
         if index is None or "arm" in motions:
             remedy = "give --index, made by kinemode train-index human34, and --motions pivot turn_reach"
             raise InputError("--start", "takes an index of human34, which an arm is not", remedy=remedy)
-        begins = Beginning(index, spans(hidden))
+        begins = Beginning(index, SceneSettings(hidden=hidden).spans)
         how["cues"] = ",".join(dict.fromkeys(("depth", *chosen)))
     with work_folder(work) as folder:
         tasks = [Task(m, s, seconds, plate, folder, how, begins=begins) for m in motions for s in seeds]

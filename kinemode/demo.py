@@ -13,6 +13,7 @@ from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
+from humanoid.support.errors import InputError
 from kinemode.public.tracking import track
 from kinemode.rendering.files import RenderedClip, Wanted
 from kinemode.rendering.shot import Draws, Shot, write_shot
@@ -107,6 +108,19 @@ def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progr
     for path in pictures:
         console.print(f"  {path}", soft_wrap=True)
     return result
+
+
+def shown(out: str | Path, seed: int = 0, *, occlusion: bool = False, index: str | Path | None = None) -> None:
+    """What `kinemode demo` does: `run_demo`, or that of a person whom a screen hides, by an index of examples where one
+    is given. Raises InputError for an index that is not looked at, and as these do."""
+    if occlusion:
+        from kinemode.demo_occlusion import run_occlusion_demo  # it has the body from here
+
+        run_occlusion_demo(out, seed, index=index)
+        return
+    if index is not None:
+        raise InputError("index", "the demonstration looks nothing up in it", remedy="leave it out, or --occlusion")
+    run_demo(out, seed)
 
 
 def _draw(run: Run, folder: Path, progress: Reporter) -> list[Path]:

@@ -128,7 +128,7 @@ def test_the_command_renders_any_scene(background: str, tmp_path: Path) -> None:
         (["--noise", "-1"], "noise: is -1"),
         (["--girth", "3"], "girth: is 3"),
         (["--cameras", "0"], "cameras: is 0"),
-        (["--hidden", "1.0"], "--hidden: '1.0' cannot be used (seconds FROM:TO"),
+        (["--hidden", "1.0"], "hidden: is 1.0 (seconds FROM:TO"),
         (["--hidden", "1:0.5"], "hidden: is 1:0.5"),
     ],
 )

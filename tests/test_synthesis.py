@@ -294,7 +294,7 @@ def _surfaces(body: Body, q: np.ndarray) -> np.ndarray:
         (lambda: SceneSettings(background="sea"), "one of room, textured, pillar, black, moving"),
         (lambda: SceneSettings(shutter=1.5), "shutter: is 1.5"),
         (lambda: SceneSettings(noise=float("nan")), "noise"),
-        (lambda: SceneSettings(hidden=[(2.0, 1.0)]), "hidden: is 2:1"),
+        (lambda: SceneSettings(hidden=[(2.0, 1.0)]), "hidden: is 2.0:1.0"),
         (lambda: ViewSettings(count=0), "cameras"),
         (lambda: ViewSettings(image_size=(641, 480)), "even"),
         (lambda: DetectorSettings(missing_fraction=2.0), "missing_fraction"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from humanoid.support.errors import InputError
 from kinemode.commands.options import Files, Flag
 
 
@@ -32,16 +31,9 @@ def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False
     index
         With --occlusion: the index of examples of human34; a small one is made in the folder unless given.
     """
-    if occlusion:
-        from kinemode.demo_occlusion import run_occlusion_demo
+    from kinemode.demo import shown
 
-        run_occlusion_demo(out, seed=seed, index=index)
-        return
-    if index is not None:
-        raise InputError("index", "the demonstration looks nothing up in it", remedy="leave it out, or --occlusion")
-    from kinemode.demo import run_demo
-
-    run_demo(out, seed=seed)
+    shown(out, seed, occlusion=occlusion, index=index)
 
 
 def render(
@@ -128,12 +120,11 @@ def render(
         Also write the exact depth of every pixel, as 16-bit PNG in millimetres.
     """
     import kinemode as km
-    from kinemode.inputs.declared import spans
 
     scene = km.SceneSettings(
         background=background,
         occluder=occluder,
-        hidden=spans(hidden or ()),
+        hidden=hidden or (),
         noise=noise,
         shutter=shutter,
         lens_blur=lens_blur,

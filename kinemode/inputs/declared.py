@@ -73,16 +73,6 @@ def moment(start: float | str | None) -> tuple[float | None, str | None]:
     return (None, BY_INDEX) if isinstance(start, str) and start == BY_INDEX else (start, None)  # type: ignore[return-value]
 
 
-def spans(given: Iterable[str]) -> tuple[tuple[float, float], ...]:
-    """Spans of time [s] that are written as FROM:TO; raises InputError for others."""
-    return tuple(value_of(text, "--hidden", _span, "seconds FROM:TO, as 1.0:2.0") for text in given)
-
-
-def _span(value: Any) -> tuple[float, float]:
-    begin, end = map(_seconds, str(value).split(":"))
-    return begin, end
-
-
 def _size(value: Any) -> Size:
     if isinstance(value, str):
         written = _SIZE.fullmatch(value)

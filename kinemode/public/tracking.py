@@ -123,20 +123,9 @@ def track(
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
-        cues,
-        tracker,
-        modes,
-        settings,
-        seed,
-        fit,
-        out,
-        resume,
-        overwrite,
-        workers,
-        progress or unreported,
-        index=index,
-        start=start_by,
-    )
+        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
+        index=index, start=start_by,
+    )  # fmt: skip
     return jobs.track_subject(loaded, files, wanted)
 
 
