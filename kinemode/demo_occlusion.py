@@ -14,7 +14,7 @@ from estimator.results.run_file import Run
 from estimator.search.examples.index import IndexRecipe
 from estimator.synthesis import SceneSettings, ViewSettings
 from humanoid.subject.subject import load_subject
-from kinemode.demo import demo_subject
+from kinemode.demo_person import demo_subject
 from kinemode.indexing import painting_seconds, write_index
 from kinemode.public.tracking import track
 from kinemode.rendering.clip import render_clip
