@@ -56,7 +56,7 @@ SEQUENCES = {
 @dataclass(frozen=True)
 class Filmed:
     """A sequence as it is rendered: frames at `fps`, the distance between the cameras [m], the size of the pictures,
-    and where clips are kept."""
+    where clips are kept, and from when until when [s] a screen hides the person."""
 
     name: str
     frames: int
@@ -65,12 +65,14 @@ class Filmed:
     fps: float = FPS
     baseline: float = 0.12
     size: tuple[int, int] = (320, 240)
+    hidden: tuple[tuple[float, float], ...] = ()
 
     @property
     def clip_folder(self) -> Path:
         """Where its clip is."""
         how = f"{self.frames}_{self.fps:g}_{self.baseline:g}_{self.size[0]}"
-        return self.folder / f"{self.name}_{how}"
+        when = "".join(f"_{begin:.2f}-{end:.2f}" for begin, end in self.hidden)
+        return self.folder / f"{self.name}_{how}{when}"
 
 
 def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
@@ -82,7 +84,7 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
         body = Body(subject or person())
         q = there_and_back(body, task.data / "mocap" / f"{sequence.motion}.bvh", task.frames, task.fps)
         view = ViewSettings(azimuth=sequence.azimuth, image_size=task.size, baseline=task.baseline, fill=0.85)
-        _write(folder, body, q, task.fps, view, close=sequence.close)
+        _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden)
         tell(f"{task.name}: rendered")
 
     return kept_clip(task.clip_folder, render)
@@ -98,7 +100,14 @@ def filmed_poses(folder: Path, body: Body, q: np.ndarray, baseline: float) -> Re
 
 
 def _write(
-    folder: Path, body: Body, q: np.ndarray, fps: float, view: ViewSettings, *, close: bool = False
+    folder: Path,
+    body: Body,
+    q: np.ndarray,
+    fps: float,
+    view: ViewSettings,
+    *,
+    close: bool = False,
+    hidden: tuple[tuple[float, float], ...] = (),
 ) -> RenderedClip:
     """Render a motion (T, nq) before a textured room."""
     surface = surface_of(body, nodes=500)
@@ -107,7 +116,7 @@ def _write(
     cameras = tuple(_nearer(camera) for camera in cameras) if close else cameras
     keypoints, room, *sensors = [np.random.default_rng((_SEED, k)) for k in range(2 + len(cameras))]
     shot = Shot(
-        body, q, np.arange(len(q)) / fps, fps, cameras, SceneSettings(background="textured"),
+        body, q, np.arange(len(q)) / fps, fps, cameras, SceneSettings(background="textured", hidden=hidden),
         place_of(points, float(points[..., 2].min())),
     )  # fmt: skip
     return write_shot(folder, shot, Draws(keypoints, room, sensors), DetectorSettings(), wanted=Wanted())

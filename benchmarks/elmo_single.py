@@ -21,6 +21,7 @@ from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
+from estimator.search.examples.known import Examples
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.trackers.elmo import Elmo
 from estimator.tracking.registry import make_tracker, settings_for
@@ -84,9 +85,9 @@ def main(
     """
     body = Body(person())
     settings = settings_for("elmo", changes=nested(changes))
-    tracker = make_tracker("elmo", body, replace(settings, own=replace(settings.own, index=str(index))))
+    tracker = make_tracker("elmo", body, replace(settings, search=replace(settings.search, index=str(index))))
     assert isinstance(tracker, Elmo)
-    known, rows = tracker.index, []
+    known, rows = tracker.search.examples.index, []
     sampler = PoseSampler(body, headings=known.recipe.headings, legs=known.recipe.legs)
     rng = np.random.default_rng(_SEED)
     q = np.array([sampler.draw(rng) for _ in range(poses)])
@@ -97,7 +98,7 @@ def main(
     for count in counts:
         for name, chosen in (("neighbours", known), ("random examples", AtRandom(**vars(known)))):
             tracker.settings = replace(tracker.settings, neighbours=count)
-            tracker.__dict__["index"] = chosen
+            tracker.search.__dict__["examples"] = Examples(chosen, body, tracker.search.sight)
             rows.append(searched(tracker, name, count, frames, true))
             tell(f"{name}, {count}: median {np.median(rows[-1].error):.0f} mm")
     show(rows)

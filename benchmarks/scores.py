@@ -181,15 +181,15 @@ def track_errors(names: tuple[str, ...], points: np.ndarray, truth: np.ndarray, 
 
 
 def trajectories(run: Run, truth: Reference) -> dict[str, TrackErrors]:
-    """Errors of a run from one camera, by `TRAJECTORIES`: smoothed; the best of each frame as it was tracked; of each
-    frame's K hypotheses the one whose joints are nearest."""
+    """Errors of a run, in the image those in its first camera, by `TRAJECTORIES`: smoothed; the best of each frame as
+    it was tracked; of each frame's K hypotheses the one whose joints are nearest."""
     pairs = paired(run.body.landmark_names, run.time, truth)
     names, ours, true = pairs.shared.names, pairs.shared.ours, pairs.truth_of_frames(len(run.time))
     modes = run.mode_landmarks[:, :, ours]
     distance = mpjpe(modes, true[:, None])
     nearest = np.where(np.isnan(distance), np.inf, distance).argmin(axis=1)
     chosen = (run.landmarks[:, ours], modes[:, 0], modes[np.arange(len(modes)), nearest])
-    (camera,) = run.header.cameras
+    camera = run.header.cameras[0]
     return {name: track_errors(names, points, true, camera) for name, points in zip(TRAJECTORIES, chosen, strict=True)}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,12 +10,17 @@ import numpy as np
 from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, start, tell, work_folder
+from benchmarks.beginnings import Beginning, begun
+from benchmarks.beginnings import verdict as verdict_on
+from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, tell, work_folder
+from benchmarks.common import start as run_command
 from benchmarks.kept_runs import kept_clip
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
 from estimator.results.run_file import Run
+from estimator.synthesis import SceneSettings
 from estimator.synthesis.motion_keys import motion_named
+from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
@@ -31,7 +36,7 @@ class Task:
 
     seconds: only so much of the motion. plate: whether the empty scene is given. folder: of all clips, which are kept
     there, a folder each. how: arguments of `timed_track`. detected: track from a detector's keypoints in every frame
-    instead of the first frame's and the pictures.
+    instead of the first frame's and the pictures. begins: by an index instead, before a stereo pair.
     """
 
     motion: str
@@ -41,6 +46,7 @@ class Task:
     folder: Path
     how: dict[str, Any]
     detected: bool = False
+    begins: Beginning | None = None
 
     @property
     def label(self) -> str:
@@ -49,7 +55,8 @@ class Task:
     @property
     def clip_folder(self) -> Path:
         """Where its clip is."""
-        return clip_folder(self.folder, self.motion, self.clip_seed, self.seconds, not self.detected)
+        name = self.motion + (self.begins.name if self.begins else "")
+        return clip_folder(self.folder, name, self.clip_seed, self.seconds, not self.detected)
 
 
 def clip_folder(folder: Path, name: str, seed: int, seconds: float | None, videos: bool = True) -> Path:
@@ -65,8 +72,9 @@ def rendered(task: Task) -> RenderedClip:
 
     def render(folder: Path) -> None:
         km.render(
-            folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected
-        )
+            folder, task.motion, fps=FPS[task.motion], seconds=seconds, seed=task.clip_seed, videos=not task.detected,
+            **(task.begins.rendered if task.begins else {}),
+        )  # fmt: skip
         tell(f"{task.label}: rendered")
 
     return kept_clip(task.clip_folder, render)
@@ -77,6 +85,8 @@ def track_clip(task: Task, clip: RenderedClip, out: Path, **more: Any) -> tuple[
     how: dict[str, Any] = {"subject": clip.subject, "fit": "off"} | task.how | more
     if task.detected:
         return timed_track(clip.keypoints, clip.cameras, out, **how)
+    if task.begins:
+        return timed_track(None, clip.cameras, out, clips=clip.videos, **how | task.begins.tracked)
     plates = clip.plates if task.plate else None
     return timed_track(clip.first_frame, clip.cameras, out, clips=clip.videos, background=plates, **how)
 
@@ -89,7 +99,10 @@ def tracked(task: Task) -> Outcome:
     tell(
         f"{task.label}: {len(run)} frames tracked at {scored.fps:.1f} a second, {scored.errors['smoothed'].mean:.1f} mm"
     )
-    return scored
+    if task.begins is None:
+        return scored
+    said = verdict_on(begun(run, clip.truth, FPS[task.motion], task.begins.hidden))
+    return replace(scored, notes=(*scored.notes, said))
 
 
 def main(
@@ -99,6 +112,9 @@ def main(
     seconds: float | None = None,
     cues: str = ",".join(CUES),
     background: Literal["learned", "plate"] = "learned",
+    start: Literal["joints", "index"] = "joints",
+    index: Path | None = None,
+    hidden: tuple[str, ...] = (),
     seed: int = 0,
     modes: int = 7,
     changes: Changes = (),
@@ -107,6 +123,8 @@ def main(
     json: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
     """Track the rendered arm, pivoting body and turning body from the joints of their first frames and the pictures.
+
+    With --start index the bodies (human34, by depth of a stereo pair too) are given no pose.
 
     Parameters
     ----------
@@ -120,6 +138,12 @@ def main(
         Some of edges, flow and silhouette, separated by commas.
     background
         Learned from the clip, or a picture of the empty scene is given.
+    start
+        What the first pose comes from.
+    index
+        Index of examples of human34, for --start index.
+    hidden
+        FROM:TO in seconds, with --start index: a screen hides the person.
     seed
         Seed of the tracker.
     modes
@@ -136,8 +160,15 @@ def main(
     chosen = cue_choice(cues) or ()
     how = {"cues": ",".join(chosen) or "off", "seed": seed, "modes": modes, "settings": nested(changes)}
     plate = background == "plate" and "silhouette" in chosen
+    begins = None
+    if start == "index":
+        if index is None or "arm" in motions:
+            remedy = "give --index, made by kinemode train-index human34, and --motions pivot turn_reach"
+            raise InputError("--start", "takes an index of human34, which an arm is not", remedy=remedy)
+        begins = Beginning(index, SceneSettings(hidden=hidden).spans)
+        how["cues"] = ",".join(dict.fromkeys(("depth", *chosen)))
     with work_folder(work) as folder:
-        tasks = [Task(m, s, seconds, plate, folder, how) for m in motions for s in seeds]
+        tasks = [Task(m, s, seconds, plate, folder, how, begins=begins) for m in motions for s in seeds]
         outcomes = in_processes(tracked, tasks, jobs)
     by_motion: dict[str, dict[int, Outcome]] = {}
     for task, scored in zip(tasks, outcomes, strict=True):
@@ -175,4 +206,4 @@ def verdict(motion: str, errors: list[TrackErrors]) -> str:
 
 
 if __name__ == "__main__":
-    start(main)
+    run_command(main)

@@ -8,6 +8,7 @@ from typing import Any
 from estimator.cues.base import Cue
 from estimator.imaging.observation import Observation
 from estimator.likelihood.registry import CUES
+from estimator.search.settings import BY_INDEX
 from estimator.trackers.base import Tracker
 from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
 from estimator.trackers.capabilities import GoesByCue, HasEnergy, SharesWork
@@ -40,9 +41,16 @@ def check_beginning(
         raise InputError("cues", problem, remedy="give the clips and let their pictures be looked at (--cues)")
 
 
+def check_start(tracker: Tracker[Any], chosen: Chosen) -> None:
+    """Raise InputError where a tracker is to begin by an index and does not."""
+    begins = isinstance(tracker, GoesByCue) and bool(tracker.needed_cues) and not tracker.needs_keypoints
+    if chosen.settings.search.start == BY_INDEX and not begins:
+        raise InputError("start", f"{chosen.tracker} does not begin by an index", remedy="leave it out")
+
+
 def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:
     """Raise InputError where a tracker, of some name, goes by cues of which none is looked at."""
-    if isinstance(tracker, GoesByCue) and not set(tracker.needed_cues) & set(cues):
+    if isinstance(tracker, GoesByCue) and tracker.needed_cues and not set(tracker.needed_cues) & set(cues):
         problem = f"{name} goes by {' or '.join(tracker.needed_cues)}, which is not looked at"
         raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))
 

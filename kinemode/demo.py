@@ -12,7 +12,8 @@ from estimator.results.evaluation import Evaluation, evaluate
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
-from humanoid.subject.subject import Subject, load_subject
+from humanoid.support.errors import InputError
+from kinemode.demo_person import demo_subject
 from kinemode.public.tracking import track
 from kinemode.rendering.files import RenderedClip, Wanted
 from kinemode.rendering.shot import Draws, Shot, write_shot
@@ -26,23 +27,6 @@ from viz.preview.page import write_html
 FPS = 30.0
 CAMERA = "front_right"  # the one that is tracked from
 _CLIP_SEED = 34  # the clip stays the same; the seed a user gives is the tracker's
-
-# other lengths than the built-in subject's but hardly another stature: one camera cannot see absolute size
-PROPORTIONS = {
-    "left_hip_flexion": 1.03,
-    "left_clavicle_elevation": 0.97,
-    "left_shoulder_elevation": 1.05,
-    "left_elbow_flexion": 1.04,
-    "left_wrist": 0.97,
-    "left_knee_flexion": 1.04,
-    "left_ankle_dorsiflexion": 0.98,
-    "skull": 1.02,
-}
-
-
-def demo_subject() -> Subject:
-    """The person in the clip: human34 with other proportions."""
-    return load_subject("human34").scaled(PROPORTIONS)
 
 
 def make_clip(
@@ -107,6 +91,19 @@ def run_demo(out: str | Path, seed: int = 0, *, frames: int | None = None, progr
     for path in pictures:
         console.print(f"  {path}", soft_wrap=True)
     return result
+
+
+def shown(out: str | Path, seed: int = 0, *, occlusion: bool = False, index: str | Path | None = None) -> None:
+    """What `kinemode demo` does: `run_demo`, or that of a person whom a screen hides, by an index of examples where one
+    is given. Raises InputError for an index that is not looked at, and as these do."""
+    if occlusion:
+        from kinemode.demo_occlusion import run_occlusion_demo  # it has the body from here
+
+        run_occlusion_demo(out, seed, index=index)
+        return
+    if index is not None:
+        raise InputError("index", "the demonstration looks nothing up in it", remedy="leave it out, or --occlusion")
+    run_demo(out, seed)
 
 
 def _draw(run: Run, folder: Path, progress: Reporter) -> list[Path]:

@@ -14,7 +14,9 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from estimator.search.examples.index import FORMAT, IndexRecipe, check_index
-from estimator.synthesis.examples.training import train_index
+from estimator.search.settings import BY_INDEX
+from estimator.synthesis.examples.training import check_flesh, train_index
+from estimator.tracking.registry import TRACKERS
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.compiled_folder import cache_roots
@@ -46,29 +48,59 @@ def write_index(
     return out
 
 
+def painting_seconds(recipe: IndexRecipe) -> float:
+    """About how long an index takes one core [s]."""
+    return (recipe.examples + 2 * recipe.pairs) * _SECONDS_EACH
+
+
+def beginning(chosen: Chosen, start: str | None) -> Chosen:
+    """A tracker's settings with what its first pose comes from, where that is said."""
+    if start is None:
+        return chosen
+    search = replace(chosen.settings.search, start=start)
+    return replace(chosen, settings=replace(chosen.settings, search=search))
+
+
+def uses_index(chosen: Chosen) -> bool:
+    """Whether a tracker makes use of an index that is given."""
+    return _needs_index(chosen) or TRACKERS[chosen.tracker].may_look_up(chosen.settings.own)
+
+
+def index_unused(chosen: Chosen) -> InputError:
+    """The error of an index that is given to a tracker that makes no use of it."""
+    remedy = "leave it out, begin by it (--start index), or --tracker elmo"
+    return InputError("index", f"{chosen.tracker} looks nothing up in it", remedy=remedy)
+
+
+def _needs_index(chosen: Chosen) -> bool:
+    own, search = chosen.settings.own, chosen.settings.search
+    return search.start == BY_INDEX or TRACKERS[chosen.tracker].looks_up(own)
+
+
 def with_index(chosen: Chosen, subject: Subject, given: str | Path | None, progress: Reporter) -> Chosen:
     """A tracker's settings with the index that it looks poses up in: the file given, the one its settings name, or the
-    one of the subject in the cache, which is trained where it is not there.
+    one of the subject in the cache, which is trained where it is not there. A tracker that can do without, and for
+    which none is named, gets none.
 
     Raises
     ------
     InputError: an index for a tracker that looks nothing up; one that does not suit the subject.
     """
-    own = chosen.settings.own
-    uses = getattr(own, "index", None) is not None and own.neighbours > 0
-    if given is not None and not uses:
-        raise InputError("index", f"{chosen.tracker} looks nothing up in it", remedy="leave it out, or --tracker elmo")
-    if not uses:
+    search = chosen.settings.search
+    if given is not None and not uses_index(chosen):
+        raise index_unused(chosen)
+    named = (given or search.index) if uses_index(chosen) else None
+    if not named and not _needs_index(chosen):
         return chosen
-    path = Path(given or own.index or _cached(subject, progress)).absolute()
+    path = Path(named or _cached(subject, progress)).absolute()
     check_index(path, Body(subject))
-    settings = replace(chosen.settings, own=replace(own, index=str(path)))
-    return replace(chosen, settings=settings)
+    return replace(chosen, settings=replace(chosen.settings, search=replace(search, index=str(path))))
 
 
 def _cached(subject: Subject, progress: Reporter) -> Path:
     """The index of a subject by the default recipe; one with the coordinates of a built-in one, fitted to whomever, has
     that of the built-in one, whose pictures are of people of all sizes."""
+    check_flesh(subject)  # before minutes are spent on the built-in one's
     names = Body(subject).q_names
     alike = (built_in for built_in in map(load_subject, BUILT_IN) if Body(built_in).q_names == names)
     known = next(alike, subject)
@@ -78,7 +110,7 @@ def _cached(subject: Subject, progress: Reporter) -> Path:
     for root in cache_roots():
         if (path := root / name).is_file():
             return path
-    minutes = (recipe.examples + 2 * recipe.pairs) * _SECONDS_EACH / 60.0
+    minutes = painting_seconds(recipe) / 60.0
     said = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
     warnings.warn(f"{said}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
     folder = next(filter(_takes_files, cache_roots()), None) or Path(tempfile.mkdtemp(prefix="kinemode-"))

@@ -35,11 +35,12 @@ from kinemode.beginning import (
     check_capabilities,
     check_cue,
     check_keypoints,
+    check_start,
     note_on_beginning,
     notes_on_fit,
 )
 from kinemode.findings import diagnosed
-from kinemode.indexing import with_index
+from kinemode.indexing import beginning, with_index
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.inputs.named import PathLike
@@ -71,6 +72,7 @@ class TrackOptions:
     progress: Reporter = unreported
     estimates: Mapping[int, PoseEstimate] = field(default_factory=dict)
     index: PathLike | None = None
+    start: str | None = None
 
 
 def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> Run:
@@ -78,6 +80,8 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
     choice = cue_choice(wanted.cues)
     chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
     check_workers(chosen, checked_count(wanted.workers))
+    chosen = beginning(chosen, wanted.start)
+    check_start(make_tracker(chosen.tracker, Body(loaded), chosen.settings), chosen)
     chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
     # gone with this function unless the run keeps it
     temporary = TemporaryFolder() if wanted.out is None else None

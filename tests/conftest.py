@@ -65,6 +65,26 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 @pytest.fixture(scope="session")
+def small_index() -> Any:
+    """An index of examples of human34 that is soon made."""
+    from estimator.search.examples.index import IndexRecipe
+    from estimator.synthesis.examples.training import train_index
+    from humanoid.subject.subject import load_subject
+
+    return train_index(
+        load_subject("human34"), IndexRecipe(examples=1000, pairs=200, variants=2, tables=10, key_bits=12)
+    )
+
+
+@pytest.fixture(scope="session")
+def small_index_file(small_index: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its file, which nobody changes."""
+    path = tmp_path_factory.mktemp("index") / "index.npz"
+    small_index.save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
 def valid() -> Mapping[str, list[Mapping[str, bytes]]]:
     """Valid files of every kind, see `benchmarks.fuzz_corpus.corpus`; a run of one subject is among them."""
     from benchmarks.fuzz_corpus import corpus  # every other test does without

@@ -79,6 +79,8 @@ def test_the_nearest_thing_as_large_as_a_person_is_chosen() -> None:
     shares = {name: part.mean() for name, part in zip(things, np.split(mine, ends[:-1]), strict=True)}
     assert shares == {"ball": 0.0, "person": 1.0, "hand": 1.0, "behind": 0.0, "wall": 0.0}
     assert not nearest_thing(points_at(things["wall"]), np.full(6000, 4e-4), UP, 0.1).any()
+    np.testing.assert_array_equal(nearest_thing(points_at(places), area, UP, 0.1, pixels=4000), mine)
+    assert not nearest_thing(points_at(places), area, UP, 0.1, pixels=2000).any()  # nobody fills a picture
     assert not nearest_thing(points_at(np.zeros((0, 3))), np.zeros(0), UP, 0.1).any()
 
 

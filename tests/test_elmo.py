@@ -43,16 +43,15 @@ SMALL = IndexRecipe(examples=1000, pairs=200, variants=2, tables=10, key_bits=12
 UP = np.array([0.0, 0.0, 1.0])
 
 
-@pytest.fixture(scope="module")
-def index() -> ExampleIndex:
-    return train_index(load_subject("human34"), SMALL)
+@pytest.fixture
+def index(small_index: ExampleIndex) -> ExampleIndex:
+    assert small_index.recipe == SMALL
+    return small_index
 
 
-@pytest.fixture(scope="module")
-def file(index: ExampleIndex, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("index") / "index.npz"
-    index.save(path)
-    return path
+@pytest.fixture
+def file(small_index_file: Path) -> Path:
+    return small_index_file
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 130.0])
@@ -291,7 +290,7 @@ def test_a_state_is_stored_to_the_last_bit() -> None:
 @pytest.mark.parametrize("name", BY_DEPTH)
 def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file: Path) -> None:
     (camera,) = load_cameras(clip.cameras).values()
-    settings = settings_for(name, changes={"elmo": {"index": str(file), "neighbours": 6}})
+    settings = settings_for(name, changes={"search": {"index": str(file)}, "elmo": {"neighbours": 6}})
     reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
     body = Body(load_subject(clip.subject))
     nothing = np.full((1, len(body.landmark_names), 2), np.nan)
@@ -314,7 +313,7 @@ def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -
         cameras = tuple(replace(camera, name=f"{camera.name}_{k}") for k in range(count))
         nothing = np.full((count, len(body.landmark_names), 2), np.nan)
         observation = Observation(0, 0.0, cameras, nothing, np.zeros(nothing.shape[:2]), cues=(cues,) * count)
-        changes = {"elmo": {"index": str(file), "neighbours": 8, "rounds": 1, **own}}
+        changes = {"search": {"index": str(file)}, "elmo": {"neighbours": 8, "rounds": 1, **own}}
         tracker = make_tracker("elmo", body, settings_for("elmo", changes=changes))
         assert isinstance(tracker, Elmo)
         return tracker, observation
@@ -377,7 +376,7 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
             "elmo goes by depth or silhouette, which is not looked at",
         ),
-        ({"tracker": "css", "index": file, "keypoints": clip.first_frame}, "index: css looks nothing up in it"),
+        ({"tracker": "css-paper", "index": file, "keypoints": clip.first_frame}, "index: css-paper looks nothing up"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),
         (
             {"tracker": "psh", "index": changed(file, tmp_path / "high.npz", recipe(elevation=50.0))},

@@ -128,6 +128,8 @@ def test_the_command_renders_any_scene(background: str, tmp_path: Path) -> None:
         (["--noise", "-1"], "noise: is -1"),
         (["--girth", "3"], "girth: is 3"),
         (["--cameras", "0"], "cameras: is 0"),
+        (["--hidden", "1.0"], "hidden: is 1.0 (seconds FROM:TO"),
+        (["--hidden", "1:0.5"], "hidden: is 1:0.5"),
     ],
 )
 def test_what_cannot_be_rendered_is_one_line(
@@ -137,6 +139,15 @@ def test_what_cannot_be_rendered_is_one_line(
     error = capsys.readouterr().err
     assert told in error
     assert len(error.strip().splitlines()) == 1
+
+
+def test_who_is_hidden_has_neither_keypoints_nor_mask(tmp_path: Path) -> None:
+    out = tmp_path / "clip"
+    view = ["--background", "black", "--hidden", "0.04:0.12", "--seconds", "0.2", "--fps", "25", "--masks"]
+    assert front.main(["render", *view, "--out", str(out)]) == 0
+    seen = load_keypoints(out / "keypoints" / "cam01.json").confidence.any(axis=1)
+    masked = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE).any() for path in sorted((out / "masks/cam01").iterdir())]
+    assert seen.tolist() == masked == [True, False, False, True, True]
 
 
 def test_a_fixed_floor_is_below_and_a_moving_background_has_no_plate(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from estimator.imaging.stereo import StereoPair
 from estimator.results.evaluation import limit_violations
 from estimator.results.reference_motion import Reference
 from estimator.synthesis import (
@@ -224,6 +225,39 @@ def test_an_occluder_hides_part_of_the_body_and_touches_none(body: Body, q: np.n
         np.testing.assert_array_equal(picture[inner], renderers[kind].plate(0)[inner])
 
 
+@pytest.mark.parametrize("background", ["textured", "moving"])
+def test_a_screen_hides_the_person_from_every_camera_and_changes_no_other_picture(
+    body: Body, q: np.ndarray, background: str
+) -> None:
+    """What stereo sees of it lies in one plane."""
+    points, posed = _surfaces(body, q[::15]), body.at(q[40])
+    cameras = framing_cameras(points, ViewSettings(count=2, baseline=0.12, image_size=(160, 120)))
+    place = place_of(points, 0.0)
+    hidden, plain = (
+        Renderer(body, cameras, np.random.default_rng(0), SceneSettings(background, hidden=spans, noise=0.0), place)
+        for spans in ([(1.0, 2.0)], ())
+    )
+    for c, camera in enumerate(cameras):
+        for time in (0.9, 1.0, 1.9, 2.0):
+            seen = hidden.frame(posed, c, np.random.default_rng(0), time)
+            maps = hidden.maps(posed, c, time)
+            if time in (0.9, 2.0):
+                np.testing.assert_array_equal(seen, plain.frame(posed, c, np.random.default_rng(0), time))
+                assert maps.mask.any()
+                continue
+            np.testing.assert_array_equal(seen, hidden.frame(body.at(q[0]), c, np.random.default_rng(0), time))
+            assert not maps.mask.any()
+            assert cv2.Laplacian(cv2.cvtColor(seen, cv2.COLOR_BGR2GRAY), cv2.CV_64F).std() > 10.0
+            np.testing.assert_allclose(maps.depth, maps.depth[0, 0])
+            assert 0.5 < maps.depth[0, 0] < 0.5 * np.linalg.norm(camera.centre_world[:2] - place.centre)
+    left, right = (hidden.frame(posed, c, np.random.default_rng(0), 1.0) for c in (0, 1))
+    if background == "textured":
+        depth = StereoPair(*cameras[:2]).depth(left, right)
+        assert np.isfinite(depth).mean() > 0.6
+        away = np.abs(depth - hidden.maps(posed, 0, 1.0).depth)[np.isfinite(depth)]
+        assert np.percentile(away, 95) < 0.05
+
+
 def test_a_moving_background_moves_and_nothing_else_does(body: Body, q: np.ndarray) -> None:
     cameras, settings = scene_cameras()[:1], SceneSettings(background="moving", noise=0.0)
     renderer, posed = Renderer(body, cameras, np.random.default_rng(0), settings), body.at(q[20])
@@ -260,6 +294,7 @@ def _surfaces(body: Body, q: np.ndarray) -> np.ndarray:
         (lambda: SceneSettings(background="sea"), "one of room, textured, pillar, black, moving"),
         (lambda: SceneSettings(shutter=1.5), "shutter: is 1.5"),
         (lambda: SceneSettings(noise=float("nan")), "noise"),
+        (lambda: SceneSettings(hidden=[(2.0, 1.0)]), "hidden: is 2.0:1.0"),
         (lambda: ViewSettings(count=0), "cameras"),
         (lambda: ViewSettings(image_size=(641, 480)), "even"),
         (lambda: DetectorSettings(missing_fraction=2.0), "missing_fraction"),

@@ -1,4 +1,4 @@
-"""First poses from keypoints: no manual initialisation."""
+"""First poses from keypoints, or from an index of examples: no manual initialisation."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.search.frame_search import FrameCase
+from estimator.search.from_examples import example_modes
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
+from estimator.search.settings import BY_INDEX
 from estimator.search.views import view_sphere
 from humanoid.kinematics.body import Body
 
@@ -21,13 +23,15 @@ SCALE = 8.0**0.5
 
 
 def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
-    """The `count` best modes of one frame.
+    """The `count` best modes of one frame; from an index where `ModeSearchSettings.start` says so (`example_modes`).
 
     A free root is placed for every heading and pitch (`estimator.search.views`); a fixed one is tried at rest and at
     random configurations within the limits. Where one camera alone sees the body, the limbs of these first modes are
     also tried at their other depths, which headings alone do not reach. Then samples are drawn about what was reached,
     see `ModeSearchSettings.start_samples`; where there are pictures its covariance holds what they say.
     """
+    if search.settings.start == BY_INDEX:
+        return example_modes(search, rng, observation, count)
     associations = search.associations(observation)
     case = FrameCase(associations)
     starts = [Hypothesis(q, k) for q in _starts(search.body, rng, observation) for k in range(len(associations))]

@@ -12,6 +12,7 @@ from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.frame_search import FrameCase
+from estimator.search.from_examples import Descent, example_starts
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
@@ -37,6 +38,7 @@ class ProposalSettings(NamedTuple):
     momentum: float
     jump_penalty: float
     limb_penalty: float
+    example_penalty: float
 
 
 class Proposals:
@@ -59,7 +61,7 @@ class Proposals:
         observation: Observation,
     ) -> None:
         self._search, self._limb, self._settings, self._rng = search, limb, settings, rng
-        self._prior, self._case = prior, case
+        self._prior, self._case, self._observation = prior, case, observation
         self._camera = only_camera(observation)
         names = [association.name for association in case.associations]
         # the association that continues each mode's; the first where the frame has not that of the parent
@@ -116,6 +118,20 @@ class Proposals:
             return []
         propose = partial(self._search.jumps.exchange, self._rng, camera=self._camera)
         return self._jumped(count, self._settings.limb_penalty, Family.LIMB_EXCHANGE, propose)
+
+    def examples(self, count: int) -> list[Hypothesis]:
+        """What an index of examples says of the pictures: of those that look like them the best of all looked at,
+        first searched without a past, then as jumps of the whole body from the best parent."""
+        search = self._search
+        starts = example_starts(search.body, search.examples.looked(self._observation, Descent().neighbours))
+        led = search.explored(search.screened(starts, self._case, count), self._case)
+        paid = self._settings.example_penalty if self._settings.transition else 0.0
+        best, hypotheses = int(np.argmax(self._prior.weights)), []
+        for candidate in search.distinct(led, count):
+            origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None), paid)
+            h = self._continued(best, candidate.q, candidate.hypothesis.association, origin)
+            hypotheses.append(h._replace(prior_score=h.prior_score - paid))
+        return hypotheses
 
     def _parents(self, count: int) -> np.ndarray:
         return self._rng.choice(len(self._prior.modes), size=count, p=self._prior.weights)

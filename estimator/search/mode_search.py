@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +17,9 @@ from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import StepCounts
 from estimator.parallel.pool import OneProcess, Workers
 from estimator.search.association import AS_DETECTED, EXCHANGED, Association
+from estimator.search.examples.index import REMEDY, load_index
+from estimator.search.examples.known import Examples
+from estimator.search.examples.person_seen import CUES, Sight
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
@@ -24,6 +28,7 @@ from estimator.search.volumes import importance_log_volumes
 from estimator.terms.reprojection import Reprojection
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.subject.landmarks import mirror_index
+from humanoid.support.errors import InputError
 
 Scored = TypeVar("Scored", Candidate, Refined)
 
@@ -48,6 +53,19 @@ class ModeSearch:
         self.steps = StepCounts()
         self._distance = self.settings.distinct * body_size(self.body)
         self._frame: FrameSearch | None = None
+
+    @cached_property
+    def sight(self) -> Sight:
+        """What a person is looked up by: depth where that is used; the height is that of the landmarks at rest."""
+        cue = next((name for name in CUES if name in self.model.cues.used), CUES[0])
+        return Sight(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
+
+    @cached_property
+    def examples(self) -> Examples:
+        """Those of the index, read when they are first asked for; raises InputError where there is none."""
+        if not self.settings.index:
+            raise InputError("search.index", "no index of examples is named", remedy=REMEDY)
+        return Examples(load_index(self.settings.index, self.body), self.body, self.sight)
 
     def associated(self, observation: Observation, association: str) -> Observation:
         """A frame's keypoints, each at the landmark that an association (its name, see `Mode`) assigns it to."""

@@ -9,6 +9,7 @@ from estimator.optimise.qp import PROXQP, STEP_SOLVERS
 from estimator.optimise.seek import SeekSettings
 from humanoid.support.settings import check, setting
 
+BY_KEYPOINTS, BY_INDEX = STARTS = ("keypoints", "index")
 BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importance")
 
 
@@ -16,6 +17,8 @@ BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importan
 class ModeSearchSettings:
     """How modes are found.
 
+    start: what the first pose comes from: "keypoints", or "index", the examples that look like the frame's picture,
+    where no keypoints are needed. index: file of these (`kinemode train-index`), for trackers that look poses up.
     explore: search given to every start. follow: before it, on keypoints and flow alone, where there are pictures.
     refine: search given to those kept. spare: how many more than asked for are refined, since refined modes may
     coincide. settled: features of the pictures are assigned anew until a search moves no joint by more [rad or m].
@@ -34,6 +37,8 @@ class ModeSearchSettings:
     section 8). Raises InputError for other words.
     """
 
+    start: str = setting(BY_KEYPOINTS, one_of=STARTS)
+    index: str = ""
     explore: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=8, decrease_tolerance=0.05))
     refine: SeekSettings = field(default_factory=SeekSettings)
     follow: SeekSettings = field(default_factory=lambda: SeekSettings(max_iterations=5, decrease_tolerance=0.1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,6 +59,13 @@ def first_frame(body: Body, q: np.ndarray, cameras: Sequence[Camera], fps: float
             )
         )
     return tracks
+
+
+def without(track: KeypointTrack, hidden: np.ndarray) -> KeypointTrack:
+    """A track without the keypoints of the frames in which the person is hidden, (T,) bool."""
+    pixels, confidence = track.pixels.copy(), track.confidence.copy()
+    pixels[hidden], confidence[hidden] = np.nan, 0.0
+    return replace(track, pixels=pixels, confidence=confidence)
 
 
 def _landmarks(body: Body, q: np.ndarray, names: Sequence[str]) -> np.ndarray:

@@ -25,6 +25,7 @@ from estimator.synthesis.plate import (
 )
 from estimator.synthesis.raster import paint, paint_cloth, paint_index
 from estimator.synthesis.scene import joined
+from estimator.synthesis.screens import screens
 from estimator.synthesis.settings import SceneSettings
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.shape.surface import surface_of
@@ -89,6 +90,10 @@ class Renderer:
         else:
             self._plates = [self._with_occluders(p, c) for p, c in zip(self._plates, self.cameras, strict=True)]
         self._reduced = [p.reduced() for p in self._plates]
+        # the scene is the same, whenever the person is hidden
+        self._screens = screens(self.cameras, place, rng.spawn(1)[0]) if settings.hidden else []
+        covered = zip(self._plates, self.cameras, self._screens, strict=False)
+        self._screened = [_covered(plate, camera, quads) for plate, camera, quads in covered]
 
     def frame(
         self, poses: PosedBody | Sequence[PosedBody], camera: int, rng: np.random.Generator, time: float = 0.0
@@ -96,7 +101,7 @@ class Renderer:
         """The picture of one camera, (H, W, 3) uint8 BGR.
 
         poses: the body while the shutter is open; one pose gives a picture without motion blur. camera: its index.
-        rng: draws the noise of the sensor. time [s]: of the moving background.
+        rng: draws the noise of the sensor. time [s]: of the moving background, and whether a screen hides the person.
         """
         poses = [poses] if isinstance(poses, PosedBody) else poses
         view = self.cameras[camera]
@@ -108,22 +113,26 @@ class Renderer:
         for person in placed:
             total += self._painted(person, plate, rows, columns)
         total *= np.float32(1.0 / len(placed))
-        picture = self._reduced[camera].copy()
+        picture = plate.reduced() if self.settings.hides(time) else self._reduced[camera].copy()
         half = (total.shape[1] // FINE, total.shape[0] // FINE)
         picture[_halved(rows), _halved(columns)] = cv2.resize(total, half, interpolation=cv2.INTER_AREA)
         return self._exposed(picture, rng)
 
     def plate(self, camera: int, time: float = 0.0) -> np.ndarray:
-        """The empty scene without noise, (H, W, 3) uint8 BGR."""
-        picture = self._plate(camera, time).reduced() if self.settings.background == "moving" else self._reduced[camera]
+        """The empty scene without noise, and without a screen, (H, W, 3) uint8 BGR."""
+        picture = (
+            self._scenery(camera, time).reduced() if self.settings.background == "moving" else self._reduced[camera]
+        )
         return self._exposed(picture.copy(), None)
 
-    def maps(self, posed: PosedBody, camera: int) -> Maps:
-        """Exact depth and visible part at the centre of every pixel, without blur."""
+    def maps(self, posed: PosedBody, camera: int, time: float = 0.0) -> Maps:
+        """Exact depth and visible part at the centre of every pixel, without blur, at a time [s]."""
         view = self.cameras[camera]
         width, height = view.image_size
         nearness, part = np.zeros((height, width)), np.full((height, width), -1, dtype=np.int64)
         solid = self._before if self.settings.background == "moving" else joined([self._behind, self._before])
+        if self.settings.hides(time):
+            solid = joined([solid, self._screens[camera]])
         pixels, depth = fine_pixels(view, solid.corners.reshape(-1, 3), 1)
         faces = quad_faces(len(solid.corners))
         paint_index(part, nearness, pixels, depth, faces, np.full(len(faces), -1), False)
@@ -142,19 +151,17 @@ class Renderer:
         return [painted_plate(c, self._behind, floor, rng, empty) for c in self.cameras]
 
     def _plate(self, camera: int, time: float) -> Plate:
+        """What is behind the person, or before who is hidden."""
+        return self._screened[camera] if self.settings.hides(time) else self._scenery(camera, time)
+
+    def _scenery(self, camera: int, time: float) -> Plate:
         plate = self._plates[camera]
         if self.settings.background != "moving":
             return plate
         return self._with_occluders(shifted(plate, self.settings, time), self.cameras[camera])
 
     def _with_occluders(self, plate: Plate, camera: Camera) -> Plate:
-        if not len(self._before.corners):
-            return plate
-        image, nearness = plate.image.copy(), plate.nearness.copy()
-        pixels, depth = fine_pixels(camera, self._before.corners.reshape(-1, 3))
-        colour = np.repeat(self._before.colour, 4, axis=0)
-        paint(image, nearness, pixels, depth, colour, quad_faces(len(self._before.corners)))
-        return Plate(image, nearness, plate.floor & (nearness == plate.nearness))
+        return _covered(plate, camera, self._before)
 
     def _world(self, posed: PosedBody) -> np.ndarray:
         return points_in_world(posed, self._surface.joint, self._surface.local)
@@ -198,6 +205,17 @@ class Renderer:
         if rng is not None and self.settings.noise > 0.0:
             picture += np.float32(self.settings.noise) * rng.standard_normal(picture.shape, dtype=np.float32)
         return np.clip(np.round(picture), 0, 255).astype(np.uint8)
+
+
+def _covered(plate: Plate, camera: Camera, quads: scene.Quads) -> Plate:
+    """A plate with rectangles before it."""
+    if not len(quads.corners):
+        return plate
+    image, nearness = plate.image.copy(), plate.nearness.copy()
+    pixels, depth = fine_pixels(camera, quads.corners.reshape(-1, 3))
+    colour = np.repeat(quads.colour, 4, axis=0)
+    paint(image, nearness, pixels, depth, colour, quad_faces(len(quads.corners)))
+    return Plate(image, nearness, plate.floor & (nearness == plate.nearness))
 
 
 def _towards_light(settings: SceneSettings) -> np.ndarray:

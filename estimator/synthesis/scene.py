@@ -61,6 +61,12 @@ def occluder(rng: np.random.Generator, kind: str, place: np.ndarray, azimuth: fl
     return moved(turned(sides, azimuth), np.array([*place, 0.0]))
 
 
+def screen(rng: np.random.Generator, corner: np.ndarray, u: np.ndarray, v: np.ndarray, speckle: float) -> Quads:
+    """A rectangle from a corner (3,) along its sides (3,) [m], speckled in cells of `speckle` [m]."""
+    panel = _panel(rng, corner, u, v, (10, 8), np.array([150.0, 140.0, 128.0]), 14.0)
+    return speckled(panel, rng, speckle)
+
+
 def joined(parts: Sequence[Quads]) -> Quads:
     """Several groups as one, in their order."""
     return Quads(np.concatenate([p.corners for p in parts]), np.concatenate([p.colour for p in parts]))

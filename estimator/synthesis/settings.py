@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from humanoid.support.errors import InputError
@@ -31,7 +32,8 @@ class SceneSettings:
     shutter: share of the time between frames for which the shutter is open; 0 freezes the motion. sub_frames: pictures
         averaged over that time.
     lens_blur [px]: standard deviation of the lens's blur. noise: of the sensor, in grey values.
-    occluder: what stands between the first camera and the person.
+    occluder: what stands between the first camera and the person. hidden [s]: from when until when (that instant not
+        included) a screen before every camera hides the person wholly, as ((1.0, 2.0),) or ("1.0:2.0",).
     pan, shake [px]: how far the moving background swings slowly, and trembles.
 
     Raises
@@ -50,6 +52,7 @@ class SceneSettings:
     lens_blur: float = 0.0
     noise: float = 2.5
     occluder: str = "none"
+    hidden: Sequence[tuple[float, float] | str] = ()
     pan: float = 40.0
     shake: float = 1.5
 
@@ -59,6 +62,16 @@ class SceneSettings:
         _chosen("occluder", self.occluder, OCCLUDERS)
         for name, (low, high) in _RANGES.items():
             in_range(name, getattr(self, name), low, high)
+        _ = self.spans
+
+    @property
+    def spans(self) -> tuple[tuple[float, float], ...]:
+        """From when until when [s] the person is hidden, as numbers."""
+        return tuple(map(_span, self.hidden))
+
+    def hides(self, time: float) -> bool:
+        """Whether the person is hidden at a time [s]."""
+        return any(begin <= time < end for begin, end in self.spans)
 
 
 @dataclass(frozen=True)
@@ -111,6 +124,18 @@ def in_range(name: str, value: float, low: float, high: float) -> None:
     """Raise InputError unless low <= value <= high."""
     if not (math.isfinite(value) and low <= value <= high):
         raise InputError(name, f"is {value:g}", remedy=f"{low:g} to {high:g}")
+
+
+def _span(given: Sequence[float] | str) -> tuple[float, float]:
+    """From when until when [s]; raises InputError where that cannot be."""
+    parts = given.split(":") if isinstance(given, str) else list(given)
+    try:
+        begin, end = map(float, parts)
+    except (TypeError, ValueError):
+        begin = end = math.nan
+    if not (math.isfinite(end) and 0.0 <= begin < end):
+        raise InputError("hidden", f"is {':'.join(map(str, parts))}", remedy="seconds FROM:TO, 0 <= FROM < TO")
+    return begin, end
 
 
 def _chosen(name: str, value: str, valid: tuple[str, ...]) -> None:

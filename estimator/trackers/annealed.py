@@ -11,7 +11,7 @@ from estimator.imaging.observation import Observation
 from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import BeginsByKeypoints, observable
+from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import judged
@@ -25,7 +25,7 @@ from estimator.trackers.particle_set import (
     unseen,
 )
 from estimator.trackers.particle_state import ParticleState
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
@@ -51,7 +51,7 @@ class AnnealedSettings:
     cluster: float = setting(0.1, above=0)
 
 
-class Annealed(BeginsByKeypoints):
+class Annealed(Begins):
     """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.inference.annealing`.
 
     Of every searched frame but the first it tells, layer by layer,
@@ -106,6 +106,7 @@ SPEC = Spec(
     settings=AnnealedSettings(),
     defaults=FROM_A_PAPER,
     idle=(
+        ONLY_TO_BEGIN,
         *DYNAMICS_ALONE,
         idle_where("annealed.diffusion", annealed__layers=1),
         idle_where("annealed.cluster", annealed__modes=1),

@@ -41,7 +41,11 @@ class Tracker(Protocol[S]):
     """
 
     body: Body
-    needs_keypoints: bool
+
+    @property
+    def needs_keypoints(self) -> bool:
+        """See above."""
+        ...
 
     def can_start(self, observation: Observation) -> bool:
         """Whether a frame, with its pictures' cues where these are looked at, is enough to begin with."""

@@ -1,8 +1,11 @@
-"""Which frames are enough: to begin by keypoints, and to be searched."""
+"""Which frames are enough: to begin by keypoints or an index of examples, and to be searched."""
 
 from __future__ import annotations
 
 from estimator.imaging.observation import Observation
+from estimator.search.examples.person_seen import CUES, can_be_looked_up
+from estimator.search.mode_search import ModeSearch
+from estimator.search.settings import BY_INDEX
 
 MIN_KEYPOINTS = 4  # fewer say nothing worth a search
 
@@ -13,15 +16,29 @@ def enough_keypoints(observation: Observation) -> bool:
 
 
 def observable(observation: Observation) -> bool:
-    """Whether a frame has enough to be searched from a pose that is known: keypoints, or pictures."""
-    return enough_keypoints(observation) or bool(observation.cues)
+    """Whether a frame has enough to be searched from a pose that is known: keypoints, or pictures in which some cue
+    reads something."""
+    return enough_keypoints(observation) or any(len(cues) for cues in observation.cues)
 
 
-class BeginsByKeypoints:
-    """The beginning of trackers that find their first pose from keypoints (see `estimator.trackers.base.Tracker`)."""
+class Begins:
+    """The beginning of trackers that find their first pose by `estimator.search.first_pose.start_modes` (see
+    `estimator.trackers.base.Tracker`): from keypoints, or where `ModeSearchSettings.start` says so from an index."""
 
-    needs_keypoints = True
+    search: ModeSearch
+
+    @property
+    def needs_keypoints(self) -> bool:
+        """Whether it begins by keypoints."""
+        return self.search.settings.start != BY_INDEX
+
+    @property
+    def needed_cues(self) -> tuple[str, ...]:
+        """What poses are looked up by (see `estimator.trackers.capabilities.GoesByCue`)."""
+        return () if self.needs_keypoints else CUES
 
     def can_start(self, observation: Observation) -> bool:
-        """Whether a frame has enough keypoints."""
-        return enough_keypoints(observation)
+        """Whether a frame has enough keypoints, or shows the person where poses are looked up."""
+        if self.needs_keypoints:
+            return enough_keypoints(observation)
+        return can_be_looked_up(observation, self.search.sight)

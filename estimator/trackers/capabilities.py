@@ -46,9 +46,13 @@ class SharesWork(Protocol):
 
 @runtime_checkable
 class GoesByCue(Protocol):
-    """Can do nothing without the pictures' cues. needed_cues: the names of those of which one is enough."""
+    """May be able to do nothing without the pictures' cues. needed_cues: the names of those of which one is enough,
+    none where it needs none."""
 
-    needed_cues: tuple[str, ...]
+    @property
+    def needed_cues(self) -> tuple[str, ...]:
+        """See above."""
+        ...
 
 
 @runtime_checkable

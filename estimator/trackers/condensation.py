@@ -10,13 +10,13 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.inference.particles import Particles, bootstrap_step, effective_count
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import BeginsByKeypoints, observable
+from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import judged
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
 from estimator.trackers.particle_state import ParticleState
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
@@ -40,7 +40,7 @@ class CondensationSettings:
     cluster: float = setting(0.1, above=0)
 
 
-class Condensation(BeginsByKeypoints):
+class Condensation(Begins):
     """A row of the particles' states is the configuration (nq,) and the velocity (nv,) [1/s] that led to it.
 
     Of every searched frame but the first it tells
@@ -110,6 +110,7 @@ SPEC = Spec(
     settings=CondensationSettings(),
     defaults=FROM_A_PAPER,
     idle=(
+        ONLY_TO_BEGIN,
         *DYNAMICS_ALONE,
         idle_where("condensation.cluster", condensation__modes=1),
     ),

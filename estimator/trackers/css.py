@@ -18,6 +18,7 @@ from estimator.modes.mixture import Mixture, mixture_of
 from estimator.modes.origin import Family
 from estimator.optimise.solution import StepCounts
 from estimator.search.budget import BudgetSettings, Source, allocated
+from estimator.search.examples.person_seen import can_be_looked_up
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_proposals import SHAPES, Proposals, ProposalSettings
 from estimator.search.frame_search import FrameCase
@@ -25,10 +26,19 @@ from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.search_pool import search_pool
-from estimator.trackers.beginning import BeginsByKeypoints, observable
+from estimator.search.settings import BY_KEYPOINTS
+from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
+from estimator.trackers.mixture_state import (
+    ENOUGH,
+    CarriesMixture,
+    MixtureState,
+    agreement,
+    carried,
+    judged,
+    searches_told,
+)
 from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import ONE_CAMERA, PICTURES, idle_where, idle_without
 from humanoid.support.settings import check, setting
@@ -60,6 +70,10 @@ class CssSettings:
     limb_searches: one limb elsewhere, where there are pictures, the best of limb_samples poses looked at, with the
         penalty limb_penalty. exchanges: two limbs change places in the image, with the same penalty. These find limbs
         that have lost their image, so keypoints of the whole person make a quarter of them enough.
+    examples: modes reached from examples that look like the picture, where an index is given (`search.index`), with the
+        penalty example_penalty. lost_examples: instead, where nothing was seen in the frame before, or the parents' own
+        continuations explain less than half of what is seen; then the whole budget is spent. Besides, with an index
+        the change that is penalised is that since the person was last seen, not since the frame before.
     """
 
     modes: int = setting(7, at_least=1)
@@ -80,6 +94,9 @@ class CssSettings:
     limb_samples: int = setting(40, at_least=0)
     limb_searches: int = setting(5, at_least=0)
     exchanges: int = setting(4, at_least=0)
+    examples: int = setting(4, at_least=0)
+    lost_examples: int = setting(20, at_least=0)
+    example_penalty: float = setting(12.0, at_least=0)
 
     def __post_init__(self) -> None:
         check(self)
@@ -92,7 +109,7 @@ class CssSettings:
 
 PAPER = CssSettings(
     budget=BudgetSettings(searches=70, calm=1.0), samples=70, other_readings=0, jumps=0, limb_searches=0, exchanges=0,
-    scale=8.0**0.5, forgetting=1.0, transition=False, keep=False, refine=REFINE_ALL,
+    examples=0, lost_examples=0, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False, refine=REFINE_ALL,
 )  # fmt: skip
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
@@ -100,7 +117,7 @@ PAPER = CssSettings(
 _FAMILIES = tuple(family for family in Family if family not in (Family.START, Family.EXAMPLE, Family.PARTICLES))
 
 
-class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
+class CovarianceScaledSampling(Begins, CarriesMixture):
     """The recipe: numbers in comments are the steps of Figure 6.
 
     Of every searched frame but the first it tells `searches`, `searches_FAMILY` and steps (see `searches_told`).
@@ -120,21 +137,30 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
         self, rng: np.random.Generator, state: MixtureState, observation: Observation
     ) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
+        elapsed, by_index = observation.time - state.time, bool(self.search.settings.index)
         if not observable(observation):
-            return carried(self.search, state.mixture, observation.time - state.time, observation)
+            after, result = carried(self.search, state.mixture, elapsed, observation)
+            return replace(after, unseen=state.unseen + elapsed if by_index else 0.0), result
         prior = state.mixture
         likelihood = self.search.likelihood(observation, prior.modes[0].q)
-        case = FrameCase(self.search.associations(observation), observation.time - state.time, likelihood)
+        case = FrameCase(self.search.associations(observation), elapsed + state.unseen, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
         candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
-        left = self.settings.budget.left(len(candidates), _rise(candidates, prior), 1.0 - float(prior.weights[0]))
-        candidates += self.search.explored(allocated(left, self._sources(proposals, observation)), case)  # 1, 2
+        looks_up = by_index and can_be_looked_up(observation, self.search.sight)
+        lost = looks_up and (state.unseen > 0.0 or self._lost(candidates, case, observation))
+        doubt = 1.0 if lost else 1.0 - float(prior.weights[0])
+        left = self.settings.budget.left(len(candidates), _rise(candidates, prior), doubt)
+        sources = self._sources(proposals, observation)
+        if looks_up:
+            share = self.settings.lost_examples if lost else self.settings.examples
+            sources.insert(0, Source(share, proposals.examples))
+        candidates += self.search.explored(allocated(left, sources), case)  # 1, 2
         every = self.settings.refine == REFINE_ALL
         mixture = self.search.best_of(candidates, case, self.settings.modes, rng, every=every)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
-        told = _searches(candidates, StepCounts.between(before, self.search.steps))
+        told = self._searches(candidates, StepCounts.between(before, self.search.steps))
         return judged(self.search, observation, mixture, told)
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
@@ -153,6 +179,19 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
             Source(s.samples, proposals.samples),
         ]
 
+    def _lost(self, candidates: Sequence[Candidate], case: FrameCase, observation: Observation) -> bool:
+        """Whether the best of the parents' continuations explains too little of what is seen."""
+        if not candidates:
+            return False
+        best = max(candidates, key=lambda c: c.score)
+        name = case.associations[best.hypothesis.association].name
+        return agreement(self.search, observation, best.q, name) < ENOUGH
+
+    def _searches(self, candidates: Sequence[Candidate], steps: StepCounts) -> dict[str, np.ndarray]:
+        counted = Counter(c.hypothesis.origin.family for c in candidates)
+        families = (*_FAMILIES, *([Family.EXAMPLE] if self.search.settings.index else []))
+        return searches_told({family: counted[family] for family in families}, steps)
+
     def _matched(self, prior: Mixture, posterior: Mixture) -> Mixture:
         """Multiply each new mode's weight with that of the closest prior mode, which is then used up (5)."""
         left = list(range(len(prior.modes)))
@@ -169,11 +208,6 @@ class CovarianceScaledSampling(BeginsByKeypoints, CarriesMixture):
             handed_on = prior.log_scores[parent] if parent >= 0 else prior.log_scores.min()
             scores.append(score + self.settings.forgetting * handed_on)
         return mixture_of(tuple(modes), np.array(scores))  # 6
-
-
-def _searches(candidates: Sequence[Candidate], steps: StepCounts) -> dict[str, np.ndarray]:
-    counted = Counter(c.hypothesis.origin.family for c in candidates)
-    return searches_told({family: counted[family] for family in _FAMILIES}, steps)
 
 
 def _rise(candidates: Sequence[Candidate], prior: Mixture) -> float:
@@ -199,6 +233,11 @@ _IDLE = (
     idle_where("css.limb_penalty", css__limb_samples=0, css__exchanges=0),
     idle_where("css.shape css.scale css.tail", css__samples=0),
     idle_where("css.tail", because="which is regular", css__shape="weakest"),
+    idle_where("css.examples css.lost_examples css.example_penalty", search__index=""),
+    idle_where("css.example_penalty", css__examples=0, css__lost_examples=0),
+    idle_where("css.example_penalty", css__transition=False),
+    idle_where("css.lost_examples", css__keep=False),
+    idle_where("search.index", search__start=BY_KEYPOINTS, css__examples=0, css__lost_examples=0),
     idle_where("css.budget.alarm", css__budget__calm=1.0),
     idle_where("css.budget.alarm", css__keep=False),
     idle_without(ONE_CAMERA, "css.jumps css.jump_penalty css.exchanges"),
@@ -216,6 +255,7 @@ def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str
         defaults=defaults,
         idle=_IDLE,
         shares_work=lambda own: True,
+        may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
     )
 
 

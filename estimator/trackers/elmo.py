@@ -19,60 +19,64 @@ from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin
 from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
-from estimator.search.examples.index import REMEDY, ExampleIndex, load_index
-from estimator.search.examples.limbs import LimbBank, SeenPoints, seen_points
-from estimator.search.examples.lookup import Looked, check_elevation, looked_up
+from estimator.search.examples.lookup import Looked, check_elevation
 from estimator.search.examples.lookup_picture import lookup_picture
-from estimator.search.examples.person_seen import CUES, Sight, can_be_looked_up, sees_person
-from estimator.search.examples.votes import Votes
+from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
+from estimator.search.from_examples import Descent, descended, example_starts
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
-from estimator.search.settings import BY_VOLUME
-from estimator.trackers.beginning import enough_keypoints
+from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
+from estimator.trackers.beginning import Begins, enough_keypoints
 from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.body import Body
-from humanoid.support.errors import InputError
+from humanoid.support.idle import idle_where
 from humanoid.support.settings import check, setting
+
+_USUAL = Descent()
 
 
 @dataclass(frozen=True)
 class ElmoSettings:
     """ELMO and its parts.
 
-    index: file of the examples (`kinemode train-index`). neighbours: examples that a frame is searched from, 50 in the
-    paper; 0 for none. votes: several cameras choose these together, each voting for the others' too; without, each
-    gives as many. keep: search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds:
-    short searches of each start, points paired anew before each; 0 leaves the examples as they are. survivors: how many
-    of the starts go on from round to round. recombined: in every round but the last, searches from each of the
-    `recombined_of` best poses so far with one limb as one of the examples has it, for each limb: limbs are nearly
-    independent, and few examples are near in all of them; 0 for none, as in the paper. limbs: of how many examples
-    limbs are looked at for this, beside those of the neighbours. turn_floor, root_turn_floor [rad], root_slide_floor
-    [m]: what a frame may change at least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is
-    the transition's since the last frame in which the person was seen.
+    neighbours: examples of the index (`search.index`) that a frame is searched from, 50 in the paper; 0 for none.
+    votes: several cameras choose these together, each voting for the others' too; without, each gives as many. keep:
+    search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of each
+    start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go on
+    from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
+    so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
+    are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
+    beside those of the neighbours. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may change at
+    least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since the last
+    frame in which the person was seen.
     """
 
-    index: str = ""
-    neighbours: int = setting(50, at_least=0)
-    votes: bool = True
+    neighbours: int = setting(_USUAL.neighbours, at_least=0)
+    votes: bool = _USUAL.votes
     keep: bool = True
     modes: int = setting(5, at_least=1)
-    rounds: int = setting(5, at_least=0)
-    survivors: int = setting(8, at_least=1)
-    recombined: int = setting(6, at_least=0)
-    recombined_of: int = setting(2, at_least=1)
-    limbs: int = setting(800, at_least=0)
+    rounds: int = setting(_USUAL.rounds, at_least=0)
+    survivors: int = setting(_USUAL.survivors, at_least=1)
+    recombined: int = setting(_USUAL.recombined, at_least=0)
+    recombined_of: int = setting(_USUAL.recombined_of, at_least=1)
+    limbs: int = setting(_USUAL.limbs, at_least=0)
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
     root_slide_floor: float = setting(0.1, above=0)
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def descent(self) -> Descent:
+        """Those of them that say how modes are searched from examples."""
+        return Descent(**{name: getattr(self, name) for name in Descent._fields})
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ class ElmoState:
         return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
 
 
-class Elmo:
+class Elmo(Begins):
     """The recipe; numbers in comments are the paper's equations.
 
     The person is seen by depth or, where that is not used, by the silhouette; the pose by all that is looked at.
@@ -97,35 +101,19 @@ class Elmo:
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
 
-    needed_cues = CUES
+    @property
+    def needed_cues(self) -> tuple[str, ...]:
+        """See `estimator.trackers.capabilities.GoesByCue`."""
+        return CUES
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
         self.search = search
         self.body: Body = search.body
         self.settings = settings or ElmoSettings()
-        self.needs_keypoints = self.settings.neighbours == 0
-
-    @cached_property
-    def index(self) -> ExampleIndex:
-        """The examples, read when they are first asked for; raises InputError where there are none."""
-        if not self.settings.index:
-            raise InputError("elmo.index", "no index of examples is named", remedy=REMEDY)
-        return load_index(self.settings.index, self.body)
-
-    @cached_property
-    def votes(self) -> Votes:
-        """What several cameras choose among the examples by."""
-        return Votes(self.index, self.body)
-
-    def can_start(self, observation: Observation) -> bool:
-        """Whether it is seen where the person is; without examples, whether a frame has enough keypoints."""
-        if self.needs_keypoints:
-            return enough_keypoints(observation)
-        return can_be_looked_up(observation, self._sight)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        if self.needs_keypoints:
+        if self.needs_keypoints or not self.settings.neighbours:
             mixture = start_modes(self.search, rng, observation, self.settings.modes)
             return self._judged(observation, mixture, None)
         return self._searched(observation, None)
@@ -134,12 +122,18 @@ class Elmo:
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        # from the last modes, if from nothing else
-        goes_on = self.settings.keep and sees_person(observation, self._sight)
-        if not (goes_on or self.can_start(observation)):
+        if not self._can_search(observation):
             after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
         return self._searched(observation, state)
+
+    def _can_search(self, observation: Observation) -> bool:
+        """Whether a frame can be searched: from the last modes if from nothing else."""
+        if self.settings.neighbours and can_be_looked_up(observation, self.search.sight):
+            return True
+        if self.settings.keep and sees_person(observation, self.search.sight):
+            return True
+        return not self.settings.neighbours and enough_keypoints(observation)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
         """See `estimator.trackers.base.Tracker`."""
@@ -159,21 +153,19 @@ class Elmo:
         shown: dict[int, CuePicture] = {}
         for look in self.looked(observation):
             cues = observation.cues[look.camera]
-            shown[look.camera] = lookup_picture(self.body, anatomy, self.index.side, cues, look, modes)
+            shown[look.camera] = lookup_picture(self.body, anatomy, self.search.examples.index.side, cues, look, modes)
         return shown
 
     def looked(self, observation: Observation) -> list[Looked]:
         """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
-        if not self.settings.neighbours:
-            return []
-        votes = self.votes if self.settings.votes else None
-        return looked_up(self.index, observation, self.settings.neighbours, self._sight, votes)
+        s = self.settings
+        return self.search.examples.looked(observation, s.neighbours, s.votes) if s.neighbours else []
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
         looks = self.looked(observation)
         if state is None:
-            check_elevation(self.index, observation, looks)
+            check_elevation(self.search.examples.index, observation, looks)
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
@@ -182,7 +174,7 @@ class Elmo:
         return self._judged(observation, self._weighed(likely, state, observation.time), told)  # 6
 
     def _starts(self, looks: Sequence[Looked], state: ElmoState | None) -> list[Hypothesis]:
-        starts = [Hypothesis(self.body.clamp(q), 0, Origin(Family.EXAMPLE)) for look in looks for q in look.q]
+        starts = example_starts(self.body, looks)
         if state is not None and self.settings.keep:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts
@@ -190,37 +182,11 @@ class Elmo:
     def _modes(
         self, starts: Sequence[Hypothesis], looks: Sequence[Looked], observation: Observation, case: FrameCase
     ) -> Mixture:
-        """The best distinct modes of the likelihood that are reached from the starts: how many reach one does not
-        count. Points are paired with the body anew in every round, as in ICP, and only the best go on."""
-        s, search = self.settings, self.search
-        if s.rounds == 0:
+        """The best distinct modes of the likelihood that are reached from the starts."""
+        if self.settings.rounds == 0:
             return self._likeliest(starts, case)
-        candidates = search.explored(starts, case)
-        seen = self._seen(observation) if looks and s.recombined else None
-        for left in reversed(range(s.rounds - 1)):
-            best = search.distinct(candidates, s.survivors)
-            again = [c.hypothesis._replace(q=c.q) for c in best]
-            if left > 0 and seen is not None:
-                again += self._recombined([c.q for c in best[: s.recombined_of]], looks, seen)
-            candidates = search.explored(again, case)
-        return search.best_of(candidates, case, s.modes)
-
-    def _recombined(self, poses: Sequence[np.ndarray], looks: Sequence[Looked], seen: SeenPoints) -> list[Hypothesis]:
-        """Poses with one of their limbs as one of the examples has it."""
-        bank, alike = self._limbs, np.concatenate([look.q for look in looks])
-        ways = (bank.best(q, k, alike, seen, self.settings.recombined) for q in poses for k in range(len(bank.limbs)))
-        return [Hypothesis(q, 0, Origin(Family.EXAMPLE)) for changed in ways for q in changed]
-
-    def _seen(self, observation: Observation) -> SeenPoints | None:
-        image = self.search.model.settings.image
-        return seen_points(observation, image.depth_noise, image.depth_nu)
-
-    @cached_property
-    def _limbs(self) -> LimbBank:
-        q, count = self.index.q, min(self.settings.limbs, len(self.index.q))
-        chosen = np.random.default_rng(0).choice(len(q), count, replace=False)
-        surface = self.search.model.image.surface
-        return LimbBank(self.body, surface, self.search.jumps.limbs, q[np.sort(chosen)].astype(np.float64))
+        candidates = descended(self.search, starts, looks, observation, case, self.settings.descent)
+        return self.search.best_of(candidates, case, self.settings.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -229,12 +195,6 @@ class Elmo:
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))
-
-    @cached_property
-    def _sight(self) -> Sight:
-        """By depth where that is used; the body's height is that of its landmarks at rest."""
-        cue = next((name for name in CUES if name in self.search.model.cues.used), CUES[0])
-        return Sight(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
 
     @cached_property
     def _floor(self) -> np.ndarray:
@@ -280,14 +240,16 @@ _OWN: dict[str, Any] = {
 does not have, only hold what depth does not show."""
 
 
-def _spec(name: str, sentence: str, settings: ElmoSettings) -> Spec:
+def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDEX) -> Spec:
     return Spec(
         name=name,
         sentence=sentence,
         make=by_search(Elmo),
         group="elmo",
         settings=settings,
-        defaults=together(FROM_A_PAPER, _OWN),
+        defaults=together(FROM_A_PAPER, _OWN, {"search": {"start": start}}),
+        idle=(idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),),
+        looks_up=lambda own: own.neighbours > 0,
         shares_work=lambda own: True,
     )
 
@@ -303,5 +265,6 @@ SPECS = (
         "icp",
         "one search from the last pose (ELMO section 4)",
         ElmoSettings(modes=1, neighbours=0, rounds=8, survivors=1),
+        BY_KEYPOINTS,
     ),
 )

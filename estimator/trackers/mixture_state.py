@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.formats.checked_arrays import (
+    DamageError,
     Field,
     check_arrays,
     check_configurations,
@@ -26,6 +27,7 @@ from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 
 FAR = 3.0  # standard deviations beyond which a keypoint is not explained
+ENOUGH = 0.5  # of `agreement`; with less a frame is hard
 _NUMBERS = ("energy", "kkt_residual", "penetration")
 _FIELDS = {
     "time": Field("f"),
@@ -43,10 +45,12 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class MixtureState:
-    """A mixture and the time [s] it belongs to."""
+    """A mixture and the time [s] it belongs to. unseen [s]: for how long by then nothing had been seen, for trackers
+    that go by it."""
 
     mixture: Mixture
     time: float
+    unseen: float = 0.0
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
@@ -62,6 +66,7 @@ class MixtureState:
             "status": np.array([m.status for m in modes], dtype=np.str_),
             "association": np.array([m.association for m in modes], dtype=np.str_),
             **{name: np.array([getattr(m, name) for m in modes]) for name in _NUMBERS},
+            **({"unseen": np.array(self.unseen)} if self.unseen else {}),
         }
 
     @staticmethod
@@ -88,7 +93,10 @@ class MixtureState:
             )
             for k in range(len(arrays["weights"]))
         )
-        return MixtureState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]))
+        unseen = float(arrays.get("unseen", 0.0))
+        if not 0.0 <= unseen < np.inf:
+            raise DamageError(f"unseen for {unseen:g} s")
+        return MixtureState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]), unseen)
 
 
 class CarriesMixture:
@@ -114,20 +122,26 @@ def carried(
     return MixtureState(mixture, observation.time), result_of(observation, mixture, "unobserved")
 
 
+def agreement(search: ModeSearch, observation: Observation, q: np.ndarray, association: str) -> float:
+    """The least share of the keypoints in an association (its name), or of what a cue sees in some camera, that is
+    explained by a pose q (nq,); 0 where nothing is seen."""
+    posed = search.body.at(q)
+    distances = search.term(observation, association).distances(posed)
+    seen = distances[~np.isnan(distances)]
+    likelihood = search.model.likelihood(observation, posed)
+    shares = [float(np.mean(seen < FAR))] if seen.size else []
+    shares += [] if likelihood is None else likelihood.agreement(posed)
+    return min(shares, default=0.0)
+
+
 def judged(
     search: ModeSearch, observation: Observation, mixture: Mixture, extra: Mapping[str, np.ndarray] | None = None
 ) -> tuple[MixtureState, FrameResult]:
     """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained,
     did not converge in its budget or overlaps itself. extra: see `FrameResult`."""
     best = mixture.modes[0]
-    posed = search.body.at(best.q)
-    distances = search.term(observation, best.association).distances(posed)
-    seen = distances[~np.isnan(distances)]
-    likelihood = search.model.likelihood(observation, posed)
-    agreement = [float(np.mean(seen < FAR))] if seen.size else []
-    agreement += [] if likelihood is None else likelihood.agreement(posed)
     overlapping = best.penetration > search.settings.contact.limit
-    hard = min(agreement, default=0.0) < 0.5 or best.status == ITERATIONS or overlapping
+    hard = agreement(search, observation, best.q, best.association) < ENOUGH or best.status == ITERATIONS or overlapping
     result = result_of(observation, mixture, "hard" if hard else "tracked", extra)
     return MixtureState(mixture, observation.time), result
 

@@ -23,12 +23,12 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
-from estimator.trackers.beginning import BeginsByKeypoints, observable
+from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
 from estimator.trackers.single_mode import without_limits
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
@@ -49,7 +49,7 @@ class MultipleHypothesisSettings:
     limits: bool = True
 
 
-class MultipleHypothesis(BeginsByKeypoints, CarriesMixture):
+class MultipleHypothesis(Begins, CarriesMixture):
     """A mode's weight is its parent's times what the posterior has at the mode; keypoints are read as detected.
 
     Of every searched frame but the first it tells `searches`, `searches_sample` and steps (see `searches_told`).
@@ -114,7 +114,7 @@ def _spec(name: str, sentence: str, settings: MultipleHypothesisSettings, defaul
         group="multiple_hypothesis",
         settings=settings,
         defaults=defaults,
-        idle=(idle_where("search.follow", "no search begins where its parent was"),),
+        idle=(ONLY_TO_BEGIN, idle_where("search.follow", "no search begins where its parent was")),
         shares_work=_within_limits,
         keeps_limits=_within_limits,
     )

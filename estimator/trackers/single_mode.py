@@ -16,11 +16,11 @@ from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import BeginsByKeypoints, observable
+from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, NO_CAPTURE, ONLY_FILTERS, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
-from estimator.trackers.spec import Spec, by_search
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.support.idle import idle_where
 
@@ -35,7 +35,7 @@ class SingleModeSettings:
     limits: bool = True
 
 
-class SingleMode(BeginsByKeypoints, CarriesMixture):
+class SingleMode(Begins, CarriesMixture):
     """One hypothesis, searched from its pose in the last frame, keypoints read as detected; it tells its `searches`
     and steps (see `searches_told`)."""
 
@@ -75,6 +75,7 @@ def without_limits(search: ModeSearch) -> ModeSearch:
 
 
 _IDLE = (
+    ONLY_TO_BEGIN,
     idle_where("search.weigh search.weigh_samples", "a single mode has all the weight"),
     idle_where("search.follow cost.transition_potential cost.transition_nu", single_mode__transition=False),
 )

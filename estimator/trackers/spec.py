@@ -9,11 +9,11 @@ from typing import Any, Protocol
 from estimator.cost.model import CostModel, CostSettings
 from estimator.likelihood.settings import CueSettings
 from estimator.search.mode_search import ModeSearch
-from estimator.search.settings import ModeSearchSettings
+from estimator.search.settings import BY_KEYPOINTS, ModeSearchSettings
 from estimator.trackers.base import Tracker
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
-from humanoid.support.idle import IdleRule
+from humanoid.support.idle import IdleRule, idle_where
 
 
 class TrackerSettings(Protocol):
@@ -60,7 +60,8 @@ class Spec:
     defaults: nested changes that this name makes to the common groups of settings.
     idle: rules of which settings have no effect on it.
     shares_work, keeps_limits: of its own settings: whether several processes share the work on a frame; whether poses
-    stay within the joint limits.
+    stay within the joint limits. looks_up, may_look_up: whether it cannot do without an index of examples after the
+    first frame; whether it makes use of one that is given.
     """
 
     name: str
@@ -72,11 +73,17 @@ class Spec:
     idle: tuple[IdleRule, ...] = ()
     shares_work: Callable[[Any], bool] = _no
     keeps_limits: Callable[[Any], bool] = _yes
+    looks_up: Callable[[Any], bool] = _no
+    may_look_up: Callable[[Any], bool] = _no
 
     @property
     def keeps_several(self) -> bool:
         """Whether it can keep several hypotheses."""
         return hasattr(self.settings, "modes")
+
+
+ONLY_TO_BEGIN = idle_where("search.index", "no pose is looked up but the first", search__start=BY_KEYPOINTS)
+"""What has no effect on a tracker that has no use for an index after the first frame (`Spec.idle`)."""
 
 
 def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:

@@ -14,6 +14,7 @@ RULES = (
     idle_where("cost.pose_prior_file", cost__pose_prior_weight=0.0),
     idle_where("cost.clearance_scale search.contact", cost__interpenetration_weight=0.0),
     idle_where("cost.exchange_penalty", search__exchange=False),
+    idle_where("search.start_samples", search__start="index"),
     idle_where("search.settled", cost__image__rounds=1),
     idle_where("search.weigh_samples", search__weigh="height"),
     idle_where("search.weigh_samples", search__weigh="volume"),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from estimator.likelihood.settings import idle_rules
+from estimator.search.settings import BY_KEYPOINTS
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import DEFAULT, TRACKERS, settings_for
 from estimator.tracking.setting_changes import refused
@@ -16,6 +18,9 @@ from humanoid.support.settings import every_setting
 
 FIT_GROUPS = ("cost", "search", "cues")
 """The groups that a fit of the subject goes by, with any tracker; the fit itself tracks with the default one."""
+
+
+_NOT_IN_FIT = ("search.follow", "search.start", "search.index")
 
 
 class Idle(NamedTuple):
@@ -32,10 +37,10 @@ class Idle(NamedTuple):
 
 def fit_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]) -> Settings:
     """What a fit goes by before a tracker with these `settings`, made by `changes`: the default tracker's own settings,
-    and those of the changes that are not about a tracker."""
-    if tracker == DEFAULT:
-        return settings
-    return settings_for(DEFAULT, changes={name: changes[name] for name in FIT_GROUPS if name in changes})
+    and those of the changes that are not about a tracker. It always begins by keypoints, and looks nothing up."""
+    if tracker != DEFAULT:
+        settings = settings_for(DEFAULT, changes={name: changes[name] for name in FIT_GROUPS if name in changes})
+    return replace(settings, search=replace(settings.search, start=BY_KEYPOINTS, index=""))
 
 
 def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], *, fits: bool) -> list[Idle]:
@@ -46,7 +51,7 @@ def idle_settings(tracker: str, settings: Settings, changes: Mapping[str, Any], 
     reasons, acting = _idle(tracker, settings), set()
     changed = changed_names(tracker, settings)
     if fits and tracker != DEFAULT:
-        in_fit = _idle(DEFAULT, fit_settings(tracker, settings, changes)) | {"search.follow": ""}
+        in_fit = _idle(DEFAULT, fit_settings(tracker, settings, changes)) | dict.fromkeys(_NOT_IN_FIT, "")
         acting = {name for name in changed if name.startswith(FIT_GROUPS) and not _covered(name, in_fit)}
     return [Idle(name, _why(name, reasons)) for name in changed if name not in acting and _covered(name, reasons)]
 

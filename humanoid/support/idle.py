@@ -21,9 +21,14 @@ class IdleRule(NamedTuple):
     @property
     def reason(self) -> str:
         """Why they have none."""
-        words = {True: "on", False: "off"}
-        said = [f"{name} is {words[v] if isinstance(v, bool) else f'{v:g}' if v == 0 else v}" for name, v in self.where]
+        said = [f"{name} is {_said(value)}" for name, value in self.where]
         return " and ".join([*said, self.because] if self.because else said)
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return "empty" if value == "" else f"{value:g}" if value == 0 else str(value)
 
 
 def idle_where(names: str, because: str = "", **where: Any) -> IdleRule:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import Flag
+from kinemode.commands.options import Files, Flag
 
 
-def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
+def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
     """Render a short clip with known motion, track it from one camera, and show the errors.
 
     Writes overlay.mp4, preview.html and contact_sheet.png.
 
-    Example: kinemode demo --out demo-out
+    Examples:
+
+    kinemode demo --out demo-out
+
+    kinemode demo --occlusion --out occlusion-out
 
     Parameters
     ----------
@@ -21,10 +25,15 @@ def demo(*, out: Path = Path("demo-out"), seed: int = 0) -> None:
         Folder for the clip, the run and the pictures.
     seed
         Seed of the tracker's random numbers.
+    occlusion
+        Instead: a screen hides the person for a while, who is found again by depth and an index of examples, no pose
+        given; writes overlay.mp4 and contact_sheet.png.
+    index
+        With --occlusion: the index of examples of human34; a small one is made in the folder unless given.
     """
-    from kinemode.demo import run_demo
+    from kinemode.demo import shown
 
-    run_demo(out, seed=seed)
+    shown(out, seed, occlusion=occlusion, index=index)
 
 
 def render(
@@ -40,6 +49,7 @@ def render(
     seconds: float | None = None,
     seed: int = 0,
     occluder: Literal["none", "post", "box"] = "none",
+    hidden: Files = None,
     noise: float = 2.5,
     shutter: float = 0.0,
     lens_blur: float = 0.0,
@@ -59,7 +69,7 @@ def render(
 
     kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
 
-    kinemode render --motion reach --background textured --stereo 0.12 --depth --out pair
+    kinemode render --motion reach --background textured --stereo 0.12 --depth --hidden 1.0:2.0 --out pair
 
     Parameters
     ----------
@@ -85,6 +95,8 @@ def render(
         Of the scene, the clothes, the sensor's noise and the keypoints' errors.
     occluder
         What stands between the first camera and the person.
+    hidden
+        FROM:TO in seconds: a screen before every camera hides the person from then until before that.
     noise
         Of the sensor, in grey values.
     shutter
@@ -110,7 +122,12 @@ def render(
     import kinemode as km
 
     scene = km.SceneSettings(
-        background=background, occluder=occluder, noise=noise, shutter=shutter, lens_blur=lens_blur
+        background=background,
+        occluder=occluder,
+        hidden=hidden or (),
+        noise=noise,
+        shutter=shutter,
+        lens_blur=lens_blur,
     )
     km.render(
         out,

@@ -48,7 +48,8 @@ class InputOptions:
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
         below for one that started early. What it shows at its own time t belongs to t + SECONDS.
     start
-        Begin here, in seconds; frames before it are left out.
+        Begin here, in seconds; frames before it are left out. Or `index`: the first pose comes from an index of
+        examples, without keypoints; that takes depth.
     end
         End here, in seconds; frames after it are left out.
     """
@@ -63,7 +64,7 @@ class InputOptions:
     keypoint_size: Files = None
     fps: Files = None
     offset: Files = None
-    start: float | None = None
+    start: float | Literal["index"] | None = None
     end: float | None = None
 
     def arguments(self) -> dict[str, Any]:
@@ -96,6 +97,10 @@ class TrackerOptions:
     fit
         auto fits a built-in subject to the person in the first frames: the proportions, and the flesh where edges or
         silhouettes are looked at; a file is taken as measured. proportions leaves the flesh, off everything as it is.
+    index
+        Index of examples in which poses are looked up, see `train-index`: by elmo and psh, for the first pose with
+        --start index, and by css beside its other starts. Where one is needed, that of the subject in the cache unless
+        given, which is made when it is first needed.
     """
 
     subject: SubjectOption = "human34"
@@ -104,6 +109,7 @@ class TrackerOptions:
     modes: int | None = None
     seed: int = 0
     fit: Literal["auto", "proportions", "off"] = "auto"
+    index: Path | None = None
 
     def arguments(self) -> dict[str, Any]:
         """The options but the subject, as `kinemode.track` and `compare` take them."""

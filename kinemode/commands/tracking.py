@@ -17,7 +17,6 @@ def track(
     how: TrackerOptions = USUAL,
     tracker: str = "css",
     workers: int = 1,
-    index: Path | None = None,
     out: Path,
     resume: Flag = False,
     overwrite: Flag = False,
@@ -42,9 +41,6 @@ def track(
     workers
         How many processes share the work of a tracker that searches many hypotheses; the run is the same with any
         number.
-    index
-        Index of examples in which elmo and psh look poses up, see `train-index`; that of the subject in the cache
-        unless given, which is made when it is first needed.
     out
         The run file.
     resume
@@ -65,7 +61,6 @@ def track(
         resume=resume,
         overwrite=overwrite,
         workers=workers,
-        index=index,
         progress=km.reported,
     )
     from kinemode.terminal import report

@@ -19,10 +19,11 @@ from kinemode import jobs
 from kinemode.comparison.files import write_comparison
 from kinemode.comparison.scores import Course, TrackerScore, courses, scored
 from kinemode.comparison.times import TimeFile
+from kinemode.indexing import beginning, index_unused, uses_index
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.settings import choose_for_all, former_names_in, loaded_changes
+from kinemode.settings import choose, choose_for_all, former_names_in, loaded_changes
 from kinemode.target import check_absent, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
 
@@ -61,6 +62,10 @@ def compare_trackers(
     chosen = choose_for_all(order, wanted.settings, wanted.modes, wanted.workers, fits)
     for sentence in former_names_in(names, wanted.settings):
         warnings.warn(sentence, InputWarning, stacklevel=3)
+    each = {name: beginning(choose(name, *chosen[name][:2]), wanted.start) for name in names}
+    looking = {name for name in names if uses_index(each[name])}
+    if wanted.index is not None and not looking:
+        raise index_unused(each[names[0]])
     compared_by = common_settings(*loaded_changes(wanted.settings))
     truth = Reference.load(reference) if isinstance(reference, (str, Path)) else reference
     made_folder(out)
@@ -81,8 +86,9 @@ def compare_trackers(
             own, count, workers = chosen[name]
             progress = times.clocked(name, wanted.progress)
             how = replace(
-                wanted, tracker=name, modes=count, settings=own, workers=workers, out=runs_at[name], progress=progress
-            )
+                wanted, tracker=name, modes=count, settings=own, workers=workers, out=runs_at[name], progress=progress,
+                index=wanted.index if name in looking else None,
+            )  # fmt: skip
             runs[name] = jobs.track_subject(loaded, files, how)
         loaded = runs[name].subject  # fitted now, and not again
         wanted = replace(wanted, estimates=runs[name].estimates or {})

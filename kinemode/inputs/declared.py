@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
 Offsets = str | Iterable[str] | Mapping[str, float] | None
+BY_INDEX = "index"
 _SECONDS = "a number of seconds"
 _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 
@@ -35,7 +36,7 @@ class Declared:
     keypoint_size: Sizes = None
     fps: Rates = None
     offset: Offsets = None
-    start: float | None = None
+    start: float | str | None = None
     end: float | None = None
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
@@ -65,6 +66,11 @@ class Declared:
         if start is not None and end is not None and start > end:
             raise InputError("--start", f"{start:g} s is after --end {end:g} s")
         return start, end
+
+
+def moment(start: float | str | None) -> tuple[float | None, str | None]:
+    """What `start` is: when a track begins [s], or what its first pose comes from ("index")."""
+    return (None, BY_INDEX) if isinstance(start, str) and start == BY_INDEX else (start, None)  # type: ignore[return-value]
 
 
 def _size(value: Any) -> Size:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes
+from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes, moment
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
@@ -49,7 +49,7 @@ def track(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
-    start: float | None = None,
+    start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
@@ -89,12 +89,15 @@ def track(
         not the clip's: (540, 960), or by name.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
     offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
-    start, end: track from here to here [s], both included.
+    start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
+        comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
+        search.start.)
     workers: how many processes search a frame's hypotheses, this one among them, for trackers that search several; the
         run is the same with any number.
         Where it is more than 1, a script needs `if __name__ == "__main__":` around what it runs.
-    index: file in which trackers that look poses up do so (`kinemode.train_index`); unless given the one their settings
-        name, or that of the subject in the user's cache, made when it is first needed.
+    index: file in which trackers that look poses up do so (`kinemode.train_index`), in the first frame (start="index")
+        or in all (elmo, psh); unless given the one their settings name, or that of the subject in the user's cache,
+        made when it is first needed. With it css also searches from examples, more after it has lost the person.
     progress: opens a progress report for each stage, such as `kinemode.reported`; none by default.
 
     Raises
@@ -109,7 +112,8 @@ def track(
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
-    told = Declared(keypoint_size, fps, offset, start, end)
+    begin, start_by = moment(start)
+    told = Declared(keypoint_size, fps, offset, begin, end)
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings, index)
@@ -119,8 +123,9 @@ def track(
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
-        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported, index=index
-    )
+        cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
+        index=index, start=start_by,
+    )  # fmt: skip
     return jobs.track_subject(loaded, files, wanted)
 
 
@@ -188,10 +193,11 @@ def compare(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
-    start: float | None = None,
+    start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
+    index: PathLike | None = None,
     progress: Reporter | None = None,
 ) -> Comparison:
     """Track one clip with several trackers and compare them; the subject is fitted once, for all of them.
@@ -213,15 +219,16 @@ def compare(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras,
         keypoints=keypoints, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
         resume=resume,
-        overwrite=overwrite, person=person, settings=settings, workers=workers, progress=progress,
+        overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, progress=progress,
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
-    told = Declared(keypoint_size, fps, offset, start, end)
+    begin, start_by = moment(start)
+    told = Declared(keypoint_size, fps, offset, begin, end)
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
-    _check_settings(settings)
+    _check_settings(settings, index)
     if isinstance(reference, (str, Path)):
         check_exists(reference)
     loaded = loaded_subject(subject)
@@ -229,8 +236,9 @@ def compare(
     from kinemode.comparison.compare import compare_trackers
 
     wanted = jobs.TrackOptions(
-        cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported
-    )
+        cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
+        index=index, start=start_by,
+    )  # fmt: skip
     return compare_trackers(loaded, files, trackers, wanted, reference)
 
 

@@ -15,6 +15,7 @@ from estimator.formats.keypoints import write_keypoints
 from estimator.media.film import write_film
 from estimator.media.picture import write_picture
 from estimator.synthesis import DetectorSettings, SceneSettings
+from estimator.synthesis.detector import without
 from estimator.synthesis.plate import ORIGIN, Place
 from estimator.synthesis.render import Maps
 from humanoid.kinematics.body import Body, PosedBody
@@ -77,9 +78,10 @@ def _write_keypoints(clip: RenderedClip, shot: Shot, detector: DetectorSettings,
         shot.body, shot.q, shot.cameras, rng, noise_px=detector.noise_px, outlier_fraction=detector.outlier_fraction,
         missing_fraction=detector.missing_fraction, fps=shot.fps,
     )  # fmt: skip
+    hidden = np.array([shot.scene.hides(time) for time in shot.times])
     exact = synthesis.first_frame(shot.body, shot.q, shot.cameras, shot.fps)
     for camera, track, first in zip(shot.cameras, noisy, exact, strict=True):
-        write_keypoints(clip.keypoints[camera.name], track)
+        write_keypoints(clip.keypoints[camera.name], without(track, hidden))
         write_keypoints(clip.first_frame[camera.name], first)
 
 
@@ -105,7 +107,7 @@ def _write_pictures(
             write_film(clip.videos[camera.name], map(picture, range(len(q))), shot.fps, fine=True)
         if clip.masks or clip.depths:
             for t in range(len(q)):
-                _write_maps(clip, camera.name, f"{t:05d}.png", renderer.maps(body.at(q[t]), c))
+                _write_maps(clip, camera.name, f"{t:05d}.png", renderer.maps(body.at(q[t]), c, t / shot.fps))
 
 
 def _write_maps(clip: RenderedClip, camera: str, file: str, maps: Maps) -> None:

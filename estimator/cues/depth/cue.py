@@ -122,7 +122,7 @@ class Depth(Cue):
         area = np.square(grid.step * points.across)
         values = depth.depth[grid.rows[where], grid.columns[where]]
         moved = prepared.farthest[where] - values > _JUMP + 3.0 * depth.noise * np.square(prepared.farthest[where])
-        mine = nearest_thing(points, area, prepared.up, settings.gap, jumps[where], moved)
+        mine = nearest_thing(points, area, prepared.up, settings.gap, jumps[where], moved, len(grid.rows))
         if np.count_nonzero(mine) < _LEAST:
             return None
         points = points.some(mine)

@@ -10,6 +10,7 @@ from estimator.imaging.depth_map import Points
 LEAST_AREA, LEAST_HEIGHT = 0.08, 0.35  # m^2 and m of a person that can be seen, who may be cut off by the picture
 MOVING = 0.15  # share of a thing that has moved, from which it does not belong to the scene
 LARGEST = 2.7  # m, of anything that is one person, arms spread
+FILLS = 0.6  # share of the picture that nobody takes up: what does is a wall or a screen, however near
 _TOUCHING = np.ones((3, 3, 3), bool)
 
 
@@ -20,6 +21,7 @@ def nearest_thing(
     gap: float,
     between: np.ndarray | None = None,
     moved: np.ndarray | None = None,
+    pixels: int | None = None,
 ) -> np.ndarray:
     """Mask (N,) of the points of the nearest thing that is as large as a person; all False where there is none.
 
@@ -27,7 +29,8 @@ def nearest_thing(
     up (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
     belongs to it. between (N,) bool: points at jumps of the depth, which may lie between two things: they connect
     none, and belong to the thing that they touch. moved (N,) bool: points where the clip shows something farther away
-    at other times: a thing with many of them goes before others.
+    at other times: a thing with many of them goes before others. pixels: how many
+    are looked at in the picture, those without a point too; None where that is not known.
     """
     mine = np.zeros(len(points), dtype=bool)
     if not len(points):
@@ -40,6 +43,7 @@ def nearest_thing(
     thing = np.where(sure, labels[tuple(cell.T)], 0)
     areas = np.bincount(thing, area, count + 1)
     moving = np.zeros(count + 1) if moved is None else np.bincount(thing, area * moved, count + 1)
+    areas[np.bincount(thing, minlength=count + 1) > FILLS * (pixels or np.inf)] = 0.0
     best = _nearest(points, thing, areas, moving, up)
     if best == 0:
         return mine

@@ -209,11 +209,16 @@ def _side(body: Body, recipe: IndexRecipe) -> float:
     return float(2.0 * np.percentile(reach, _REACH))
 
 
-def _check(subject: Subject, recipe: IndexRecipe) -> None:
+def check_flesh(subject: Subject) -> None:
+    """Raise InputError where nothing of a subject can be painted."""
     if not subject.flesh:
         raise InputError(
             subject.source, "has no flesh: nothing of it can be painted", remedy="add <flesh> to its links"
         )
+
+
+def _check(subject: Subject, recipe: IndexRecipe) -> None:
+    check_flesh(subject)
     least = 10 * recipe.key_bits
     for name, count in (("examples", recipe.examples), ("pairs", recipe.pairs)):
         if count < least:

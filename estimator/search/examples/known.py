@@ -1,0 +1,42 @@
+"""What is asked of an index of examples: which look like a picture, and how their limbs lie."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from estimator.imaging.observation import Observation
+from estimator.search.examples.index import ExampleIndex
+from estimator.search.examples.limbs import LimbBank
+from estimator.search.examples.lookup import Looked, looked_up
+from estimator.search.examples.person_seen import Sight
+from estimator.search.examples.votes import Votes
+from estimator.search.jumps.anatomy import Limb
+from humanoid.kinematics.body import Body
+from humanoid.shape.surface import Surface
+
+
+class Examples:
+    """The examples of one index for one body, whose person is seen by `sight`."""
+
+    def __init__(self, index: ExampleIndex, body: Body, sight: Sight) -> None:
+        self.index, self.sight, self._body = index, sight, body
+        self._banks: dict[int, LimbBank] = {}
+
+    def looked(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
+        """What the pictures of a frame are looked up by, and the `count` examples that look most like them: chosen by
+        all cameras together, or as many by each."""
+        return looked_up(self.index, observation, count, self.sight, self._votes if together else None)
+
+    def limbs(self, surface: Surface, limbs: tuple[Limb, ...], count: int) -> LimbBank:
+        """The limbs of `count` of the examples, always the same ones; made once."""
+        if count not in self._banks:
+            q = self.index.q
+            chosen = np.random.default_rng(0).choice(len(q), min(count, len(q)), replace=False)
+            self._banks[count] = LimbBank(self._body, surface, limbs, q[np.sort(chosen)].astype(np.float64))
+        return self._banks[count]
+
+    @cached_property
+    def _votes(self) -> Votes:
+        return Votes(self.index, self._body)

@@ -1,0 +1,83 @@
+"""Modes of a frame that are searched from the examples of an index that look like its pictures, without a past."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.imaging.observation import Observation
+from estimator.modes.mixture import Mixture
+from estimator.modes.origin import Family, Origin
+from estimator.search.examples.limbs import SeenPoints, seen_points
+from estimator.search.examples.lookup import Looked
+from estimator.search.frame_search import FrameCase
+from estimator.search.hypothesis import Candidate, Hypothesis
+from estimator.search.mode_search import ModeSearch
+from humanoid.kinematics.body import Body
+
+
+class Descent(NamedTuple):
+    """How modes are searched from examples, see `estimator.trackers.elmo.ElmoSettings`."""
+
+    neighbours: int = 50
+    votes: bool = True
+    rounds: int = 5
+    survivors: int = 8
+    recombined: int = 6
+    recombined_of: int = 2
+    limbs: int = 800
+
+
+def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
+    """The `count` best modes of one frame that shows the person, found as ELMO finds those of its first frame; where
+    there are keypoints they count as in any frame.
+
+    Raises InputError where no index is named or the one that is cannot be read.
+    """
+    how = Descent()
+    looks = search.examples.looked(observation, how.neighbours)
+    associations = search.associations(observation)
+    starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, k)]
+    case = FrameCase(associations, 0.0, search.likelihood(observation, starts[0].q))
+    return search.best_of(descended(search, starts, looks, observation, case, how), case, count, rng)
+
+
+def example_starts(body: Body, looks: Sequence[Looked], association: int = 0) -> list[Hypothesis]:
+    """A start at every example, in one association of the keypoints."""
+    return [Hypothesis(body.clamp(q), association, Origin(Family.EXAMPLE)) for look in looks for q in look.q]
+
+
+def descended(
+    search: ModeSearch,
+    starts: Sequence[Hypothesis],
+    looks: Sequence[Looked],
+    observation: Observation,
+    case: FrameCase,
+    how: Descent,
+) -> list[Candidate]:
+    """Where short searches lead from the starts: how many reach a mode does not count. What the pictures say is asked
+    anew in every round, as in ICP, and only the best go on."""
+    candidates = search.explored(starts, case)
+    image = search.model.settings.image
+    seen = seen_points(observation, image.depth_noise, image.depth_nu) if looks and how.recombined else None
+    for left in reversed(range(how.rounds - 1)):
+        best = search.distinct(candidates, how.survivors)
+        again = [c.hypothesis._replace(q=c.q) for c in best]
+        if left > 0 and seen is not None:
+            again += _recombined(search, best[: how.recombined_of], looks, seen, how)
+        candidates = search.explored(again, case)
+    return candidates
+
+
+def _recombined(
+    search: ModeSearch, poses: Sequence[Candidate], looks: Sequence[Looked], seen: SeenPoints, how: Descent
+) -> list[Hypothesis]:
+    """Poses with one of their limbs as one of the examples has it."""
+    bank = search.examples.limbs(search.model.image.surface, search.jumps.limbs, how.limbs)
+    alike, hypotheses = np.concatenate([look.q for look in looks]), []
+    for c in poses:
+        changed = (bank.best(c.q, k, alike, seen, how.recombined) for k in range(len(bank.limbs)))
+        hypotheses += [Hypothesis(q, c.hypothesis.association, Origin(Family.EXAMPLE)) for of in changed for q in of]
+    return hypotheses

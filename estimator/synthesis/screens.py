@@ -1,0 +1,55 @@
+"""Screens that hide the person wholly: before every camera one, for both of a stereo pair the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.cameras.camera import Camera
+from estimator.synthesis import scene
+from estimator.synthesis.plate import Place
+
+_SHARE = 0.5  # of the way to the nearest that the person may be
+_SPECKLE = 0.012  # of the distance: a few pixels
+_MARGIN = 1.05  # on the sides that just fill the pictures
+_BORDER = 9  # places along each side of a picture, which the lens bends
+
+
+def screens(cameras: Sequence[Camera], place: Place, rng: np.random.Generator) -> list[scene.Quads]:
+    """By camera, a speckled rectangle across its axis, nearer than all of the place and larger than what it sees.
+
+    Cameras that look the same way stand side by side and have one screen, so that stereo finds its depth.
+    """
+    made: dict[bytes, scene.Quads] = {}
+    for camera in cameras:
+        way = camera.R_camera_world.round(9).tobytes()
+        if way not in made:
+            beside = [c for c in cameras if c.R_camera_world.round(9).tobytes() == way]
+            made[way] = _screen(beside, place, rng)
+    return [made[camera.R_camera_world.round(9).tobytes()] for camera in cameras]
+
+
+def _screen(cameras: Sequence[Camera], place: Place, rng: np.random.Generator) -> scene.Quads:
+    """One before cameras (at least one) that look the same way."""
+    R = cameras[0].R_camera_world
+    heights = np.array([place.floor, place.floor + place.height])
+    ends = np.array([[*corner, height] for corner in place.outline for height in heights]) @ R[2]
+    front = max(float(c.centre_world @ R[2]) for c in cameras)
+    distance = _SHARE * (float(ends.min()) - front)
+    edges = np.concatenate(
+        [_edge(c) * (front + distance - c.centre_world @ R[2]) + c.centre_world @ R.T for c in cameras]
+    )
+    low, high = edges.min(axis=0)[:2], edges.max(axis=0)[:2]
+    middle, half = 0.5 * (low + high), 0.5 * _MARGIN * (high - low)
+    corner = np.array([*(middle - half), front + distance]) @ R
+    return scene.screen(rng, corner, 2.0 * half[0] * R[0], 2.0 * half[1] * R[1], _SPECKLE * distance)
+
+
+def _edge(camera: Camera) -> np.ndarray:
+    """Directions (N, 3) in the camera, with z = 1, of places all around the border of its picture."""
+    width, height = camera.image_size
+    x, y = np.linspace(-0.5, width - 0.5, _BORDER), np.linspace(-0.5, height - 0.5, _BORDER)
+    pixels = [np.stack([x, np.full(_BORDER, end)], axis=1) for end in y[[0, -1]]]
+    pixels += [np.stack([np.full(_BORDER, end), y], axis=1) for end in x[[0, -1]]]
+    return camera.directions(np.concatenate(pixels))

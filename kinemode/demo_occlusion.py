@@ -1,0 +1,98 @@
+"""The demonstration of recovery: a person whom a screen hides for a while is found again without a past (ELMO)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.results.evaluation import mpjpe
+from estimator.results.pairs import paired
+from estimator.results.reference_motion import Reference
+from estimator.results.run_file import Run
+from estimator.search.examples.index import IndexRecipe
+from estimator.synthesis import SceneSettings, ViewSettings
+from humanoid.subject.subject import load_subject
+from kinemode.demo_person import demo_subject
+from kinemode.indexing import painting_seconds, write_index
+from kinemode.public.tracking import track
+from kinemode.rendering.clip import render_clip
+from kinemode.rendering.files import RenderedClip
+from kinemode.target import made_folder
+from kinemode.terminal import report
+from kinemode.terminal.progress import Reporter, reported
+from viz.pictures.overlay import write_overlay
+from viz.pictures.sheet import write_sheet
+
+HIDDEN = (1.2, 2.0)  # s
+_FPS = 15.0
+_SEED = 34  # the clip stays the same; the seed a user gives is the tracker's
+_LEFT, _RIGHT = "cam01", "cam01_right"
+RECIPE = IndexRecipe(examples=4000, pairs=1000, variants=8)
+"""Few examples, so that they are soon painted; an index that is to be good has many more."""
+
+
+class Recovery(NamedTuple):
+    """Mean errors over the limb joints of the likeliest hypothesis, in the world, nothing aligned [mm]: in the last
+    frame in which the person was seen, the first in which they are seen again, the third, and over all of these."""
+
+    before: float
+    after: float
+    third: float
+    seen: float
+
+
+def run_occlusion_demo(
+    out: str | Path,
+    seed: int = 0,
+    *,
+    index: str | Path | None = None,
+    fps: float = _FPS,
+    progress: Reporter = reported,
+) -> Recovery:
+    """Render a clip of a stereo pair, track it by depth and an index of examples alone, draw it, say how far it is off.
+
+    out: folder for everything, made if it is not there; files of an earlier demonstration are replaced, but its index
+    is used again. seed: of the tracker. index: file of examples of human34, a small one is made unless given. fps: of
+    the clip. progress: opens a progress report under a label.
+    Raises InputError where the folder cannot be written, or the index cannot be used.
+    """
+    folder, console = made_folder(Path(out)), report.console()
+    path = Path(index) if index is not None else folder / f"examples_{RECIPE.examples}.npz"
+    if index is None and not path.exists():
+        minutes = painting_seconds(RECIPE) / 60.0
+        said = f"first {RECIPE.examples} examples of what poses look like are painted, in about {minutes:.1f} minutes"
+        console.print(said)
+        write_index(load_subject("human34"), RECIPE, path, workers=1, overwrite=True, progress=progress)
+    clip = render_clip(
+        folder, "reach", subject=demo_subject(), scene=SceneSettings("textured", hidden=(HIDDEN,)),
+        view=ViewSettings(fill=0.85, image_size=(320, 240), baseline=0.12), fps=fps, seed=_SEED, progress=progress,
+    )  # fmt: skip
+    run = track(
+        clip.subject, clip.videos, cameras=clip.cameras, cues="depth", stereo={_LEFT: _RIGHT}, tracker="elmo",
+        index=path, seed=seed, fit="off", out=folder / "occlusion.run", overwrite=True, progress=progress,
+    )  # fmt: skip
+    result = recovery(run, clip)
+    console.print(
+        f"a screen hides the person from {HIDDEN[0]:g} to {HIDDEN[1]:g} s, no pose is given. Mean error of the joints:"
+        f" {result.before:.0f} mm in the last frame before the screen, {result.after:.0f} mm in the first after it,"
+        f" {result.third:.0f} mm in the third, {result.seen:.0f} mm over all in which the person is seen (in the world)"
+    )
+    console.print("\nlook at:")
+    with progress("overlay") as report_progress:
+        overlay = write_overlay(run, folder / "overlay.mp4", camera=_LEFT, progress=report_progress)
+    for picture in (overlay, write_sheet(run, folder / "contact_sheet.png")):
+        console.print(f"  {picture}", soft_wrap=True)
+    return result
+
+
+def recovery(run: Run, clip: RenderedClip) -> Recovery:
+    """Measure a run against the truth that was rendered."""
+    pairs = paired(run.body.landmark_names, run.time, Reference.load(clip.truth))
+    true, ours = pairs.truth_of_frames(len(run.time)), run.mode_landmarks[:, 0][:, pairs.shared.ours]
+    error = 1e3 * mpjpe(ours, true)
+    hidden = np.flatnonzero(np.array([HIDDEN[0] <= time < HIDDEN[1] for time in run.time]))
+    seen = np.delete(error, hidden)
+    before, first = hidden[0] - 1, hidden[-1] + 1
+    return Recovery(float(error[before]), float(error[first]), float(error[first + 2]), float(np.nanmean(seen)))
