@@ -16,6 +16,7 @@ from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
 from estimator.results.run_file import Run
 from estimator.tracking.registry import TRACKERS
+from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
@@ -23,15 +24,19 @@ from kinemode.terminal import report
 RIVALS = ("elmo", "condensation", "psh", "icp")
 FAR = 100.0  # mm
 LOST = 250.0  # mm
+AT_RANDOM = "elmo-random"  # ELMO with as many random examples in place of those that look like the picture
 GIVEN = ("icp", "condensation", "css")
 """These are given the first pose."""
-PAPER: dict[str, dict[str, Any]] = {"condensation": {"condensation": {"particles": 1000}}}
+PAPER: dict[str, dict[str, Any]] = {
+    "condensation": {"condensation": {"particles": 1000}},
+    "css": {"smooth": {"enabled": False}},
+}
 
 
 @dataclass(frozen=True)
 class Task:
     """A tracker on a sequence. body: whether it tracks the true body, or the built-in one fitted to the first frame.
-    index: for those that look poses up."""
+    index: for those that look poses up. until [s]: where it ends, if before the sequence does."""
 
     film: Filmed
     tracker: str
@@ -39,6 +44,7 @@ class Task:
     index: Path
     settings: Mapping[str, Any]
     seed: int = 0
+    until: float | None = None
 
 
 @dataclass(frozen=True)
@@ -55,19 +61,32 @@ def tracked(task: Task) -> Result:
     """Render and track."""
     clip = filmed(task.film)
     out = task.film.clip_folder / f"{task.tracker}.run"
-    looks_up = TRACKERS[task.tracker].group == "elmo" and task.tracker not in GIVEN
+    tracker = "elmo" if task.tracker == AT_RANDOM else task.tracker
+    looks_up = TRACKERS[tracker].group == "elmo" and tracker not in GIVEN
+    index = shuffled(task.index, task.film.folder / "shuffled.npz") if task.tracker == AT_RANDOM else task.index
     fits = task.body == "fitted"
     given = clip.first_frame if task.tracker in GIVEN or fits else None
     run, times = timed_track(
         given, clip.cameras, out, clips=clip.videos, cues="depth", subject="human34" if fits else clip.subject,
-        fit="proportions" if fits else "off", tracker=task.tracker, seed=task.seed, settings=task.settings,
-        stereo={"cam01": "cam01_right"}, index=task.index if looks_up else None,
+        fit="proportions" if fits else "off", tracker=tracker, seed=task.seed, settings=task.settings,
+        stereo={"cam01": "cam01_right"}, index=index if looks_up else None,
+        end=task.until,
     )  # fmt: skip
     error = errors(run, clip)
     removed(out)
     shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
     tell(f"{task.film.name}, {task.tracker}: {shown}")
     return Result(task.film.name, task.tracker, error.tolist(), times.cpu_tracking)
+
+
+def shuffled(index: Path, path: Path) -> Path:
+    """The same examples under each other's bits, so that any of them are looked up."""
+    with np.load(index) as kept:
+        arrays = dict(kept)
+    arrays["codes"] = np.random.default_rng(0).permutation(arrays["codes"])
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)
+    return path
 
 
 def errors(run: Run, clip: RenderedClip) -> np.ndarray:
@@ -90,6 +109,7 @@ def main(
     frames: int = 1000,
     fps: float = 30.0,
     baseline: float = 0.12,
+    until: float | None = None,
     seed: int = 0,
     changes: Changes = (),
     jobs: int = 1,
@@ -109,7 +129,7 @@ def main(
     sequences
         Which.
     trackers
-        Which.
+        Which; also css, and elmo-random, which searches from as many random examples.
     body
         The tracked body: the one in the pictures, or the built-in one with lengths fitted to the first frame.
     frames
@@ -118,6 +138,8 @@ def main(
         Frames per second: 30, or 4 for section 4.2.
     baseline
         Metres between the cameras.
+    until
+        Seconds of each sequence that are tracked; all by default.
     seed
         Seed of the tracker.
     changes
@@ -140,7 +162,9 @@ def main(
         films = [Filmed(name, frames, folder, kept, fps, baseline) for name in sequences]
         in_processes(filmed, films, jobs)
         own = nested(changes)
-        tasks = [Task(film, t, body, index, PAPER.get(t, {}) | _of(t, own), seed) for film in films for t in trackers]
+        tasks = [
+            Task(film, t, body, index, PAPER.get(t, {}) | _of(t, own), seed, until) for film in films for t in trackers
+        ]
         results = in_processes(tracked, tasks, jobs)
     show(results, trackers)
     save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline,
@@ -149,7 +173,7 @@ def main(
 
 def _of(tracker: str, changes: dict[str, Any]) -> dict[str, Any]:
     """The changes that are about a tracker."""
-    groups = {"cost", "search", "cues", TRACKERS[tracker].group}
+    groups = {"cost", "search", "cues", TRACKERS["elmo" if tracker == AT_RANDOM else tracker].group}
     return {name: value for name, value in changes.items() if name in groups}
 
 
