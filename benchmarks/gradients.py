@@ -13,8 +13,11 @@ from cyclopts import Parameter
 
 from benchmarks.common import save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
+from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cues.base import Past
+from estimator.cues.depth.matching import surface_precision
+from estimator.imaging.depth_map import Points
 from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.numerics.robust import POTENTIALS
@@ -23,6 +26,7 @@ from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.point_targets import PointTargets
 from estimator.terms.priors import Stabilisers, Transition
 from estimator.terms.reprojection import Reprojection
 from estimator.terms.term import Cost, Term
@@ -30,8 +34,9 @@ from estimator.terms.upright import Upright, world_up
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.collision.self_collision import SelfCollision
-from humanoid.kinematics.body import Body, PosedBody
+from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
+from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
@@ -100,9 +105,35 @@ def terms(body: Body, self_collision: SelfCollision, rng: np.random.Generator) -
         made[f"transition, {kind}"] = lambda k=kind: Transition(  # type: ignore[misc]
             body, random_pose(body, rng), rng.uniform(0.05, 0.5, body.nv), k
         )
+    surface = surface_of(body, nodes=200)
+    for count in (1, 2):
+        made[f"depth, {count} cameras" if count > 1 else "depth, one camera"] = (
+            lambda n=count: _depth(  # type: ignore[misc]
+                body, surface, random_pose(body, rng), cameras[:n], rng
+            )
+        )
     for power in (1.0, 2.0):
         made[f"interpenetration, power {power:g}"] = lambda p=power: Interpenetration(self_collision, power=p)  # type: ignore[misc]
     return made
+
+
+def _depth(
+    body: Body, surface: Surface, q: np.ndarray, cameras: tuple[Camera, ...], rng: np.random.Generator
+) -> PointTargets:
+    """Nodes of a surface paired with noisy points of it in a pose (nq,), as the cue pairs them (ELMO eq. 1)."""
+    posed = body.at(q)
+    node = np.concatenate([rng.integers(0, len(surface.joint), 60) for _ in cameras])
+    places = points_in_world(posed, surface.joint[node], surface.local[node]) + STANDING
+    eyes = np.repeat([camera.centre_world for camera in cameras], 60, axis=0)
+    away = np.linalg.norm(places - eyes, axis=1)
+    rays = (places - eyes) / away[:, None]
+    points = Points(places + rng.normal(0.0, 0.05, places.shape), rays, 0.005 * np.square(away), 0.003 * away)
+    normals = directions_in_world(posed, surface.joint[node], surface.normal[node])
+    precision = surface_precision(points, normals, 0.02, 0.1)
+    return PointTargets(
+        body, surface.joint[node], surface.local[node], points.places, precision,
+        weight=np.full(len(node), 1.0 / len(node)), potential="lorentzian", nu=6.0, name="depth",
+    )  # fmt: skip
 
 
 def term_errors(body: Body, self_collision: SelfCollision, poses: int, rng: np.random.Generator) -> dict[str, Errors]:

@@ -34,9 +34,10 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
     """The `count` best modes of one frame that shows the person, found as ELMO finds those of its first frame; where
     there are keypoints they count as in any frame.
 
-    Raises InputError where no index is named or the one that is cannot be read.
+    Raises InputError where no index is named, or the one that is cannot be read or is for other cameras.
     """
     how = Descent()
+    search.examples.check(observation)
     looks = search.examples.looked(observation, how.neighbours)
     associations = search.associations(observation)
     starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, k)]

@@ -19,7 +19,7 @@ from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin
 from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
-from estimator.search.examples.lookup import Looked, check_elevation
+from estimator.search.examples.lookup import Looked
 from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
@@ -116,6 +116,7 @@ class Elmo(Begins):
         if self.needs_keypoints or not self.settings.neighbours:
             mixture = start_modes(self.search, rng, observation, self.settings.modes)
             return self._judged(observation, mixture, None)
+        self.search.examples.check(observation)
         return self._searched(observation, None)
 
     def step(
@@ -164,8 +165,6 @@ class Elmo(Begins):
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
         looks = self.looked(observation)
-        if state is None:
-            check_elevation(self.search.examples.index, observation, looks)
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)

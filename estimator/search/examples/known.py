@@ -9,8 +9,8 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.limbs import LimbBank
-from estimator.search.examples.lookup import Looked, looked_up
-from estimator.search.examples.person_seen import Sight
+from estimator.search.examples.lookup import Looked, check_elevation, looked_up
+from estimator.search.examples.person_seen import Sight, person_views
 from estimator.search.examples.votes import Votes
 from estimator.search.jumps.anatomy import Limb
 from humanoid.kinematics.body import Body
@@ -28,6 +28,11 @@ class Examples:
         """What the pictures of a frame are looked up by, and the `count` examples that look most like them: chosen by
         all cameras together, or as many by each."""
         return looked_up(self.index, observation, count, self.sight, self._votes if together else None)
+
+    def check(self, observation: Observation) -> None:
+        """Raise InputError where the cameras that see the person look down otherwise than the examples' does: what
+        they see would look like none of them."""
+        check_elevation(self.index, observation, person_views(observation, self.index.side, self.sight))
 
     def limbs(self, surface: Surface, limbs: tuple[Limb, ...], count: int) -> LimbBank:
         """The limbs of `count` of the examples, always the same ones; made once."""

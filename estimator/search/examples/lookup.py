@@ -52,7 +52,7 @@ def looked_up(
     return [_only(look, chosen) for look, chosen in zip(proposed, kept, strict=True)]
 
 
-def check_elevation(index: ExampleIndex, observation: Observation, looks: Sequence[Looked]) -> None:
+def check_elevation(index: ExampleIndex, observation: Observation, looks: Sequence[PersonView]) -> None:
     """Raise InputError where all cameras that see the person look down on them much more, or less, than the camera of
     the examples does."""
     off = [_off(index, observation, look) for look in looks]
@@ -67,7 +67,7 @@ def check_elevation(index: ExampleIndex, observation: Observation, looks: Sequen
     raise InputError("index", problem, remedy=remedy)
 
 
-def _off(index: ExampleIndex, observation: Observation, seen: PersonView | Looked) -> float:
+def _off(index: ExampleIndex, observation: Observation, seen: PersonView) -> float:
     """How far the elevation [degrees] of a camera is from that of the examples."""
     return abs(seen.frame.elevation(observation.cameras[seen.camera]) - index.recipe.elevation)
 
