@@ -182,6 +182,9 @@ def test_the_true_pose_has_less_energy_and_agrees_more(pair: RenderedClip) -> No
         other = body.at(body.integrate(q, 0.25 * rng.uniform(-1.0, 1.0, body.nv)))
         assert sum(likelihood.assigned_values(other)) > true
         assert likelihood.agreement(other)[0] < agreed
+    beside = q.copy()
+    beside[:2] += 10.0  # m, out of the picture
+    assert sum(likelihood.assigned_values(body.at(beside))) > 2.0 * true
 
 
 def test_a_body_is_tracked_by_depth_and_explained(clip: RenderedClip, tmp_path: Path) -> None:

@@ -148,8 +148,6 @@ class DepthMatcher(Matcher):
         if self._settings.depth_evidence <= 0.0:
             return []
         both = self._pairs(posed, prediction)
-        if both is None:
-            return []
         s, surface = self._settings, self.view.surface
         node, point = (np.concatenate(parts) for parts in zip(*both, strict=True))
         joint, points = surface.joint[node], self._points.some(point)
@@ -172,11 +170,11 @@ class DepthMatcher(Matcher):
             )
         ]
 
-    def _pairs(self, posed: PosedBody, prediction: Prediction) -> tuple[Pairs, Pairs] | None:
-        """From nodes to points and back; None where no node can be seen."""
-        nodes, surface = np.flatnonzero(prediction.visible), self.view.surface
-        if not len(nodes):
-            return None
+    def _pairs(self, posed: PosedBody, prediction: Prediction) -> tuple[Pairs, Pairs]:
+        """From nodes to points and back. A body of which nothing is in the picture pays with all its nodes: what is
+        seen is somebody's."""
+        surface = self.view.surface
+        nodes = np.flatnonzero(prediction.visible) if prediction.visible.any() else np.arange(len(surface.joint))
         places = points_in_world(posed, surface.joint[nodes], surface.local[nodes])
         return closest_points(self._tree, places, nodes), closest_nodes(self._points, places, nodes)
 
