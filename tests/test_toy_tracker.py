@@ -124,6 +124,11 @@ def test_it_keeps_the_contract(toy: None, clip: RenderedClip) -> None:
     check_tracker(lambda: make_tracker(NAME, body), seen)
 
 
+def test_it_is_refused_where_it_is_to_begin_by_an_index(toy: None, clip: RenderedClip) -> None:
+    with pytest.raises(InputError, match="start: toy does not begin by an index"):
+        track(clip, start="index")
+
+
 def test_nothing_else_names_it() -> None:
     """One file of at most 60 lines, registered by being imported, and nobody who imports this one is left with it."""
     assert len((ROOT / "tests/toy_tracker.py").read_text(encoding="utf-8").splitlines()) <= 60
