@@ -22,7 +22,7 @@ from estimator.likelihood.settings import cue_settings
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.known import Examples
-from estimator.synthesis.examples.poses import PoseSampler
+from estimator.synthesis.examples.poses import sampler_of
 from estimator.trackers.elmo import Elmo
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.kinematics.body import Body
@@ -88,7 +88,7 @@ def main(
     tracker = make_tracker("elmo", body, replace(settings, search=replace(settings.search, index=str(index))))
     assert isinstance(tracker, Elmo)
     known, rows = tracker.search.examples.index, []
-    sampler = PoseSampler(body, headings=known.recipe.headings, legs=known.recipe.legs)
+    sampler = sampler_of(body, known.recipe)
     rng = np.random.default_rng(_SEED)
     q = np.array([sampler.draw(rng) for _ in range(poses)])
     with work_folder(work) as folder:

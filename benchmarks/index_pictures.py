@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.elmo_clips import JOINTS
 from estimator.search.examples.index import ExampleIndex
 from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
-from estimator.synthesis.examples.poses import PoseSampler
+from estimator.synthesis.examples.poses import sampler_of
 from humanoid.kinematics.body import Body
 
 _BODIES = 6  # of other lengths and girth than the index's
@@ -31,7 +31,7 @@ def painted(body: Body, index: ExampleIndex, count: int, rng: np.random.Generato
     """Pictures of poses drawn as those of the index, of bodies that it has not seen, in other clothes and light."""
     recipe = index.recipe
     painter = ExamplePainter(body, variants(body.subject, _BODIES, rng), recipe.elevation, index.side)
-    sampler = PoseSampler(body, headings=recipe.headings, legs=recipe.legs)
+    sampler = sampler_of(body, recipe)
     return [painter.example(sampler.draw(rng), rng) for _ in range(count)]
 
 

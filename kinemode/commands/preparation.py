@@ -54,6 +54,7 @@ def train_index(
     out: Path,
     examples: int = 60_000,
     headings: float = 120.0,
+    bends: float = 0.0,
     legs: Flag = False,
     elevation: float = 8.0,
     seed: int = 0,
@@ -73,7 +74,9 @@ def train_index(
     examples
         How many.
     headings
-        Range of the body's heading about facing the camera, in degrees.
+        Range of the body's heading about facing the camera, in degrees; 360 for who turns round.
+    bends
+        How far the body leans forward at most, in degrees: for who bends or lifts.
     legs
         Legs move too, as far as their rest positions let them.
     elevation
@@ -93,6 +96,7 @@ def train_index(
             out,
             examples=examples,
             headings=headings,
+            bends=bends,
             legs=legs,
             elevation=elevation,
             seed=seed,

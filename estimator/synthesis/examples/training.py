@@ -18,7 +18,7 @@ from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed
 from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
 from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
-from estimator.synthesis.examples.poses import PoseSampler
+from estimator.synthesis.examples.poses import sampler_of
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Base, Subject, subject_from_text
@@ -91,7 +91,7 @@ class Gallery:
         subject = subject_from_text(painting.urdf, source=painting.source, base=painting.base)
         recipe = self._recipe = painting.recipe
         body = Body(subject)
-        self._poses = PoseSampler(body, headings=recipe.headings, legs=recipe.legs)
+        self._poses = sampler_of(body, recipe)
         bodies = variants(subject, recipe.variants, self._rng(_BODIES, 0))
         self._painter = ExamplePainter(body, bodies, recipe.elevation, painting.side)
 
@@ -200,7 +200,7 @@ def _bits(made: list[dict[str, np.ndarray]], recipe: IndexRecipe) -> Bits:
 def _side(body: Body, recipe: IndexRecipe) -> float:
     """Side [m] of a square about the middle of the body that most poses fit into."""
     surface = surface_of(body, nodes=500)
-    sampler = PoseSampler(body, headings=recipe.headings, legs=recipe.legs)
+    sampler = sampler_of(body, recipe)
     rng = np.random.default_rng((recipe.seed, _BODIES))
     reach = []
     for _ in range(_REACH_POSES):
