@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.credible_levels import GRID, KINDS, Levels, calibration_error, coverage
-from humanoid.support.atomic import replacing
+from benchmarks.figure_file import new_figure, write_figure
 
 TITLES = {"dof": "degrees of freedom", "landmark": "landmark places", "pose": "whole poses"}
 _COLOURS = ("#c44e52", "#1f4e79")
@@ -17,11 +17,7 @@ _COLOURS = ("#c44e52", "#1f4e79")
 def write_reliability(path: Path, variants: Mapping[str, Levels], conditions: Mapping[str, Levels]) -> None:
     """Coverage over level for every kind of region, as a PNG: the variants, and thin and grey the last one's
     conditions."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 4.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(11.0, 4.0)
     ends = np.concatenate([[0.0], GRID, [1.0]])
     panels = figure.subplots(1, len(KINDS), sharey=True)
     for axes, kind in zip(panels, KINDS, strict=True):
@@ -36,6 +32,4 @@ def write_reliability(path: Path, variants: Mapping[str, Levels], conditions: Ma
         axes.set(title=TITLES[kind], xlabel="level of the region", xlim=(0, 1), ylim=(0, 1), aspect="equal")
         axes.legend(loc="upper left", fontsize=7.5, frameon=False)
     panels[0].set_ylabel("share of truths inside")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+    write_figure(path, figure)

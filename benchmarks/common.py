@@ -8,7 +8,7 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,6 +28,7 @@ Result = TypeVar("Result")
 ROOT = Path(__file__).resolve().parent.parent
 CUES = ("edges", "flow", "silhouette")
 """The cues that the figures in the documents are of."""
+NO_CAPTURE_HERE = "the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it"
 Several = Parameter(consume_multiple=True, negative="")
 Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True, negative="")]
 
@@ -81,6 +82,23 @@ def data_folder(given: Path | None) -> Path | None:
     if given is not None:
         raise InputError(given, "no such folder")
     return None
+
+
+def captured_folder(given: Path | None) -> Path | None:
+    """The evaluation data if it has motion capture; says so, and None, where it has not."""
+    folder = data_folder(given)
+    if folder is None or not (folder / "mocap").is_dir():
+        tell(NO_CAPTURE_HERE)
+        return None
+    return folder
+
+
+def check_known(option: str, names: Iterable[str], known: Iterable[str]) -> None:
+    """Raise InputError for the first of the names that is not known."""
+    valid = list(known)
+    for name in names:
+        if name not in valid:
+            raise InputError(option, f"there is no {name!r}", remedy=f"some of {', '.join(valid)}")
 
 
 def beam_folder(given: Path | None) -> Path:

@@ -12,7 +12,7 @@ import pinocchio as pin
 from benchmarks.css_figures_valleys import valleys
 from benchmarks.css_tables_minima import Searches, distinct, known_problem
 from benchmarks.css_tables_problem import PAPERS, Problem, joint_image_problem
-from humanoid.support.atomic import replacing
+from benchmarks.figure_file import new_figure, write_figure
 from kinemode.target import made_folder
 
 if TYPE_CHECKING:
@@ -42,14 +42,9 @@ def draw_all(folder: Path, pose: int, scale_8: dict[str, Searches], points: int 
 
 def _page(path: Path, rows: int, columns: int, size: tuple[float, float], draw: Callable[[list[Axes]], None]) -> None:
     """A figure of rows x columns axes, `size` in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(*size, dpi=DPI)
     draw(list(figure.subplots(rows, columns, squeeze=False).ravel()))
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format=path.suffix.lstrip("."))
+    write_figure(path, figure)
 
 
 def _spectra(axes: Axes, problems: dict[str, Problem]) -> None:

@@ -10,14 +10,25 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.common import (
+    Changes,
+    Several,
+    captured_folder,
+    check_known,
+    in_processes,
+    nested,
+    save,
+    start,
+    tell,
+    work_folder,
+)
 from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
 from estimator.results.run_file import Run
+from estimator.trackers.defaults import together
 from estimator.tracking.registry import TRACKERS
 from humanoid.support.atomic import replacing
-from humanoid.support.errors import InputError
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 
@@ -27,9 +38,11 @@ LOST = 250.0  # mm
 AT_RANDOM = "elmo-random"  # ELMO with as many random examples in place of those that look like the picture
 GIVEN = ("icp", "condensation", "css")
 """These are given the first pose."""
+CRITERION: Mapping[str, Any] = {"cost": TRACKERS["elmo"].defaults["cost"]}
+"""The same for all: the shipped pose prior was learned from these very motions, and ELMO has none."""
 PAPER: dict[str, dict[str, Any]] = {
-    "condensation": {"condensation": {"particles": 1000}},
-    "css": {"smooth": {"enabled": False}},
+    "condensation": together(CRITERION, {"condensation": {"particles": 1000}}),
+    "css": together(CRITERION, {"smooth": {"enabled": False}}),
 }
 
 
@@ -61,7 +74,7 @@ def tracked(task: Task) -> Result:
     """Render and track."""
     clip = filmed(task.film)
     out = task.film.clip_folder / f"{task.tracker}.run"
-    tracker = "elmo" if task.tracker == AT_RANDOM else task.tracker
+    tracker = run_as(task.tracker)
     looks_up = TRACKERS[tracker].group == "elmo" and tracker not in GIVEN
     index = shuffled(task.index, task.film.folder / "shuffled.npz") if task.tracker == AT_RANDOM else task.index
     fits = task.body == "fitted"
@@ -77,6 +90,11 @@ def tracked(task: Task) -> Result:
     shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
     tell(f"{task.film.name}, {task.tracker}: {shown}")
     return Result(task.film.name, task.tracker, error.tolist(), times.cpu_tracking)
+
+
+def run_as(tracker: str) -> str:
+    """The tracker that is run by that name."""
+    return "elmo" if tracker == AT_RANDOM else tracker
 
 
 def shuffled(index: Path, path: Path) -> Path:
@@ -151,20 +169,17 @@ def main(
     json
         Also write the figures here.
     """
-    folder = data_folder(data)
-    if folder is None or not (folder / "mocap").is_dir():
-        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+    folder = captured_folder(data)
+    if folder is None:
         return
-    for name in sequences:
-        if name not in SEQUENCES:
-            raise InputError("--sequences", f"there is no {name!r}", remedy=f"some of {', '.join(SEQUENCES)}")
+    check_known("--sequences", sequences, SEQUENCES)
+    check_known("--trackers", trackers, (*TRACKERS, AT_RANDOM))
     with work_folder(work) as kept:
         films = [Filmed(name, frames, folder, kept, fps, baseline) for name in sequences]
         in_processes(filmed, films, jobs)
         own = nested(changes)
-        tasks = [
-            Task(film, t, body, index, PAPER.get(t, {}) | _of(t, own), seed, until) for film in films for t in trackers
-        ]
+        settings = {t: together(PAPER.get(t, {}), _of(t, own)) for t in trackers}
+        tasks = [Task(film, t, body, index, settings[t], seed, until) for film in films for t in trackers]
         results = in_processes(tracked, tasks, jobs)
     show(results, trackers)
     save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline,
@@ -173,7 +188,7 @@ def main(
 
 def _of(tracker: str, changes: dict[str, Any]) -> dict[str, Any]:
     """The changes that are about a tracker."""
-    groups = {"cost", "search", "cues", TRACKERS["elmo" if tracker == AT_RANDOM else tracker].group}
+    groups = {"cost", "search", "cues", TRACKERS[run_as(tracker)].group}
     return {name: value for name, value in changes.items() if name in groups}
 
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from benchmarks.common import Several, start
+from benchmarks.common import Several, check_known, start
+from benchmarks.figure_file import new_figure, write_figure
 from estimator.formats.checked_json import read_json
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 _COLOURS = {"elmo": "#1f4e79", "icp": "#c44e52", "condensation": "#55a868", "psh": "0.55", "css": "#8172b2"}
 _LONGEST = 400.0  # mm that a curve is drawn to
@@ -44,9 +44,7 @@ def main(
     """
     errors = read_runs(runs)
     known = {sequence for sequence, _ in errors}
-    for sequence in curves:
-        if sequence not in known:
-            raise InputError("--curves", f"there is no {sequence!r}", remedy=f"some of {', '.join(sorted(known))}")
+    check_known("--curves", curves, sorted(known))
     write_errors(out / "elmo_errors.png", errors)
     write_curves(out / "elmo_curves.png", errors, curves, fps)
 
@@ -66,7 +64,7 @@ def read_runs(files: Sequence[Path]) -> Errors:
 def write_errors(path: Path, errors: Errors) -> None:
     """Figure 4: mean error and deviation of every tracker on every sequence, as a PNG."""
     sequences, trackers = (list(dict.fromkeys(key[k] for key in errors)) for k in (0, 1))
-    figure = _figure(9.0, 3.6)
+    figure = new_figure(9.0, 3.6)
     axes, width = figure.subplots(), 0.8 / len(trackers)
     for k, tracker in enumerate(trackers):
         at = [i for i, sequence in enumerate(sequences) if (sequence, tracker) in errors]
@@ -79,12 +77,12 @@ def write_errors(path: Path, errors: Errors) -> None:
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("error of a joint [mm]")
     axes.legend(frameon=False, ncols=len(trackers), fontsize=8)
-    _write(path, figure)
+    write_figure(path, figure)
 
 
 def write_curves(path: Path, errors: Errors, sequences: Sequence[str], fps: float) -> None:
     """Figure 5: the errors of some sequences frame by frame, as a PNG; what is above 400 mm is drawn there."""
-    figure = _figure(9.0, 2.4 * len(sequences))
+    figure = new_figure(9.0, 2.4 * len(sequences))
     for axes, sequence in zip(figure.subplots(len(sequences), squeeze=False)[:, 0], sequences, strict=True):
         for (of, tracker), error in errors.items():
             if of == sequence:
@@ -96,22 +94,7 @@ def write_curves(path: Path, errors: Errors, sequences: Sequence[str], fps: floa
         axes.set_xlim(left=0.0)
         axes.legend(frameon=False, fontsize=8, loc="upper right")
     axes.set_xlabel("time [s]")
-    _write(path, figure)
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _write(path: Path, figure: Figure) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+    write_figure(path, figure)
 
 
 if __name__ == "__main__":

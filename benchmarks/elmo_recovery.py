@@ -10,12 +10,11 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Several, data_folder, in_processes, save, start, tell, work_folder
+from benchmarks.common import Several, captured_folder, check_known, in_processes, save, start, tell, work_folder
 from benchmarks.elmo import GIVEN, PAPER, errors
 from benchmarks.elmo_clips import FPS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
-from humanoid.support.errors import InputError
 from kinemode.terminal import report
 
 NEIGHBOURS = "css+index"
@@ -23,7 +22,7 @@ TRACKERS = ("elmo", "icp", "condensation", "css", NEIGHBOURS)
 SHORTEST, LONGEST = 0.3, 3.0  # s
 FOUND = 60.0  # mm
 WITHIN = 3  # frames
-_SETTINGS: dict[str, Any] = PAPER | {name: {"smooth": {"enabled": False}} for name in ("css", NEIGHBOURS)}
+_SETTINGS: dict[str, Any] = PAPER | {NEIGHBOURS: PAPER["css"]}
 
 
 @dataclass(frozen=True)
@@ -133,13 +132,11 @@ def main(
     json
         Also write the figures here.
     """
-    folder = data_folder(data)
-    if folder is None or not (folder / "mocap").is_dir():
-        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+    folder = captured_folder(data)
+    if folder is None:
         return
-    for name, known in [(s, tuple(SEQUENCES)) for s in sequences] + [(t, TRACKERS) for t in trackers]:
-        if name not in known:
-            raise InputError("benchmarks.elmo_recovery", f"there is no {name!r}", remedy=f"some of {', '.join(known)}")
+    check_known("--sequences", sequences, SEQUENCES)
+    check_known("--trackers", trackers, TRACKERS)
     with work_folder(work) as kept:
         films = []
         for name, hidden in zip(sequences, spans(occlusions, len(sequences), between), strict=True):

@@ -9,13 +9,12 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, data_folder, nested, save, start, tell, work_folder
+from benchmarks.common import Changes, Several, captured_folder, check_known, nested, save, start, tell, work_folder
 from benchmarks.elmo import RIVALS
 from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
 from estimator.results.run_file import Run
-from humanoid.support.errors import InputError
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 
@@ -74,13 +73,11 @@ def main(
     json
         Also write the figures here.
     """
-    folder = data_folder(data)
-    if folder is None or not (folder / "mocap").is_dir():
-        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+    folder = captured_folder(data)
+    if folder is None:
         return
-    for name, known in (*((s, SEQUENCES) for s in sequences), *((t, RIVALS) for t in trackers)):
-        if name not in known:
-            raise InputError("--sequences, --trackers", f"there is no {name!r}", remedy=f"some of {', '.join(known)}")
+    check_known("--sequences", sequences, SEQUENCES)
+    check_known("--trackers", trackers, RIVALS)
     rows = []
     with work_folder(work) as kept:
         for name in sequences:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks.figure_file import new_figure, write_figure
 from benchmarks.index_curves import Row
-from humanoid.support.atomic import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,11 +23,7 @@ _LOOKED_AT = "#55a868"
 def write_curves(path: Path, curves: Mapping[str, Sequence[Row]]) -> None:
     """A panel for each curve, by the field of `Made` that changes: errors, and the share of the examples that a query
     is compared with on the right, as a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(3.4 * len(curves), 3.8), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(3.4 * len(curves), 3.8)
     panels = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
     for axes, (name, rows) in zip(panels, curves.items(), strict=True):
         at = [getattr(row.made, name) for row in rows]
@@ -43,9 +39,7 @@ def write_curves(path: Path, curves: Mapping[str, Sequence[Row]]) -> None:
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8, frameon=False
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+    write_figure(path, figure)
 
 
 def _shares(axes: Axes, at: Sequence[int], percent: Sequence[float]) -> None:

@@ -12,7 +12,19 @@ from cyclopts import Parameter
 from rich.table import Table
 
 import kinemode as km
-from benchmarks.common import CUES, Changes, Several, data_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.common import (
+    CUES,
+    NO_CAPTURE_HERE,
+    Changes,
+    Several,
+    data_folder,
+    in_processes,
+    nested,
+    save,
+    start,
+    tell,
+    work_folder,
+)
 from benchmarks.mocap_person import DETECTOR, FPS, person
 from benchmarks.pose_prior import PriorChoice, prior_settings
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
@@ -125,7 +137,7 @@ def main(
     """
     files = motion_files(data, clips, every)
     if not files:
-        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it")
+        tell(NO_CAPTURE_HERE)
         return
     how = {"seed": seed, "modes": modes}
     with work_folder(work) as folder:

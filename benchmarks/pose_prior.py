@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Several, in_processes, save, start, tell, work_folder
+from benchmarks.common import NO_CAPTURE_HERE, Several, in_processes, save, start, tell, work_folder
 from benchmarks.pose_learning import LearnSettings, Poses, balanced, captured_poses, learned
 from benchmarks.pose_prior_clips import Task, captured_files, learned_person, spread_of, subject_of, tracked
 from benchmarks.scores import TRAJECTORIES, TrackErrors
@@ -86,7 +86,7 @@ def main(
     """
     files = captured_files(data)
     if not files:
-        print("the motion capture is not here: --data DIR or KINEMODE_DATA names the folder with mocap and mocap_more")
+        tell(NO_CAPTURE_HERE)
         return
     body, settings = Body(load_subject(SUBJECT)), LearnSettings()
     poses = {f.stem: captured_poses(body, f, settings.spacing) for f in files}

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from benchmarks.failure_runs import Attempt
+from benchmarks.figure_file import new_figure, write_figure
 from benchmarks.summaries import Spread
-from humanoid.support.atomic import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,11 +78,7 @@ def write_differences(path: Path, by_panel: Mapping[str, Mapping[str, Difference
 
 
 def _panels(count: int, rows: int) -> tuple[Figure, list[Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.2 + 3.6 * count, 1.2 + 0.42 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.2 + 3.6 * count, 1.2 + 0.42 * rows)
     return figure, list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
 
 
@@ -98,6 +94,4 @@ def _finish(path: Path, figure: Figure, panels: Sequence[Axes]) -> None:
     figure.legend(
         *panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8, frameon=False
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+    write_figure(path, figure)

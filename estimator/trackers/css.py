@@ -131,7 +131,7 @@ class CovarianceScaledSampling(Begins, CarriesMixture):
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
-        if self.search.settings.index and can_be_looked_up(observation, self.search.sight):
+        if self.search.settings.index:
             self.search.examples.check(observation)  # now, not when the person is lost
         return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 

@@ -130,11 +130,11 @@ class Elmo(Begins):
 
     def _can_search(self, observation: Observation) -> bool:
         """Whether a frame can be searched: from the last modes if from nothing else."""
-        if self.settings.neighbours and can_be_looked_up(observation, self.search.sight):
-            return True
         if self.settings.keep and sees_person(observation, self.search.sight):
             return True
-        return not self.settings.neighbours and enough_keypoints(observation)
+        if self.settings.neighbours:
+            return can_be_looked_up(observation, self.search.sight)
+        return enough_keypoints(observation)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
         """See `estimator.trackers.base.Tracker`."""

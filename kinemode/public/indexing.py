@@ -67,8 +67,10 @@ def train_index(
     from estimator.search.examples.index import IndexRecipe
     from kinemode.indexing import write_index
 
-    angles = {"headings": float(headings), "bends": float(bends), "elevation": float(elevation)}
-    recipe: IndexRecipe = IndexRecipe(examples=count, legs=legs, seed=whole("seed", seed, 0), **angles)
+    recipe: IndexRecipe = IndexRecipe(
+        examples=count, headings=float(headings), bends=float(bends), legs=legs, elevation=float(elevation),
+        seed=whole("seed", seed, 0),
+    )  # fmt: skip
     processes = checked_count(workers)
     return write_index(
         loaded, recipe, Path(out), workers=processes, overwrite=overwrite, progress=progress or unreported

@@ -29,8 +29,8 @@ def nearest_thing(
     up (3,). gap [m]: what is nearer than that is one thing; a smaller thing within two gaps, as a hand before the body,
     belongs to it. between (N,) bool: points at jumps of the depth, which may lie between two things: they connect
     none, and belong to the thing that they touch. moved (N,) bool: points where the clip shows something farther away
-    at other times: a thing with many of them goes before others. pixels: how many
-    are looked at in the picture, those without a point too; None where that is not known.
+    at other times: a thing with many of them goes before others. pixels: how many are
+    looked at in the picture, those without a point too; None where that is not known.
     """
     mine = np.zeros(len(points), dtype=bool)
     if not len(points):

@@ -36,9 +36,9 @@ class IndexRecipe:
     """What an index is made of; equal recipes give equal indices.
 
     examples: how many. headings [degrees]: range of the body's heading about facing the camera. bends [degrees]: how
-    far it leans forward at most. legs: whether they move too. elevation [degrees]: by how much the camera looks down. variants: bodies of other lengths and girth in the
-    pictures. pairs: of either kind that the bits are learned from. tables, key_bits: of the hashing. seed: of all that
-    is random.
+    far it leans forward at most. legs: whether they move too. elevation [degrees]: by how much the camera looks down.
+    variants: bodies of other lengths and girth in the pictures. pairs: of either kind that the bits are learned from.
+    tables, key_bits: of the hashing. seed: of all that is random.
     """
 
     examples: int = 60_000

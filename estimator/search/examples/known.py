@@ -10,7 +10,7 @@ from estimator.imaging.observation import Observation
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.limbs import LimbBank
 from estimator.search.examples.lookup import Looked, check_elevation, looked_up
-from estimator.search.examples.person_seen import Sight, person_views
+from estimator.search.examples.person_seen import Sight, persons
 from estimator.search.examples.votes import Votes
 from estimator.search.jumps.anatomy import Limb
 from humanoid.kinematics.body import Body
@@ -32,7 +32,7 @@ class Examples:
     def check(self, observation: Observation) -> None:
         """Raise InputError where the cameras that see the person look down otherwise than the examples' does: what
         they see would look like none of them."""
-        check_elevation(self.index, observation, person_views(observation, self.index.side, self.sight))
+        check_elevation(self.index, observation, {c: frame for c, frame, _ in persons(observation, self.sight)})
 
     def limbs(self, surface: Surface, limbs: tuple[Limb, ...], count: int) -> LimbBank:
         """The limbs of `count` of the examples, always the same ones; made once."""

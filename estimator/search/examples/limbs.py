@@ -68,17 +68,18 @@ class LimbBank:
         self._thinned = [len(few) / len(own) for few, own in zip(self._nodes, nodes, strict=True)]
 
     def with_limb(self, q: np.ndarray, k: int, others: np.ndarray) -> np.ndarray:
-        """A pose q (nq,) with its k-th limb as other poses (N, nq) have it, (N, nq)."""
+        """A pose q (nq,) with its k-th limb as other poses (N, nq) have it, (N, nq); not clamped."""
         changed = np.repeat(q[None], len(others), axis=0)
         changed[:, self._places[k]] = others[:, self._places[k]]
-        return np.array([self.body.clamp(pose) for pose in changed])
+        return changed
 
     def best(self, q: np.ndarray, k: int, others: np.ndarray, seen: SeenPoints, count: int) -> np.ndarray:
         """Of a pose q (nq,) with its k-th limb as the bank's poses or others (N, nq) have it the `count` that lie best
         on what is seen, (count, nq): a cheap likeness of ELMO's eq. 1, both ways, in which no part hides another."""
         changed = self.with_limb(q, k, np.concatenate([others, self.q]))
         score = self._scores(q, k, changed, seen)
-        return changed[np.argsort(score, kind="stable")[:count]]
+        best = np.argsort(score, kind="stable")[:count]
+        return np.array([self.body.clamp(pose) for pose in changed[best]])
 
     def _scores(self, q: np.ndarray, k: int, changed: np.ndarray, seen: SeenPoints) -> np.ndarray:
         """Energy (N,) of each changed pose, but for what does not change."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +42,7 @@ def looked_up(
     """
     views = person_views(observation, index.side, sight)
     if len(views) > 1:
-        views = [v for v in views if _off(index, observation, v) <= ELEVATION] or views
+        views = [v for v in views if _off(index, observation, v.camera, v.frame) <= ELEVATION] or views
     if votes is None or len(views) < 2:
         return [_looked(index, view, count) for view in views]
     proposed = [_looked(index, view, _PROPOSED * count) for view in views]
@@ -52,24 +52,24 @@ def looked_up(
     return [_only(look, chosen) for look, chosen in zip(proposed, kept, strict=True)]
 
 
-def check_elevation(index: ExampleIndex, observation: Observation, looks: Sequence[PersonView]) -> None:
-    """Raise InputError where all cameras that see the person look down on them much more, or less, than the camera of
-    the examples does."""
-    off = [_off(index, observation, look) for look in looks]
-    if not off or min(off) <= ELEVATION:
+def check_elevation(index: ExampleIndex, observation: Observation, frames: Mapping[int, ViewFrame]) -> None:
+    """Raise InputError where all cameras that see the person, by number with their frames at them, look down on them
+    much more, or less, than the camera of the examples does."""
+    off = {c: _off(index, observation, c, frame) for c, frame in frames.items()}
+    if not off or min(off.values()) <= ELEVATION:
         return
-    k = int(np.argmin(off))
-    camera = observation.cameras[looks[k].camera]
-    seen = looks[k].frame.elevation(camera)
+    least = min(off, key=lambda c: off[c])
+    camera = observation.cameras[least]
+    seen = frames[least].elevation(camera)
     known = index.recipe.elevation
     problem = f"its camera looks down by {known:.0f} degrees, {camera.name} by {seen:.0f}: too little would look alike"
     remedy = f"kinemode train-index SUBJECT --elevation {seen:.0f} --out FILE makes one for it"
     raise InputError("index", problem, remedy=remedy)
 
 
-def _off(index: ExampleIndex, observation: Observation, seen: PersonView) -> float:
-    """How far the elevation [degrees] of a camera is from that of the examples."""
-    return abs(seen.frame.elevation(observation.cameras[seen.camera]) - index.recipe.elevation)
+def _off(index: ExampleIndex, observation: Observation, camera: int, frame: ViewFrame) -> float:
+    """How far the elevation [degrees] of a camera, by its number and frame at the person, is from the examples'."""
+    return abs(frame.elevation(observation.cameras[camera]) - index.recipe.elevation)
 
 
 def _looked(index: ExampleIndex, view: PersonView, count: int) -> Looked:

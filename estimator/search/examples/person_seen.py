@@ -45,14 +45,14 @@ def sees_person(observation: Observation, sight: Sight) -> bool:
 
 def can_be_looked_up(observation: Observation, sight: Sight) -> bool:
     """Whether some camera sees the person, and where they are."""
-    return any(True for _ in _persons(observation, sight))
+    return any(True for _ in persons(observation, sight))
 
 
 def person_views(observation: Observation, side: float, sight: Sight) -> list[PersonView]:
     """Of every camera that has points of the person's surface or, where it goes by that, their silhouette from head to
     feet. side [m]: of the square that is cut out."""
     views = []
-    for c, frame, mask in _persons(observation, sight):
+    for c, frame, mask in persons(observation, sight):
         cues = observation.cues[c]
         assert cues.picture is not None
         grey = cv2.cvtColor(cues.picture, cv2.COLOR_BGR2GRAY)
@@ -61,7 +61,7 @@ def person_views(observation: Observation, side: float, sight: Sight) -> list[Pe
     return views
 
 
-def _persons(observation: Observation, sight: Sight) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
+def persons(observation: Observation, sight: Sight) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
     """Number, frame at the person, and mask (H, W) bool of the cameras that know where the person is."""
     up = world_up(observation.cameras)
     for c, cues in enumerate(observation.cues):

@@ -25,9 +25,9 @@ class PoseSampler:
     Limbs that begin high on the body have any angles within their limits (ELMO section 4: "constrained
     only by anatomical feasibility"); other joints are drawn from their stabilisers, within limits too, and those
     without one stay at rest. A free root has any heading within `headings` [degrees] about facing against x, to which
-    `estimator.imaging.person_view` looks. bends: how far it leans forward at most [degrees], while legs stand where they
-    stood as far as their limits let them; half of the poses lean less than a quarter of that. legs: whether they move
-    as far as their stabilisers say, or only a little.
+    `estimator.imaging.person_view` looks. bends: how far it leans forward at most [degrees], while legs stand where
+    they stood as far as their limits let them; half of the poses lean less than a quarter of that. legs: whether they
+    move as far as their stabilisers say, or only a little.
     """
 
     def __init__(self, body: Body, *, headings: float = 120.0, bends: float = 0.0, legs: bool = False) -> None:
@@ -111,9 +111,8 @@ def _limbs(body: Body) -> tuple[list[Limb], list[Limb]]:
     if not len(limbs) or np.ptp(roots) < _TWO_FLOORS * body_size(body):
         return list(limbs), []
     high = roots > 0.5 * (roots.min() + roots.max())
-    return [x for x, up in zip(limbs, high, strict=True) if up], [
-        x for x, up in zip(limbs, high, strict=True) if not up
-    ]
+    sorted_by = [[limb for limb, up in zip(limbs, high, strict=True) if up == wanted] for wanted in (True, False)]
+    return sorted_by[0], sorted_by[1]
 
 
 def sampler_of(body: Body, recipe: IndexRecipe) -> PoseSampler:
