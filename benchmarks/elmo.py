@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
+import kinemode as km
 from benchmarks.common import (
     Changes,
     Several,
@@ -28,6 +29,7 @@ from benchmarks.tracking import timed_track
 from estimator.results.run_file import Run
 from estimator.trackers.defaults import together
 from estimator.tracking.registry import TRACKERS
+from humanoid.subject.subject import Subject
 from humanoid.support.atomic import replacing
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
@@ -77,19 +79,23 @@ def tracked(task: Task) -> Result:
     tracker = run_as(task.tracker)
     looks_up = TRACKERS[tracker].group == "elmo" and tracker not in GIVEN
     index = shuffled(task.index, task.film.folder / "shuffled.npz") if task.tracker == AT_RANDOM else task.index
-    fits = task.body == "fitted"
-    given = clip.first_frame if task.tracker in GIVEN or fits else None
+    given = clip.first_frame if task.tracker in GIVEN else None
+    subject = fitted(clip) if task.body == "fitted" else clip.subject
     run, times = timed_track(
-        given, clip.cameras, out, clips=clip.videos, cues="depth", subject="human34" if fits else clip.subject,
-        fit="proportions" if fits else "off", tracker=tracker, seed=task.seed, settings=task.settings,
-        stereo={"cam01": "cam01_right"}, index=index if looks_up else None,
-        end=task.until,
+        given, clip.cameras, out, clips=clip.videos, cues="depth", subject=subject, fit="off",
+        tracker=tracker, seed=task.seed, settings=task.settings, stereo={"cam01": "cam01_right"},
+        index=index if looks_up else None, end=task.until,
     )  # fmt: skip
     error = errors(run, clip)
     removed(out)
     shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
     tell(f"{task.film.name}, {task.tracker}: {shown}")
     return Result(task.film.name, task.tracker, error.tolist(), times.cpu_tracking)
+
+
+def fitted(clip: RenderedClip) -> Subject:
+    """The built-in body with the lengths that the first frame's keypoints say, which the track is then not given."""
+    return km.fit("human34", clip.videos, cameras=clip.cameras, keypoints=clip.first_frame, cues="off").subject
 
 
 def run_as(tracker: str) -> str:

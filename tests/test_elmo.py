@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,12 @@ from estimator.imaging.person_view import ViewFrame, cut_out
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.modes.mixture import Mode, mixture_of
+from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
+from estimator.search.examples.lookup import Looked
+from estimator.search.frame_search import FrameCase
+from estimator.search.from_examples import example_starts
+from estimator.search.hypothesis import Hypothesis
 from estimator.synthesis.examples.pictures import ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import train_index
@@ -287,18 +292,20 @@ def test_a_state_is_stored_to_the_last_bit() -> None:
         tracker.state_from(state.arrays() | {"seen": np.array(9.0)})
 
 
+def depth_frames(clip: RenderedClip, count: int) -> Iterator[Observation]:
+    (camera,) = load_cameras(clip.cameras).values()
+    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
+    nothing = np.full((1, len(Body(load_subject(clip.subject)).landmark_names), 2), np.nan)
+    for i in range(count):
+        yield Observation(i, i / 5.0, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=reader.at(i))
+    reader.close()
+
+
 @pytest.mark.parametrize("name", BY_DEPTH)
 def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file: Path) -> None:
-    (camera,) = load_cameras(clip.cameras).values()
     settings = settings_for(name, changes={"search": {"index": str(file)}, "elmo": {"neighbours": 6}})
-    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
     body = Body(load_subject(clip.subject))
-    nothing = np.full((1, len(body.landmark_names), 2), np.nan)
-    frames = [
-        Observation(i, i / 5.0, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=reader.at(i)) for i in range(4)
-    ]
-    reader.close()
-    check_tracker(lambda: make_tracker(name, body, settings), frames, seed=1)
+    check_tracker(lambda: make_tracker(name, body, settings), list(depth_frames(clip, 4)), seed=1)
 
 
 def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -> None:
@@ -388,3 +395,45 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
     for how, told in cases:
         with pytest.raises(InputError, match=told):
             tracked(clip, **how)
+
+
+def test_settled_modes_agree_better_with_picture_and_past(clip: RenderedClip, file: Path) -> None:
+    """From one state: the modes of the product have less energy, the transition included, than the likelihood's."""
+    body, frames = Body(load_subject(clip.subject)), list(depth_frames(clip, 2))
+
+    def stepped(settle: bool) -> tuple[Elmo, ElmoState, ElmoState]:
+        few = {"neighbours": 12, "rounds": 2, "survivors": 4, "settle": settle}
+        changes = {"search": {"index": str(file)}, "elmo": few, "cost": {"turn_speed": 1.0}}
+        tracker = make_tracker("elmo", body, settings_for("elmo", changes=changes))
+        assert isinstance(tracker, Elmo)
+        rng = np.random.default_rng(0)
+        before, _ = tracker.init(rng, frames[0])
+        return tracker, before, tracker.step(rng, before, frames[1])[0]
+
+    tracker, before, settled = stepped(True)
+    _, _, likely = stepped(False)
+    likelihood = tracker.search.likelihood(frames[1], before.mixture.modes[0].q)
+    case = FrameCase(tracker.search.associations(frames[1]), frames[1].time - frames[0].time, likelihood)
+    search = tracker.search.frame(case)
+
+    def energy(mode: Mode) -> float:
+        parent = before.mixture.modes[mode.parent]
+        return -search.look(Hypothesis(mode.q, 0, Origin(Family.KEPT, PreviousPose(parent.q))))
+
+    a, b = settled.mixture.modes[0], likely.mixture.modes[0]
+    assert a.parent == b.parent >= 0
+    assert energy(a) < energy(b) - 0.1
+    np.testing.assert_allclose(a.velocity, body.velocity(before.mixture.modes[a.parent].q, a.q, case.dt))
+
+
+def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:
+    body = body_of("human34")
+    facing = body.neutral.copy()
+    facing[ROOT_Q] = pin.SE3ToXYZQUAT(pin.SE3(pin.utils.rotate("z", np.pi), np.zeros(3)))
+    poses, nothing = np.array([facing, body.neutral]), np.zeros((SIDE, SIDE), np.uint8)
+    none = index.nearest(np.zeros(bin_count(), np.uint16), 2)
+    look = Looked(0, ViewFrame(np.zeros(3), np.eye(3)), nothing, nothing > 0, none, poses)
+    assert [h.prior_score for h in example_starts(body, [look], 3.0)] == [0.0, -3.0]
+    assert [h.prior_score for h in example_starts(body, [look, look], 3.0)] == [0.0] * 4
+    arm = body_of("arm8")  # whose root is fixed
+    assert [h.prior_score for h in example_starts(arm, [look._replace(q=arm.neutral[None])], 3.0)] == [0.0]

@@ -90,6 +90,20 @@ def test_a_mode_descends_from_the_one_that_it_lies_at() -> None:
     assert reweighted(ARM, near, np.zeros(4), prior, np.full(ARM.nv, 0.1)).parent.tolist() == [3, 2, 1, 0]
 
 
+def test_a_jump_pays_no_more_than_it_says_and_has_no_parent() -> None:
+    """The bound is a uniform share beside the paper's sum, to be had wherever a pose is."""
+    rng = np.random.default_rng(5)
+    prior, std = mixture(rng, 4, 0.05), np.full(ARM.nv, 0.1)
+    q = [prior.modes[0].q + away for away in (0.0, 0.05, 0.1, 3.0)]
+    paper = reweighted(ARM, q, np.zeros(4), prior, std)
+    bounded = reweighted(ARM, q, np.zeros(4), prior, std, jump=7.0)
+    np.testing.assert_allclose(np.exp(bounded.log_scores), np.exp(paper.log_scores) + np.exp(-7.0), rtol=1e-12)
+    assert paper.log_scores[3] < -1000.0
+    assert bounded.log_scores[3] == pytest.approx(-7.0)
+    assert bounded.parent[3] == -1
+    assert bounded.parent[0] == paper.parent[0] >= 0
+
+
 def test_scores_do_not_depend_on_where_the_body_stands() -> None:
     """Differences are those of the manifold: turned and moved together, modes and prior weigh the same."""
     body, rng = body_of("human34"), np.random.default_rng(4)

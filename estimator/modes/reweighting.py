@@ -13,14 +13,20 @@ from humanoid.kinematics.body import Body
 
 
 class Reweighted(NamedTuple):
-    """log_scores (L,): of the modes, unnormalised. parent (L,) int64: the mode of the prior that says most for each."""
+    """log_scores (L,): of the modes, unnormalised. parent (L,) int64: the mode of the prior that says most for each, -1
+    for one that none of them explains better than a jump."""
 
     log_scores: np.ndarray
     parent: np.ndarray
 
 
 def reweighted(
-    body: Body, q: Sequence[np.ndarray], log_shares: np.ndarray, prior: Mixture, std: np.ndarray
+    body: Body,
+    q: Sequence[np.ndarray],
+    log_shares: np.ndarray,
+    prior: Mixture,
+    std: np.ndarray,
+    jump: float = np.inf,
 ) -> Reweighted:
     """Eq. 6: log of ŵ_i sum_j w_j N(mu_i; mu_j, C_eta).
 
@@ -30,12 +36,15 @@ def reweighted(
     all far from the prior do not vanish: after a gap the prior says little, and the likelihood decides.
 
     q (L) of (nq,): the modes. log_shares (L,): log ŵ, height times volume, not height alone. prior: of the frame
-    before. std (nv,): square root of the diagonal of C_eta, all positive.
+    before. std (nv,): square root of the diagonal of C_eta, all positive. jump [nats]: no pose is less likely than one
+    at a mode of the prior by more than this, however far away: the prior may be lost, and what is found in every frame
+    anew outweighs it in time. The paper has none.
     """
     away = np.array([[body.difference(mode.q, x) for mode in prior.modes] for x in q])  # (L, K, nv)
     with np.errstate(divide="ignore"):
         of_pair = np.log(prior.weights)[None, :] - 0.5 * np.square(away / std).sum(axis=-1)
-    return Reweighted(log_shares + logsumexp(of_pair, axis=1), of_pair.argmax(axis=1))
+    parent = np.where(of_pair.max(axis=1) > -jump, of_pair.argmax(axis=1), -1)
+    return Reweighted(log_shares + np.logaddexp(logsumexp(of_pair, axis=1), -jump), parent)
 
 
 def diffusion_std(speed: np.ndarray, seconds: float, floor: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from estimator.search.examples.lookup import Looked
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_JOINT, Body
 
 
 class Descent(NamedTuple):
@@ -28,6 +28,7 @@ class Descent(NamedTuple):
     recombined: int = 6
     recombined_of: int = 2
     limbs: int = 800
+    away: float = 3.0
 
 
 def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Observation, count: int) -> Mixture:
@@ -40,14 +41,21 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
     search.examples.check(observation)
     looks = search.examples.looked(observation, how.neighbours)
     associations = search.associations(observation)
-    starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, k)]
+    starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, how.away, k)]
     case = FrameCase(associations, 0.0, search.likelihood(observation, starts[0].q))
     return search.best_of(descended(search, starts, looks, observation, case, how), case, count, rng)
 
 
-def example_starts(body: Body, looks: Sequence[Looked], association: int = 0) -> list[Hypothesis]:
-    """A start at every example, in one association of the keypoints."""
-    return [Hypothesis(body.clamp(q), association, Origin(Family.EXAMPLE)) for look in looks for q in look.q]
+def example_starts(body: Body, looks: Sequence[Looked], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
+    """A start at every example, in one association of the keypoints. away: what is taken off the scores of those whose
+    back is turned to the only camera that sees them."""
+    starts = []
+    for look in looks:
+        ahead = body.placed(look.q).placements[:, ROOT_JOINT, :3] @ look.frame.R_world_view[:, 0]
+        turned = (ahead > 0.0) & body.has_free_root & (len(looks) == 1)
+        for q, paid in zip(look.q, np.where(turned, away, 0.0).tolist(), strict=True):
+            starts.append(Hypothesis(body.clamp(q), association, Origin(Family.EXAMPLE), prior_score=-paid))
+    return starts
 
 
 def descended(
@@ -80,5 +88,6 @@ def _recombined(
     alike, hypotheses = np.concatenate([look.q for look in looks]), []
     for c in poses:
         changed = (bank.best(c.q, k, alike, seen, how.recombined) for k in range(len(bank.limbs)))
-        hypotheses += [Hypothesis(q, c.hypothesis.association, Origin(Family.EXAMPLE)) for of in changed for q in of]
+        mine = c.hypothesis._replace(origin=Origin(Family.EXAMPLE))
+        hypotheses += [mine._replace(q=q) for of in changed for q in of]
     return hypotheses

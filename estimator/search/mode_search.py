@@ -39,6 +39,7 @@ class ModeSearch:
     workers: who does the pieces of work; this process alone, unless `estimator.search.search_pool.search_pool` gives
     it others. What comes out is the same to the last bit.
     steps: of all searches so far, by whoever did them.
+    distinct_by [m]: poses of which all landmarks are nearer than that are one.
     """
 
     def __init__(self, model: CostModel, settings: ModeSearchSettings | None = None) -> None:
@@ -51,7 +52,7 @@ class ModeSearch:
         self.jumps = KinematicJumps(self.body)
         self.workers: Workers[FrameSearch] = OneProcess()
         self.steps = StepCounts()
-        self._distance = self.settings.distinct * body_size(self.body)
+        self.distinct_by = self.settings.distinct * body_size(self.body)
         self._frame: FrameSearch | None = None
 
     @cached_property
@@ -122,10 +123,15 @@ class ModeSearch:
         """
         frame = self.frame(case)
         kept = explored if every else self.distinct(explored, count + self.settings.spare)
-        refined = self._counted(self.workers.each(FrameSearch.refine, kept))
+        refined = self.refined(kept, case)
         best = self.distinct(self._apart(refined), count)
         scores = np.array([r.score for r in best]) + self._log_volumes(frame, best, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
+
+    def refined(self, candidates: Sequence[Candidate], case: FrameCase) -> list[Refined]:
+        """Every candidate after a search to convergence."""
+        self.frame(case)
+        return self._counted(self.workers.each(FrameSearch.refine, candidates))
 
     def screened(
         self, hypotheses: Sequence[Hypothesis], case: FrameCase, count: int, pictures: bool = True
@@ -178,4 +184,4 @@ class ModeSearch:
 
     def distinct(self, searched: Sequence[Scored], count: int) -> list[Scored]:
         """The `count` best of which no two are the same pose (see `ModeSearchSettings.distinct`)."""
-        return best_distinct(searched, lambda c: c.score, lambda c: c.landmarks, self._distance, count)
+        return best_distinct(searched, lambda c: c.score, lambda c: c.landmarks, self.distinct_by, count)

@@ -15,8 +15,9 @@ import numpy as np
 from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
 from estimator.imaging.observation import Observation
+from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.origin import Family, Origin
+from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.modes.reweighting import diffusion_std, reweighted
 from estimator.optimise.solution import SAMPLED, StepCounts
 from estimator.search.examples.lookup import Looked
@@ -25,7 +26,7 @@ from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_p
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.from_examples import Descent, descended, example_starts
-from estimator.search.hypothesis import Hypothesis
+from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
@@ -52,9 +53,13 @@ class ElmoSettings:
     from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
     so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
     are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
-    beside those of the neighbours. turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may change at
-    least, as standard deviations, however short it was; the rest of C_eta (eq. 4) is the transition's since the last
-    frame in which the person was seen.
+    beside those of the neighbours. away: what a pose pays [nats] in the first frame that turns its back to the only
+    camera: most people are filmed from in front, and depth hardly tells. jump: no pose pays more than this [nats] for
+    being far from all modes of the frame before, which may be lost; the paper has no such bound. settle: search on from
+    every kept mode with the transition since the mode that it continues in the energy: the mode of the product of the
+    two, which eq. 5 has at the likelihood's own mode, as it is where this is off. turn_floor, root_turn_floor [rad],
+    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
+    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
     """
 
     neighbours: int = setting(_USUAL.neighbours, at_least=0)
@@ -66,6 +71,9 @@ class ElmoSettings:
     recombined: int = setting(_USUAL.recombined, at_least=0)
     recombined_of: int = setting(_USUAL.recombined_of, at_least=1)
     limbs: int = setting(_USUAL.limbs, at_least=0)
+    away: float = setting(_USUAL.away, at_least=0)
+    jump: float = setting(12.0, above=0)
+    settle: bool = True
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
     root_slide_floor: float = setting(0.1, above=0)
@@ -168,12 +176,17 @@ class Elmo(Begins):
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
-        likely = self._modes(starts, looks, observation, case)  # 3
+        mixture = self._modes(starts, looks, observation, case)  # 3
+        if state is not None:
+            mixture = self._weighed(mixture, state, observation.time)  # 6
+            if self.settings.settle:
+                mixture = self._settled(mixture, state, case._replace(dt=observation.time - state.seen))
+            mixture = self._moving(mixture, state, observation.time)
         told = _told(looks, starts, StepCounts.between(before, self.search.steps))
-        return self._judged(observation, self._weighed(likely, state, observation.time), told)  # 6
+        return self._judged(observation, mixture, told)
 
     def _starts(self, looks: Sequence[Looked], state: ElmoState | None) -> list[Hypothesis]:
-        starts = example_starts(self.body, looks)
+        starts = example_starts(self.body, looks, self.settings.away if state is None else 0.0)
         if state is not None and self.settings.keep:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts
@@ -200,20 +213,36 @@ class Elmo(Begins):
         s = self.settings
         return per_dof(self.body, s.turn_floor, s.root_turn_floor, s.root_slide_floor)
 
-    def _weighed(self, likely: Mixture, state: ElmoState | None, time: float) -> Mixture:
+    def _weighed(self, likely: Mixture, state: ElmoState, time: float) -> Mixture:
         """Modes of the likelihood, weighed by the past (eq. 6)."""
-        if state is None:
-            return likely
         std = diffusion_std(self.search.model.transition_std(1.0), time - state.seen, self._floor)
-        weighed = reweighted(self.body, [m.q for m in likely.modes], likely.log_scores, state.mixture, std)
-        modes = tuple(
-            replace(mode, parent=int(parent), velocity=self._velocity(state, int(parent), mode.q, time))
-            for mode, parent in zip(likely.modes, weighed.parent, strict=True)
-        )
-        return mixture_of(modes, weighed.log_scores)
+        modes, jump = [m.q for m in likely.modes], self.settings.jump
+        weighed = reweighted(self.body, modes, likely.log_scores, state.mixture, std, jump)
+        continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
+        return mixture_of(tuple(continued), weighed.log_scores)
 
-    def _velocity(self, state: ElmoState, parent: int, q: np.ndarray, time: float) -> np.ndarray:
-        return self.body.velocity(state.mixture.modes[parent].q, q, time - state.time)
+    def _settled(self, weighed: Mixture, state: ElmoState, case: FrameCase) -> Mixture:
+        """The same modes with the transition from their parents, where they have one, in the energy. Those that come to
+        one pose are one, of the weight of the likelier."""
+        candidates = [self._candidate(mode, state) for mode in weighed.modes]
+        scored = list(zip(self.search.refined(candidates, case), weighed.log_scores.tolist(), strict=True))
+        kept = best_distinct(scored, lambda x: x[1], lambda x: x[0].landmarks, self.search.distinct_by, len(scored))
+        return mixture_of(tuple(r.mode for r, _ in kept), np.array([score for _, score in kept]))
+
+    def _candidate(self, mode: Mode, state: ElmoState) -> Candidate:
+        previous = None if mode.parent < 0 else PreviousPose(state.mixture.modes[mode.parent].q)
+        origin = Origin(mode.origin.family if mode.origin else Family.KEPT, previous)
+        landmarks = self.body.landmarks(self.body.at(mode.q))
+        return Candidate(Hypothesis(mode.q, 0, origin, mode.parent), mode.q, landmarks, mode.energy)
+
+    def _moving(self, mixture: Mixture, state: ElmoState, time: float) -> Mixture:
+        """The same modes with their velocities since their parents."""
+        before, elapsed = state.mixture.modes, time - state.time
+        modes = (
+            m if m.parent < 0 else replace(m, velocity=self.body.velocity(before[m.parent].q, m.q, elapsed))
+            for m in mixture.modes
+        )
+        return replace(mixture, modes=tuple(modes))
 
     def _judged(
         self, observation: Observation, mixture: Mixture, told: Mapping[str, np.ndarray] | None
@@ -247,7 +276,10 @@ def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDE
         group="elmo",
         settings=settings,
         defaults=together(FROM_A_PAPER, _OWN, {"search": {"start": start}}),
-        idle=(idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),),
+        idle=(
+            idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),
+            idle_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
+        ),
         looks_up=lambda own: own.neighbours > 0,
         shares_work=lambda own: True,
     )
@@ -258,12 +290,12 @@ SPECS = (
     _spec(
         "psh",
         "the likeliest of the examples that look like the picture (ELMO section 4)",
-        ElmoSettings(modes=1, keep=False, rounds=0),
+        ElmoSettings(modes=1, keep=False, rounds=0, settle=False),
     ),
     _spec(
         "icp",
         "one search from the last pose (ELMO section 4)",
-        ElmoSettings(modes=1, neighbours=0, rounds=8, survivors=1),
+        ElmoSettings(modes=1, neighbours=0, rounds=8, survivors=1, settle=False),
         BY_KEYPOINTS,
     ),
 )
