@@ -54,7 +54,6 @@ def train_index(
     out: Path,
     examples: int = 60_000,
     headings: float = 120.0,
-    bends: float = 0.0,
     legs: Flag = False,
     elevation: float = 8.0,
     seed: int = 0,
@@ -75,8 +74,6 @@ def train_index(
         How many.
     headings
         Range of the body's heading about facing the camera, in degrees; 360 for who turns round.
-    bends
-        How far the body leans forward at most, in degrees: for who bends or lifts.
     legs
         Legs move too, as far as their rest positions let them.
     elevation
@@ -96,7 +93,6 @@ def train_index(
             out,
             examples=examples,
             headings=headings,
-            bends=bends,
             legs=legs,
             elevation=elevation,
             seed=seed,

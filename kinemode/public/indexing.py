@@ -23,7 +23,6 @@ def train_index(
     *,
     examples: int = 60_000,
     headings: float = 120.0,
-    bends: float = 0.0,
     legs: bool = False,
     elevation: float = 8.0,
     seed: int = 0,
@@ -39,9 +38,8 @@ def train_index(
     ----------
     subject: with flesh: a loaded subject, a built-in name, or the path of a URDF.
     out: the file.
-    examples: how many. headings: range of the body's heading about facing the camera [degrees]. bends: how far it leans
-        forward at most [degrees], half of the poses less than a quarter of that. legs: whether they move as arms do
-        not: as far as their rest positions let them. elevation: by how much the camera looks down [degrees].
+    examples: how many. headings: range of the body's heading about facing the camera [degrees]. legs: whether they move
+        as arms do not: as far as their rest positions let them. elevation: by how much the camera looks down [degrees].
     seed: of poses, clothes and light. workers: how many processes share the work. overwrite: replace `out`.
     progress: opens a progress report, such as `kinemode.reported`; none by default.
 
@@ -53,10 +51,9 @@ def train_index(
     """
     check_arguments(subject=subject, examples=examples, seed=seed, workers=workers, progress=progress)
     check_as("file", out=out)
-    check_as("fps", headings=headings, bends=bends, elevation=elevation)
+    check_as("fps", headings=headings, elevation=elevation)
     check_as("overwrite", legs=legs, overwrite=overwrite)
-    ranges = {"headings": (headings, 0.0, 360.0), "bends": (bends, 0.0, 120.0), "elevation": (elevation, -10.0, 60.0)}
-    for name, (value, low, high) in ranges.items():
+    for name, value, low, high in (("headings", headings, 0.0, 360.0), ("elevation", elevation, -10.0, 60.0)):
         if not low <= value <= high:
             raise InputError(name, f"is {value:g}", remedy=f"{low:g} to {high:g} degrees")
     count = whole("examples", examples, 1)
@@ -68,9 +65,8 @@ def train_index(
     from kinemode.indexing import write_index
 
     recipe: IndexRecipe = IndexRecipe(
-        examples=count, headings=float(headings), bends=float(bends), legs=legs, elevation=float(elevation),
-        seed=whole("seed", seed, 0),
-    )  # fmt: skip
+        examples=count, headings=float(headings), legs=legs, elevation=float(elevation), seed=whole("seed", seed, 0)
+    )
     processes = checked_count(workers)
     return write_index(
         loaded, recipe, Path(out), workers=processes, overwrite=overwrite, progress=progress or unreported

@@ -35,15 +35,14 @@ _FIELDS = {
 class IndexRecipe:
     """What an index is made of; equal recipes give equal indices.
 
-    examples: how many. headings [degrees]: range of the body's heading about facing the camera. bends [degrees]: how
-    far it leans forward at most. legs: whether they move too. elevation [degrees]: by how much the camera looks down.
-    variants: bodies of other lengths and girth in the pictures. pairs: of either kind that the bits are learned from.
-    tables, key_bits: of the hashing. seed: of all that is random.
+    examples: how many. headings [degrees]: range of the body's heading about facing the camera. legs: whether they move
+    too. elevation [degrees]: by how much the camera looks down. variants: bodies of other lengths and girth in the
+    pictures. pairs: of either kind that the bits are learned from. tables, key_bits: of the hashing. seed: of all that
+    is random.
     """
 
     examples: int = 60_000
     headings: float = 120.0
-    bends: float = 0.0
     legs: bool = False
     elevation: float = 8.0
     variants: int = 24

@@ -1,5 +1,4 @@
-"""Random poses of a standing body: arms anywhere within their limits, the rest as its stabilisers have it; some bend
-forward."""
+"""Random poses of a standing body: arms anywhere within their limits, the rest as its stabilisers have it."""
 
 from __future__ import annotations
 
@@ -8,14 +7,13 @@ import pinocchio as pin
 
 from estimator.modes.merge import body_size
 from estimator.search.examples.index import IndexRecipe
-from estimator.search.jumps.anatomy import Limb, anatomy_of
+from estimator.search.jumps.anatomy import anatomy_of
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
 
 OVERLAP = 0.005  # m by which parts may touch: flesh is softer than the solids that keep it apart
 CALM = 0.3  # of the stabilisers' deviations, of legs that only stand
 _TRIES = 200
-_STEPS = 12  # of the legs of a body that bends, to where they stood
 _TWO_FLOORS = 0.1  # of the body's size: limbs whose roots differ less in height begin at one height
 
 
@@ -25,19 +23,13 @@ class PoseSampler:
     Limbs that begin high on the body have any angles within their limits (ELMO section 4: "constrained
     only by anatomical feasibility"); other joints are drawn from their stabilisers, within limits too, and those
     without one stay at rest. A free root has any heading within `headings` [degrees] about facing against x, to which
-    `estimator.imaging.person_view` looks. bends: how far it leans forward at most [degrees], while legs stand where
-    they stood as far as their limits let them; half of the poses lean less than a quarter of that. legs: whether they
-    move as far as their stabilisers say, or only a little.
+    `estimator.imaging.person_view` looks. legs: whether they move as far as their stabilisers say, or only a little.
     """
 
-    def __init__(self, body: Body, *, headings: float = 120.0, bends: float = 0.0, legs: bool = False) -> None:
+    def __init__(self, body: Body, *, headings: float = 120.0, legs: bool = False) -> None:
         self.body, self._half = body, 0.5 * np.radians(headings)
         self._collision = SelfCollision(body)
-        self._bends = np.radians(bends)
-        high, low = _limbs(body)
-        arms, lower = ({int(d) for limb in limbs for d in limb.dofs} for limbs in (high, low))
-        self._stands_on = np.array([k for limb in low for k in limb.landmarks[1:]], dtype=int)
-        self._legs = np.array(sorted(lower), dtype=int)
+        arms, lower = _limb_dofs(body)
         model = body.model
         place = {str(model.names[j]): (int(model.idx_qs[j]), int(model.idx_vs[j])) for j in range(1, model.njoints)}
         known = [(*place[s.joint], s.rest, s.std) for s in body.subject.stabilisers if s.joint in place]
@@ -77,44 +69,27 @@ class PoseSampler:
         q[self._open] = rng.uniform(body.lower[self._open], body.upper[self._open])
         q[self._index] = self._rest + self._std * rng.standard_normal(len(self._index))
         q = body.clamp(q)
-        if self._bends and body.has_free_root:
-            q = self._bent(q, self._bends * rng.uniform() ** 2)
         if body.has_free_root:
             heading = np.pi + rng.uniform(-self._half, self._half)
-            turned = pin.SE3(pin.utils.rotate("z", heading), np.zeros(3))
-            q[ROOT_Q] = pin.SE3ToXYZQUAT(turned * pin.XYZQUATToSE3(q[ROOT_Q]))
-        return q
-
-    def _bent(self, q: np.ndarray, angle: float) -> np.ndarray:
-        """A pose (nq,) leaning forward by an angle [rad] about its root, knees and ankles where they were."""
-        body, stood = self.body, self._stands_on
-        before = body.landmarks(body.at(q))[stood]
-        lean = np.zeros(body.nv)
-        lean[4] = angle  # about the root's own y, to the left
-        q = body.integrate(q, lean)
-        for _ in range(_STEPS if len(stood) else 0):
-            posed = body.at(q)
-            away = before - body.landmarks(posed)[stood]
-            step = np.zeros(body.nv)
-            jacobian = body.landmark_jacobians(posed)[stood][:, :, self._legs].reshape(-1, len(self._legs))
-            step[self._legs] = np.linalg.lstsq(jacobian, away.ravel(), rcond=0.01)[0]
-            q = body.clamp(body.integrate(q, step))
+            q[ROOT_Q] = pin.SE3ToXYZQUAT(pin.SE3(pin.utils.rotate("z", heading), np.zeros(3)))
         return q
 
 
-def _limbs(body: Body) -> tuple[list[Limb], list[Limb]]:
-    """The limbs that begin high on the body at rest, as arms do, and those that begin low; all are high where they
-    begin at about one height."""
+def _limb_dofs(body: Body) -> tuple[set[int], set[int]]:
+    """Degrees of freedom of the limbs that begin high on the body at rest, as arms do, and of those that begin low; all
+    are high where they begin at about one height."""
     heights = body.landmarks(body.at(body.neutral))[:, 2]
     limbs = anatomy_of(body).limbs
     roots = np.array([heights[limb.landmarks[0]] for limb in limbs])
     if not len(limbs) or np.ptp(roots) < _TWO_FLOORS * body_size(body):
-        return list(limbs), []
+        return {int(d) for limb in limbs for d in limb.dofs}, set()
     high = roots > 0.5 * (roots.min() + roots.max())
-    sorted_by = [[limb for limb, up in zip(limbs, high, strict=True) if up == wanted] for wanted in (True, False)]
-    return sorted_by[0], sorted_by[1]
+    of = [
+        {int(d) for limb, up in zip(limbs, high, strict=True) if up == wanted for d in limb.dofs} for wanted in (1, 0)
+    ]
+    return of[0], of[1]
 
 
 def sampler_of(body: Body, recipe: IndexRecipe) -> PoseSampler:
     """That of a recipe's poses."""
-    return PoseSampler(body, headings=recipe.headings, bends=recipe.bends, legs=recipe.legs)
+    return PoseSampler(body, headings=recipe.headings, legs=recipe.legs)
