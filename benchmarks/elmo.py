@@ -64,10 +64,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """error (T): mean over `JOINTS` in the world [mm], NaN without a hypothesis. seconds: of processor time a frame."""
+    """seed: of clip and tracker. error (T): mean over `JOINTS` in the world [mm], NaN without a hypothesis. seconds: of
+    processor time a frame."""
 
     sequence: str
     tracker: str
+    seed: int
     error: list[float]
     seconds: float
 
@@ -89,8 +91,8 @@ def tracked(task: Task) -> Result:
     error = errors(run, clip)
     removed(out)
     shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
-    tell(f"{task.film.name}, {task.tracker}: {shown}")
-    return Result(task.film.name, task.tracker, error.tolist(), times.cpu_tracking)
+    tell(f"{task.film.name}, {task.tracker}, seed {task.seed}: {shown}")
+    return Result(task.film.name, task.tracker, task.seed, error.tolist(), times.cpu_tracking)
 
 
 def fitted(clip: RenderedClip) -> Subject:
@@ -134,7 +136,7 @@ def main(
     fps: float = 30.0,
     baseline: float = 0.12,
     until: float | None = None,
-    seed: int = 0,
+    seeds: Annotated[tuple[int, ...], Several] = (0,),
     changes: Changes = (),
     jobs: int = 1,
     work: Path | None = None,
@@ -164,8 +166,8 @@ def main(
         Metres between the cameras.
     until
         Seconds of each sequence that are tracked; all by default.
-    seed
-        Seed of the tracker.
+    seeds
+        Of tracker and clip: each has a room, clothes and noise of its own.
     changes
         Changes to the settings, as elmo.rounds=2.
     jobs
@@ -181,11 +183,11 @@ def main(
     check_known("--sequences", sequences, SEQUENCES)
     check_known("--trackers", trackers, (*TRACKERS, AT_RANDOM))
     with work_folder(work) as kept:
-        films = [Filmed(name, frames, folder, kept, fps, baseline) for name in sequences]
+        films = [Filmed(name, frames, folder, kept, fps, baseline, clip=s) for name in sequences for s in seeds]
         in_processes(filmed, films, jobs)
         own = nested(changes)
         settings = {t: together(PAPER.get(t, {}), _of(t, own)) for t in trackers}
-        tasks = [Task(film, t, body, index, settings[t], seed, until) for film in films for t in trackers]
+        tasks = [Task(film, t, body, index, settings[t], film.clip, until) for film in films for t in trackers]
         results = in_processes(tracked, tasks, jobs)
     show(results, trackers)
     save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline,
@@ -199,7 +201,7 @@ def _of(tracker: str, changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def show(results: list[Result], trackers: tuple[str, ...]) -> None:
-    out = report.console()
+    out, seeds = report.console(), sorted({result.seed for result in results})
     table = report.table(
         "errors [mm] over shoulders, elbows, wrists, neck and head, in the world",
         "tracker: sequence", "mean", "deviation", "first frame", "over 100 mm", "lost at", "back", "s a frame",
@@ -207,7 +209,11 @@ def show(results: list[Result], trackers: tuple[str, ...]) -> None:
     for name in trackers:
         own = [result for result in results if result.tracker == name]
         for result in own:
-            table.add_row(f"{name}: {result.sequence}", *cells(np.array(result.error)), f"{result.seconds:.2f}")
+            row = f"{name}: {result.sequence}" + (f", seed {result.seed}" if len(seeds) > 1 else "")
+            table.add_row(row, *cells(np.array(result.error)), f"{result.seconds:.2f}")
+        for seed in seeds if len(seeds) > 1 else ():
+            of_seed = np.concatenate([result.error for result in own if result.seed == seed])
+            table.add_row(f"{name}: all, seed {seed}", *cells(of_seed)[:2], "", cells(of_seed)[3], "", "", "")
         every = np.concatenate([result.error for result in own])
         table.add_row(f"{name}: all", *cells(every)[:2], "", cells(every)[3], "", "",
                       f"{np.mean([result.seconds for result in own]):.2f}")  # fmt: skip

@@ -29,7 +29,7 @@ JOINTS = (
 FPS = 30.0
 DRIFT = 40.0  # degrees to either side that the heading drifts
 _DRIFT_SECONDS = 20.0  # of a swing to both sides
-_SEED = 7  # of room, clothes and noise
+_SEED = 7  # of room, clothes and noise, of the first clip of each
 _CLOSE = 1.35  # how much longer the lens of the sequence is from which arms leave the picture
 
 
@@ -56,7 +56,8 @@ SEQUENCES = {
 @dataclass(frozen=True)
 class Filmed:
     """A sequence as it is rendered: frames at `fps`, the distance between the cameras [m], the size of the pictures,
-    where clips are kept, and from when until when [s] a screen hides the person."""
+    where clips are kept, from when until when [s] a screen hides the person, and which clip of it: 0, or another with
+    another room, clothes and noise."""
 
     name: str
     frames: int
@@ -66,13 +67,15 @@ class Filmed:
     baseline: float = 0.12
     size: tuple[int, int] = (320, 240)
     hidden: tuple[tuple[float, float], ...] = ()
+    clip: int = 0
 
     @property
     def clip_folder(self) -> Path:
         """Where its clip is."""
         how = f"{self.frames}_{self.fps:g}_{self.baseline:g}_{self.size[0]}"
         when = "".join(f"_{begin:.2f}-{end:.2f}" for begin, end in self.hidden)
-        return self.folder / f"{self.name}_{how}{when}"
+        which = f"_clip{self.clip}" if self.clip else ""
+        return self.folder / f"{self.name}_{how}{when}{which}"
 
 
 def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
@@ -84,7 +87,7 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
         body = Body(subject or person())
         q = there_and_back(body, task.data / "mocap" / f"{sequence.motion}.bvh", task.frames, task.fps)
         view = ViewSettings(azimuth=sequence.azimuth, image_size=task.size, baseline=task.baseline, fill=0.85)
-        _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden)
+        _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden, seed=_SEED + task.clip)
         tell(f"{task.name}: rendered")
 
     return kept_clip(task.clip_folder, render)
@@ -108,13 +111,14 @@ def _write(
     *,
     close: bool = False,
     hidden: tuple[tuple[float, float], ...] = (),
+    seed: int = _SEED,
 ) -> RenderedClip:
     """Render a motion (T, nq) before a textured room."""
     surface = surface_of(body, nodes=500)
     points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in q[::3]])
     cameras = framing_cameras(points, view)
     cameras = tuple(_nearer(camera) for camera in cameras) if close else cameras
-    keypoints, room, *sensors = [np.random.default_rng((_SEED, k)) for k in range(2 + len(cameras))]
+    keypoints, room, *sensors = [np.random.default_rng((seed, k)) for k in range(2 + len(cameras))]
     shot = Shot(
         body, q, np.arange(len(q)) / fps, fps, cameras, SceneSettings(background="textured", hidden=hidden),
         place_of(points, float(points[..., 2].min())),

@@ -34,7 +34,7 @@ def main(
     Parameters
     ----------
     runs
-        Files that `benchmarks.elmo --json` wrote; what is in several is that of the last.
+        Files that `benchmarks.elmo --json` wrote; what is in several is that of the last; of seed 0.
     out
         Folder of the pictures: elmo_errors.png and elmo_curves.png.
     curves
@@ -57,7 +57,8 @@ def read_runs(files: Sequence[Path]) -> Errors:
         if not isinstance(content, dict) or content.get("measure") != "elmo":
             raise InputError(file, "is not of benchmarks.elmo", remedy="name files that its --json wrote")
         for run in content["runs"]:
-            errors[run["sequence"], run["tracker"]] = np.array(run["error"], dtype=float)
+            if run.get("seed", 0) == 0:
+                errors[run["sequence"], run["tracker"]] = np.array(run["error"], dtype=float)
     return errors
 
 
