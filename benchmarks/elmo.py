@@ -27,6 +27,7 @@ from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
 from estimator.results.run_file import Run
+from estimator.search.settings import BY_KEYPOINTS
 from estimator.trackers.defaults import together
 from estimator.tracking.registry import TRACKERS
 from humanoid.subject.subject import Subject
@@ -38,13 +39,15 @@ RIVALS = ("elmo", "condensation", "psh", "icp")
 FAR = 100.0  # mm
 LOST = 250.0  # mm
 AT_RANDOM = "elmo-random"  # ELMO with as many random examples in place of those that look like the picture
-GIVEN = ("icp", "condensation", "css")
+BEGUN = "elmo-given"  # ELMO with the first pose given, as its rivals have it
+GIVEN = ("icp", "condensation", "css", BEGUN)
 """These are given the first pose."""
 CRITERION: Mapping[str, Any] = {"cost": TRACKERS["elmo"].defaults["cost"]}
 """The same for all: the shipped pose prior was learned from these very motions, and ELMO has none."""
 PAPER: dict[str, dict[str, Any]] = {
     "condensation": together(CRITERION, {"condensation": {"particles": 1000}}),
     "css": together(CRITERION, {"smooth": {"enabled": False}}),
+    BEGUN: {"search": {"start": BY_KEYPOINTS}},
 }
 
 
@@ -79,7 +82,7 @@ def tracked(task: Task) -> Result:
     clip = filmed(task.film)
     out = task.film.clip_folder / f"{task.tracker}.run"
     tracker = run_as(task.tracker)
-    looks_up = TRACKERS[tracker].group == "elmo" and tracker not in GIVEN
+    looks_up = tracker in ("elmo", "psh")
     index = shuffled(task.index, task.film.folder / "shuffled.npz") if task.tracker == AT_RANDOM else task.index
     given = clip.first_frame if task.tracker in GIVEN else None
     subject = fitted(clip) if task.body == "fitted" else clip.subject
@@ -102,7 +105,7 @@ def fitted(clip: RenderedClip) -> Subject:
 
 def run_as(tracker: str) -> str:
     """The tracker that is run by that name."""
-    return "elmo" if tracker == AT_RANDOM else tracker
+    return "elmo" if tracker in (AT_RANDOM, BEGUN) else tracker
 
 
 def shuffled(index: Path, path: Path) -> Path:
@@ -155,7 +158,8 @@ def main(
     sequences
         Which.
     trackers
-        Which; also css, and elmo-random, which searches from as many random examples.
+        Which; also css, elmo-random, which searches from as many random examples, and elmo-given, which is given the
+        first pose too.
     body
         The tracked body: the one in the pictures, or the built-in one with lengths fitted to the first frame.
     frames
@@ -181,7 +185,7 @@ def main(
     if folder is None:
         return
     check_known("--sequences", sequences, SEQUENCES)
-    check_known("--trackers", trackers, (*TRACKERS, AT_RANDOM))
+    check_known("--trackers", trackers, (*TRACKERS, AT_RANDOM, BEGUN))
     with work_folder(work) as kept:
         films = [Filmed(name, frames, folder, kept, fps, baseline, clip=s) for name in sequences for s in seeds]
         in_processes(filmed, films, jobs)
