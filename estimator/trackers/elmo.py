@@ -224,16 +224,17 @@ class Elmo(Begins):
     def _settled(self, weighed: Mixture, state: ElmoState, case: FrameCase) -> Mixture:
         """The same modes with the transition from their parents, where they have one, in the energy. Those that come to
         one pose are one, of the weight of the likelier."""
-        candidates = [self._candidate(mode, state) for mode in weighed.modes]
+        candidates = [self._candidate(mode, state, case) for mode in weighed.modes]
         scored = list(zip(self.search.refined(candidates, case), weighed.log_scores.tolist(), strict=True))
         kept = best_distinct(scored, lambda x: x[1], lambda x: x[0].landmarks, self.search.distinct_by, len(scored))
         return mixture_of(tuple(r.mode for r, _ in kept), np.array([score for _, score in kept]))
 
-    def _candidate(self, mode: Mode, state: ElmoState) -> Candidate:
+    def _candidate(self, mode: Mode, state: ElmoState, case: FrameCase) -> Candidate:
         previous = None if mode.parent < 0 else PreviousPose(state.mixture.modes[mode.parent].q)
         origin = Origin(mode.origin.family if mode.origin else Family.KEPT, previous)
+        association = [a.name for a in case.associations].index(mode.association)
         landmarks = self.body.landmarks(self.body.at(mode.q))
-        return Candidate(Hypothesis(mode.q, 0, origin, mode.parent), mode.q, landmarks, mode.energy)
+        return Candidate(Hypothesis(mode.q, association, origin, mode.parent), mode.q, landmarks, mode.energy)
 
     def _moving(self, mixture: Mixture, state: ElmoState, time: float) -> Mixture:
         """The same modes with their velocities since their parents."""
