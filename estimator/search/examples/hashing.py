@@ -10,7 +10,7 @@ import numpy as np
 from humanoid.support.compiled import jit
 
 TABLES, KEY_BITS = 50, 18  # ELMO section 4
-_AT_ONCE = 4096  # examples whose bits are unpacked together
+_AT_ONCE = 1024  # examples whose bits are unpacked together
 
 
 class Neighbours(NamedTuple):
@@ -63,11 +63,9 @@ class HashTables:
         """The `count` examples that differ least from value (M,) bool among those in one of its buckets, or among all
         if fewer are there; of equals the first. At most as many as there are examples."""
         code, keys = packed(value[None])[0], self._keys(value[None])[:, 0]
-        buckets = [
-            of_table[np.searchsorted(s, k, "left") : np.searchsorted(s, k, "right")]
-            for of_table, s, k in zip(self._order, self._sorted, keys, strict=True)
-        ]
-        candidates = np.unique(np.concatenate(buckets)).astype(np.int64)
+        shares = np.zeros(len(self), bool)
+        _mark(self._sorted, self._order, keys, shares)
+        candidates = np.flatnonzero(shares)
         if len(candidates) < min(count, len(self)):
             return self.nearest_of_all(value, count)._replace(fell_back=True)
         return self._nearest_among(candidates, code, count)
@@ -98,7 +96,7 @@ class HashTables:
     def _keys(self, values: np.ndarray) -> np.ndarray:
         """Keys (tables, N) of values (N, M)."""
         weight = 1 << np.arange(self.chosen.shape[1], dtype=np.int64)
-        return np.array([values[:, chosen] @ weight for chosen in self.chosen])
+        return np.ascontiguousarray((values[:, self.chosen] @ weight).T)
 
 
 def packed(values: np.ndarray) -> np.ndarray:
@@ -112,6 +110,23 @@ def packed(values: np.ndarray) -> np.ndarray:
 def unpacked(codes: np.ndarray) -> np.ndarray:
     """The bits (N, 64 W) bool of codes (N, W), those that filled them up included."""
     return np.unpackbits(np.ascontiguousarray(codes).view(np.uint8), axis=1).astype(bool)
+
+
+@jit
+def _mark(ordered, order, keys, shares):  # type: ignore[no-untyped-def]
+    """Set shares (N,) bool where an example's key is that of keys (tables,) in some table: ordered (tables, N) are its
+    keys in order, order (tables, N) the examples that have them."""
+    for t in range(keys.shape[0]):
+        low, high = 0, ordered.shape[1]
+        while low < high:
+            middle = (low + high) // 2
+            if ordered[t, middle] < keys[t]:
+                low = middle + 1
+            else:
+                high = middle
+        while low < ordered.shape[1] and ordered[t, low] == keys[t]:
+            shares[order[t, low]] = True
+            low += 1
 
 
 @jit
