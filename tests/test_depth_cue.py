@@ -64,6 +64,20 @@ def test_the_floor_is_found_below_what_stands_on_it() -> None:
     assert found_floor(np.zeros((2, 3)), np.zeros(2), UP, rng) is None
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_screen_before_all_most_of_the_time_does_not_hide_the_floor(seed: int) -> None:
+    """As an occlusion stands in what a scene is learned from: most points, and all of them above the floor."""
+    rng = np.random.default_rng(seed)
+    floor = np.column_stack([rng.uniform(1.0, 5.0, 400), rng.uniform(-2.0, 2.0, 400), 0.02 * rng.standard_normal(400)])
+    wall = box([5.0, 0.0, 1.5], [0.1, 4.0, 3.0], 1200)
+    screen = box([0.8, 0.0, 1.3], [0.01, 1.0, 0.8], 4000)
+    places = np.concatenate([floor, wall, screen])
+    level = found_floor(places, np.full(len(places), 0.02), UP, rng)
+    assert level is not None
+    assert np.degrees(np.arccos(level.normal @ UP)) < 1.5
+    assert level.offset == pytest.approx(0.0, abs=0.03)
+
+
 def test_the_nearest_thing_as_large_as_a_person_is_chosen() -> None:
     things = {
         "ball": box([1.0, 0.6, 0.0], [0.1, 0.1, 0.1], 100),
