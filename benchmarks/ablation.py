@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.ablation_runs import SUITES, Measured, Wanted, parts, prepared
-from benchmarks.common import Changes, Several, in_processes, nested, save, start, work_folder
+from benchmarks.common import Changes, Several, check_known, in_processes, nested, save, start, work_folder
 from benchmarks.kept_runs import Kept, all_done
 from benchmarks.runs_plot import Difference, write_differences
 from benchmarks.scores import LOST
@@ -115,13 +115,15 @@ def main(
     json
         Also write the figures here.
     """
-    chosen = [WHOLE, *(name for name in checked("--rows", rows, ROWS) if name != WHOLE)]
+    check_known("--rows", rows, ROWS)
+    check_known("--suites", suites, SUITES)
+    chosen = [WHOLE, *(name for name in rows if name != WHOLE)]
     given = nested(changes)
     with work_folder(work) as folder:
         kept, wanted = Kept(folder), Wanted(folder / "clips", data, motions, clip_seeds, seeds, seconds, given)
         every = [
             part
-            for suite in checked("--suites", suites, SUITES)
+            for suite in suites
             for name in chosen
             if SUITES[suite].pictures or name not in PICTURES_ALONE
             for part in parts(suite, name, ROWS[name], wanted)
@@ -142,14 +144,6 @@ def main(
         write_differences(figures / "ablation.png", differences(table))
     save(json, {"measure": "ablation", "settings": given, "codes": codes,
                 "rows": [figures_of(row) for row in table], "runs": [asdict(a) for a in done]})  # fmt: skip
-
-
-def checked(option: str, given: Sequence[str], valid: Iterable[str]) -> Sequence[str]:
-    """The given names. Raises InputError for one that is not valid."""
-    for name in given:
-        if name not in valid:
-            raise InputError(option, f"there is no {name!r}", remedy="some of " + ", ".join(valid))
-    return given
 
 
 def summed(done: Sequence[Measured]) -> list[Row]:

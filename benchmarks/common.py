@@ -88,7 +88,7 @@ def captured_folder(given: Path | None) -> Path | None:
     """The evaluation data if it has motion capture; says so, and None, where it has not."""
     folder = data_folder(given)
     if folder is None or not (folder / "mocap").is_dir():
-        tell(NO_CAPTURE_HERE)
+        print(NO_CAPTURE_HERE)
         return None
     return folder
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from benchmarks.common import Several, check_known, start
 from benchmarks.figure_file import new_figure, write_figure
 from estimator.formats.checked_json import read_json
 from humanoid.support.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 _COLOURS = {"elmo": "#1f4e79", "icp": "#c44e52", "condensation": "#55a868", "psh": "0.55", "css": "#8172b2"}
 _LONGEST = 400.0  # mm that a curve is drawn to

@@ -137,7 +137,7 @@ def main(
     """
     files = motion_files(data, clips, every)
     if not files:
-        tell(NO_CAPTURE_HERE)
+        print(NO_CAPTURE_HERE)
         return
     how = {"seed": seed, "modes": modes}
     with work_folder(work) as folder:

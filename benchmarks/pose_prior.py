@@ -86,7 +86,7 @@ def main(
     """
     files = captured_files(data)
     if not files:
-        tell(NO_CAPTURE_HERE)
+        print(f"{NO_CAPTURE_HERE}, and mocap_more")
         return
     body, settings = Body(load_subject(SUBJECT)), LearnSettings()
     poses = {f.stem: captured_poses(body, f, settings.spacing) for f in files}

@@ -310,10 +310,8 @@ def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file
 
 def test_a_second_camera_brings_no_more_starts(clip: RenderedClip, file: Path) -> None:
     """It sees the same here: what is looked up is what one finds, unless cameras do not vote; both have a picture."""
-    (camera,) = load_cameras(clip.cameras).values()
-    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
-    (cues,) = reader.at(0)
-    reader.close()
+    (first,) = depth_frames(clip, 1)
+    (camera,), (cues,) = first.cameras, first.cues
     body = Body(load_subject(clip.subject))
 
     def seen_by(count: int, **own: Any) -> tuple[Elmo, Observation]:

@@ -12,10 +12,11 @@ from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
 from estimator.search.examples.lookup import Looked
+from estimator.search.examples.votes import turned_away
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
-from humanoid.kinematics.body import ROOT_JOINT, Body
+from humanoid.kinematics.body import Body
 
 
 class Descent(NamedTuple):
@@ -51,10 +52,11 @@ def example_starts(body: Body, looks: Sequence[Looked], away: float = 0.0, assoc
     back is turned to the only camera that sees them."""
     starts = []
     for look in looks:
-        ahead = body.placed(look.q).placements[:, ROOT_JOINT, :3] @ look.frame.R_world_view[:, 0]
-        turned = (ahead > 0.0) & body.has_free_root & (len(looks) == 1)
-        for q, paid in zip(look.q, np.where(turned, away, 0.0).tolist(), strict=True):
-            starts.append(Hypothesis(body.clamp(q), association, Origin(Family.EXAMPLE), prior_score=-paid))
+        paid = np.zeros(len(look.q))
+        if away > 0.0 and len(looks) == 1:
+            paid[turned_away(body, body.placed(look.q), look.frame) > 90.0] = away
+        for q, off in zip(look.q, paid.tolist(), strict=True):
+            starts.append(Hypothesis(body.clamp(q), association, Origin(Family.EXAMPLE), prior_score=-off))
     return starts
 
 

@@ -67,7 +67,7 @@ class Votes:
         where it turns away too far."""
         placed = self.body.placed(q)
         numbers = np.full(len(q), -1)
-        near = np.flatnonzero(self._turned(placed, frame) <= 0.5 * self.index.recipe.headings + _BEYOND)
+        near = np.flatnonzero(turned_away(self.body, placed, frame) <= 0.5 * self.index.recipe.headings + _BEYOND)
         if len(near):
             shapes = self._about_mean(placed.of(near), frame.R_world_view)
             known, squared = self._known
@@ -84,13 +84,6 @@ class Votes:
         off = self.index.distances(view.description, examples[judged]) - usual.mean()
         votes[judged] = off / max(float(usual.std()), 1.0)
         return votes
-
-    def _turned(self, placed: PlacedBodies, frame: ViewFrame) -> np.ndarray:
-        """By how much poses turn away from facing a camera (N,) [degrees]; none if their root cannot turn."""
-        if not self.body.has_free_root:
-            return np.zeros(len(placed.q))
-        ahead = placed.placements[:, ROOT_JOINT, :3] @ frame.R_world_view
-        return np.asarray(np.degrees(np.abs(np.arctan2(ahead[:, 1], -ahead[:, 0]))))
 
     def _about_mean(self, placed: PlacedBodies, R_world_view: np.ndarray) -> np.ndarray:
         """Landmarks of poses about their mean, in the frame of a view, as rows (N, 3 L) float32 [m]."""
@@ -110,3 +103,11 @@ class Votes:
             [self._about_mean(self.body.placed(self.index.poses(part, here)), np.eye(3)) for part in parts]
         )
         return known, np.square(known).sum(axis=1)
+
+
+def turned_away(body: Body, placed: PlacedBodies, frame: ViewFrame) -> np.ndarray:
+    """By how much poses turn away from facing a camera (N,) [degrees]; none if their root cannot turn."""
+    if not body.has_free_root:
+        return np.zeros(len(placed.q))
+    ahead = placed.placements[:, ROOT_JOINT, :3] @ frame.R_world_view
+    return np.asarray(np.degrees(np.abs(np.arctan2(ahead[:, 1], -ahead[:, 0]))))
