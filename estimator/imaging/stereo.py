@@ -99,14 +99,23 @@ class StereoPair:
         grey = [cv2.cvtColor(p, cv2.COLOR_BGR2GRAY) for p in self.rectified(left, right)]
         enlarged = [cv2.resize(g, None, fx=self._factor, fy=self._factor, interpolation=cv2.INTER_CUBIC) for g in grey]
         middle = slice(self._factor // 2, None, self._factor)
-        sixteenths = self._matcher.compute(*enlarged)[middle, middle]
-        disparity = sixteenths.astype(np.float32) / np.float32(_SUBPIXEL * self._factor)
-        disparity[disparity <= 0.0] = np.nan
+        disparity = self._disparities(*enlarged)[middle, middle] / np.float32(self._factor)
         return np.asarray(np.float32(self._scale) / disparity)
 
     def std(self, depth: np.ndarray) -> np.ndarray:
         """Standard deviations of depths [m], which grow with their square."""
         return np.asarray(np.square(depth) * self.settings.noise / (self._factor * self._scale))
+
+    def _disparities(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Disparities (H, W) float32 of rectified grey pictures [px], NaN where nothing matches. OpenCV leaves out a
+        strip at the left as wide as the largest disparity, within which nearly all is seen by both cameras: pictures
+        get as wide a border, and only what would match the border itself is left out."""
+        border = self._matcher.getNumDisparities()
+        widened = [cv2.copyMakeBorder(p, 0, 0, border, 0, cv2.BORDER_REPLICATE) for p in (left, right)]
+        disparity = self._matcher.compute(*widened)[:, border:].astype(np.float32) / np.float32(_SUBPIXEL)
+        outside = disparity > np.arange(left.shape[1], dtype=np.float32)
+        disparity[(disparity <= 0.0) | outside] = np.nan
+        return disparity
 
     def _made_matcher(self) -> cv2.StereoSGBM:
         s, width = self.settings, self._factor * self.camera.image_size[0]
