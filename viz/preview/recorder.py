@@ -41,11 +41,14 @@ class CommandRecorder:
     def page(self, title: str, data: Json) -> str:
         """An HTML page with the viewer, the recorded scene and the player's data; it loads nothing from elsewhere."""
         script = (resources.files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
-        template = (resources.files("viz.preview") / "page.html").read_text(encoding="utf-8")
+        template, curves = (
+            (resources.files("viz.preview") / name).read_text(encoding="utf-8") for name in ("page.html", "curves.js")
+        )
         commands = [base64.b64encode(command).decode("ascii") for command in self.commands]
         parts = {
             "TITLE": _escaped(title),
             "VIEWER": script,
+            "CURVES": curves,
             "COMMANDS": json.dumps(commands),
             "DATA": _script_json(data),
         }
