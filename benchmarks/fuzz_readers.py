@@ -11,7 +11,7 @@ from random import Random
 
 import numpy as np
 
-from benchmarks.fuzz_arrays import mutated_npz, mutated_run
+from benchmarks.fuzz_arrays import mutated_npy, mutated_npz, mutated_run
 from benchmarks.fuzz_corpus import FRAMES, SIZE, Files
 from benchmarks.fuzz_mutations import mutated
 from estimator.cameras.camera import guessed_camera
@@ -60,6 +60,10 @@ def _damage(kind: str, name: str) -> Callable[[bytes, Random, list[bytes]], byte
         return mutated_npz
     if kind == "run":
         return mutated_run
+    if name.endswith(".names.json"):
+        kind = "json"
+    if kind == "npy":
+        return mutated_npy
     if name.endswith((".stl", ".png", ".jpg", ".bmp", ".mp4")):
         kind = "binary"
     return lambda data, random, others: mutated(data, kind, random, others)
@@ -117,8 +121,13 @@ def _clicked() -> KeypointTrack:
 
 
 READERS = {
-    "keypoints": Reader("json", load_keypoints, 0.36),
+    "keypoints": Reader("json", load_keypoints, 0.24),
     "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
+    "deeplabcut": Reader("text", load_keypoints, 0.03),
+    "coco": Reader("json", load_keypoints, 0.03),
+    "rtmlib": Reader("json", load_keypoints, 0.02),
+    "keypoint arrays": Reader("npz", load_keypoints, 0.02),
+    "keypoint array": Reader("npy", load_keypoints, 0.02),
     "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
     "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
     "cameras": Reader("json", load_cameras, 0.17),
