@@ -62,8 +62,8 @@ def coco(people: dict[int, np.ndarray], flags: bool = False) -> dict[str, Any]:
         for who, p in people.items():
             row = np.nan_to_num(p[t])
             row[:, 2] = 2.0 * (row[:, 2] > 0.0) if flags else row[:, 2]
-            one = {"id": len(annotations), "image_id": ids[t], "category_id": 1, "keypoints": row.ravel().tolist()}
-            annotations.append(one | ({"track_id": who} if len(people) > 1 else {}))
+            entry = {"id": len(annotations), "image_id": ids[t], "category_id": 1, "keypoints": row.ravel().tolist()}
+            annotations.append(entry | ({"track_id": who} if len(people) > 1 else {}))
     category = {"id": 1, "name": "person", "keypoints": list(COCO17), "skeleton": [[16, 14]]}
     return {"images": images[::-1], "annotations": annotations, "categories": [category]}
 
