@@ -8,8 +8,8 @@ from humanoid.kinematics.body import Body
 
 
 def link_names(body: Body) -> tuple[str, ...]:
-    """A name for each joint (njoints), no two alike: of the first link that it moves, else its own; joint 0 moves nothing
-    and stands for what is fixed to the world."""
+    """A name for each joint (njoints), no two alike: of the first link that it moves, else its own; joint 0 stands for
+    what is fixed to the world."""
     links: dict[int, str] = {}
     for frame in body.model.frames:
         if frame.type == pin.FrameType.BODY and frame.name != "universe":
