@@ -108,6 +108,7 @@ def _mot(run: Run, path: Path, name: str) -> None:
 def _c3d(run: Run, path: Path, name: str) -> None:
     """Landmarks as points, the angles of mot as POINT:ANGLES, sliding joints as POINT:SCALARS; where nothing was seen
     they are missing."""
+    _need_frames(run)
     names, values = opensim_coordinates(run.body, run.q)
     kinds = {entry.name: entry.kind for entry in joint_entries(run.body)}
     seen = (run.status != "unobserved")[:, None]
@@ -120,7 +121,13 @@ def _c3d(run: Run, path: Path, name: str) -> None:
 
 
 def _bvh(run: Run, path: Path, name: str) -> None:
+    _need_frames(run)
     write_bvh(path, bvh_motion(run.body, run.q, run.time))
+
+
+def _need_frames(run: Run) -> None:
+    if not run.frame_count:
+        raise InputError(run.file, "holds no frame", remedy="track with --resume first")
 
 
 FORMATS: dict[str, Writer] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "c3d": _c3d, "bvh": _bvh}
