@@ -220,6 +220,8 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     runs: list[Files] = []
     unfinished: list[Files] = []
     seen: list[Files] = []
+    tables: list[Files] = []
+    arrays: list[Files] = []
     for name in subjects:
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
@@ -230,11 +232,16 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
         unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
+        tables.append({"motion.csv": export(run, folder / "a.csv").read_bytes()})
+        arrays.append({"motion.npz": export(run, folder / "a.npz").read_bytes()})
     with suppress(KeyboardInterrupt):  # particles, and extra arrays of several axes
         km.track(name, None, **how | ANNEALED, out=folder / "stopped.run", overwrite=True, progress=_stopping)
     particles = {f"{name}.run": (folder / "stopped.run").read_bytes()}
     trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
-    return {"run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc}
+    return {
+        "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
+        "motion csv": tables, "motion npz": arrays,
+    }  # fmt: skip
 
 
 def _seen(folder: Path, name: str) -> Path:

@@ -18,12 +18,14 @@ from estimator.cameras.camera import guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.checked_json import read_json
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.formats.motion_table import read_motion_table
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.media.clip import Clip
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import stored_state
 from humanoid.kinematics.body import Body
@@ -74,6 +76,13 @@ def _bvh(path: Path) -> object:
     return mocap.at(np.linspace(0.0, mocap.seconds, 4))
 
 
+def _motion(path: Path) -> object:
+    """A table of joints, on the subject of its columns."""
+    table = read_motion_table(path)
+    name = "arm8" if "left_wrist_flexion" in " ".join(table.names) else "upper13"
+    return motion_of(Body(load_subject(name)), table, np.linspace(0.0, 0.1, 4))
+
+
 def _body(path: Path) -> object:
     body = Body(load_subject(path))
     posed = body.at(body.neutral)
@@ -121,7 +130,7 @@ def _clicked() -> KeypointTrack:
 
 
 READERS = {
-    "keypoints": Reader("json", load_keypoints, 0.24),
+    "keypoints": Reader("json", load_keypoints, 0.2),
     "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
     "deeplabcut": Reader("text", load_keypoints, 0.03),
     "coco": Reader("json", load_keypoints, 0.03),
@@ -132,6 +141,8 @@ READERS = {
     "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
     "cameras": Reader("json", load_cameras, 0.17),
     "bvh": Reader("text", _bvh, 0.06),
+    "motion csv": Reader("text", _motion, 0.02),
+    "motion npz": Reader("npz", _motion, 0.02),
     "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
     "reference": Reader("npz", Reference.load, 0.04),
     "trc": Reader("text", Reference.load, 0.05),
