@@ -64,7 +64,7 @@ def _points(arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
     if shape[0] > MOST_FRAMES or (keypoints.ndim == 4 and shape[1] > _MOST_PEOPLE):
         raise InputError(path, f"has the shape {shape}, which is no clip's", place="keypoints")
     if shape[-1] == 2:
-        sure = np.isfinite(keypoints).all(axis=-1).astype(float) if scores is None else scores
+        sure = np.ones(shape[:-1]) if scores is None else scores
         keypoints = np.concatenate([keypoints, sure[..., None]], axis=-1)
     return keypoints if keypoints.ndim == 4 else keypoints[:, None]
 

@@ -136,7 +136,7 @@ def _end(body: Body, joint: int) -> np.ndarray:
 def _aligned(body: Body, skeleton: Skeleton) -> np.ndarray:
     """Rotations R_joint_node (N, 3, 3): the node's frame, y up and parallel to the root's at zero, in its joint's."""
     R_world_joint = body.at(pin.neutral(body.model)).rotations[skeleton.joints]
-    return np.asarray(R_world_joint.transpose(0, 2, 1) @ R_world_joint[0] @ R_OPENSIM_WORLD.T)
+    return np.asarray(R_world_joint.transpose(0, 2, 1) @ R_OPENSIM_WORLD.T)
 
 
 def _local(body: Body, skeleton: Skeleton, aligned: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
