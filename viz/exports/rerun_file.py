@@ -10,7 +10,8 @@ changes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from colorsys import hsv_to_rgb
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from viz.solids.body_solids import body_solids, skeleton
 from viz.solids.solid import merged, side_of
 
 _MOST_FILM = 200_000_000  # bytes of a film that is put into the file
+_CURVES = 6  # that are shown at first
 _HALF = 0.5  # px: the middle of the first pixel lies at 0 here, at a half there
 
 
@@ -51,15 +53,17 @@ def write_rrd(run: Run, path: Path) -> None:
     recording = rr.RecordingStream("kinemode", recording_id=f"kinemode {run.file.stem}", send_properties=False)
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
-    recording.save(path)
+    angles = list(angles_of(run))
     log = _Log(rr, recording, scene)
+    recording.save(path, default_blueprint=log.layout(angles))
+    log.world()
     log.body()
     log.landmarks(run.landmarks)
     log.hypotheses()
     for c in range(len(scene.cameras)):
         log.camera(c, run.header.clips.get(scene.cameras[c].name))
-    for angle in angles_of(run):
-        log.angle(angle)
+    for k, angle in enumerate(angles):
+        log.angle(angle, colour=_far_apart(k))
     log.status()
     recording.flush()
     recording.disconnect()
@@ -78,13 +82,41 @@ def angles_of(run: Run) -> Iterator[Angle]:
         yield Angle(entry.name, scale * value, scale * std, unit)
 
 
+def _far_apart(k: int) -> palette.Rgb:
+    """The colour of curve k: hues by the golden section, so that no two near each other are alike."""
+    red, green, blue = hsv_to_rgb((0.6180339887 * k) % 1.0, 0.65, 0.95)
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
 class _Log:
     """What is put into the recording `to` of the scene; rr: the module."""
 
     def __init__(self, rr: Any, to: Any, scene: Scene) -> None:
         self._rr, self._to, self._scene = rr, to, scene
         self._known = np.array([scene.has_body(t) for t in range(len(scene))])
-        to.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+
+    def layout(self, angles: Sequence[Angle]) -> Any:
+        """What is seen first: the world, the cameras' pictures, the angles that change most."""
+        rrb = optional("rerun.blueprint", "rerun", "rrd files")
+        cameras = [
+            rrb.Spatial2DView(origin=self._path("world", "cameras", camera.name), name=camera.name)
+            for camera in self._scene.cameras
+        ]
+        known = [angle for angle in angles if np.isfinite(angle.values).any() and angle.unit == "deg"]
+        most = sorted(known, key=lambda angle: -float(np.nanmax(angle.values) - np.nanmin(angle.values)))[:_CURVES]
+        curves = rrb.TimeSeriesView(
+            origin="angles", name="angles that change most [deg]",
+            contents=[f"+ /{self._path('angles', angle.name)}" for angle in most],
+        )  # fmt: skip
+        beside = [rrb.Tabs(*cameras), curves] if cameras else [curves]
+        world = rrb.Spatial3DView(origin="world", name="world")
+        return rrb.Blueprint(
+            rrb.Horizontal(world, rrb.Vertical(*beside), column_shares=[3, 2]), collapse_panels=True
+        )  # fmt: skip
+
+    def world(self) -> None:
+        """Which way is up."""
+        self._to.log("world", self._rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
     def body(self) -> None:
         """Placements and meshes of the links."""
@@ -174,13 +206,13 @@ class _Log:
         )
         self._columns(f"{path}/film", rows, columns)
 
-    def angle(self, angle: Angle) -> None:
+    def angle(self, angle: Angle, colour: palette.Rgb) -> None:
         """Value and std of a joint."""
         rr, path = self._rr, self._path("angles", angle.name)
         for name, values in ((path, angle.values), (f"{path}/std", angle.std)):
             rows = np.flatnonzero(np.isfinite(values))
             label = f"{angle.name}{' std' if name != path else ''} [{angle.unit}]"
-            self._to.log(name, rr.SeriesLines(names=[label]), static=True)
+            self._to.log(name, rr.SeriesLines(names=[label], colors=[colour]), static=True)
             self._columns(name, rows, rr.Scalars.columns(scalars=values[rows]))
 
     def status(self) -> None:
