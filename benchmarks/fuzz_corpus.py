@@ -70,6 +70,7 @@ def _keypoints() -> dict[str, list[Files]]:
     folders = [
         {f"walk_{t:012d}_keypoints.json": _json({"version": 1.3, "people": [pose[t], pose[0]]}) for t in range(FRAMES)}
     ]
+    several = _other_programs()
     whole = [_own("coco17"), _own("mediapipe33"), named, alpha, cmu, frames, {"meta_info": {}, "instance_info": frames},
              {"people": pose}]  # fmt: skip
     landmarks = [mark.name for mark in load_subject("human34").landmarks]
@@ -85,7 +86,43 @@ def _keypoints() -> dict[str, list[Files]]:
         "keypoint folder": list(folders),
         "clicks": [{"clicks.json": _json(clicks)}],
         "page": [{"page.json": _json(page)}],
+        **several,
     }
+
+
+def _other_programs() -> dict[str, list[Files]]:
+    """Keypoints as DeepLabCut, annotation tools, rtmlib and NumPy write them."""
+    p = np.array([points("coco17", t) for t in range(FRAMES)])
+    ids = [{"id": t + 5, "file_name": f"{t:06d}.png", "width": SIZE[0], "height": SIZE[1]} for t in range(FRAMES)]
+    shown = [{"image_id": t + 5, "category_id": 1, "keypoints": p[t].ravel().tolist()} for t in range(FRAMES)]
+    category = {"id": 1, "name": "person", "keypoints": list(FORMATS["coco17"])}
+    frames = [{"keypoints": 2 * [xyc[:, :2].tolist()], "scores": 2 * [xyc[:, 2].tolist()]} for xyc in p]
+    whole = {key: [frame[key] for frame in frames] for key in ("keypoints", "scores")}
+    arrays = {"keypoints": p[..., :2], "scores": p[..., 2], "names": np.array(FORMATS["coco17"]), "fps": np.array(30.0)}
+    alone = io.BytesIO()
+    np.save(alone, p)
+    renamed = _json({"snout": "nose", "left_eye": "left_eye"})
+    return {
+        "deeplabcut": [
+            {"walk.csv": _deeplabcut(p, ("",)), "walk.names.json": renamed},
+            {"walk.csv": _deeplabcut(p, ("ann", "bob"))},
+        ],
+        "coco": [{"coco.json": _json({"images": ids, "annotations": shown, "categories": [category]})}],
+        "rtmlib": [{"people.json": _json(content)} for content in (frames, whole)],
+        "keypoint arrays": [{"points.npz": npz(arrays)}, {"points.npz": npz({"keypoints": p[:, None]})}],
+        "keypoint array": [{"points.npy": alone.getvalue(), "points.names.json": _json(FORMATS["coco17"])}],
+    }
+
+
+def _deeplabcut(p: np.ndarray, who: Sequence[str]) -> bytes:
+    """A csv of DeepLabCut's, of the same points (T, 17, 3) for everybody."""
+    parts = ["snout", *map(str, FORMATS["coco17"][1:])]
+    columns = [(animal, part, kind) for animal in who for part in parts for kind in ("x", "y", "likelihood")]
+    heads = [["scorer", *["DLC"] * len(columns)], ["individuals", *(animal for animal, _, _ in columns)]]
+    heads += [["bodyparts", *(part for _, part, _ in columns)], ["coords", *(kind for _, _, kind in columns)]]
+    rows = [[str(t), *(f"{v:g}" for _ in who for v in xyc.ravel())] for t, xyc in enumerate(p)]
+    lines = [*(heads if len(who) > 1 else [heads[0], *heads[2:]]), *rows]
+    return "\n".join(map(",".join, lines)).encode()
 
 
 @contextmanager
@@ -183,6 +220,8 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     runs: list[Files] = []
     unfinished: list[Files] = []
     seen: list[Files] = []
+    tables: list[Files] = []
+    arrays: list[Files] = []
     for name in subjects:
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
@@ -193,11 +232,16 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
         unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
+        tables.append({"motion.csv": export(run, folder / "a.csv").read_bytes()})
+        arrays.append({"motion.npz": export(run, folder / "a.npz").read_bytes()})
     with suppress(KeyboardInterrupt):  # particles, and extra arrays of several axes
         km.track(name, None, **how | ANNEALED, out=folder / "stopped.run", overwrite=True, progress=_stopping)
     particles = {f"{name}.run": (folder / "stopped.run").read_bytes()}
     trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
-    return {"run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc}
+    return {
+        "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
+        "motion csv": tables, "motion npz": arrays,
+    }  # fmt: skip
 
 
 def _seen(folder: Path, name: str) -> Path:

@@ -1,4 +1,6 @@
-"""Runs as files for other programs: npz, csv, trc, mot.
+"""Runs as files for other programs: npz, csv, trc, mot, c3d, bvh.
+
+npz has all hypotheses; of the others each has the best path alone.
 
 A run that is not finished is exported as far as it goes.
 """
@@ -6,23 +8,33 @@ A run that is not finished is exported as far as it goes.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from estimator.formats.bvh_text import write_bvh
+from estimator.formats.c3d import Channels, write_c3d
 from estimator.formats.opensim import write_mot, write_trc
-from estimator.results.coordinates import opensim_coordinates, q_columns
+from estimator.results.bvh_skeleton import bvh_motion
+from estimator.results.coordinates import joint_entries, opensim_coordinates, q_columns
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
-from humanoid.subject.joint_names import joint_names
+from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
+Writer = Callable[[Run, Path, str], None]
+"""Writes a run into a file: the run, the file to write, the name it will have."""
 
-def export(run: Run, path: str | Path, format: str | None = None) -> Path:
-    """Write a run in a format of `FORMATS`, by default the one the file's ending names. The file is there whole or not.
+
+def export(
+    run: Run, path: str | Path, format: str | None = None, *, more: Mapping[str, Writer] = MappingProxyType({})
+) -> Path:
+    """Write a run in a format of `FORMATS` or of `more`, by default the one the file's ending names. The file is there
+    whole or not.
 
     Raises
     ------
@@ -30,10 +42,11 @@ def export(run: Run, path: str | Path, format: str | None = None) -> Path:
     """
     path = Path(path)
     chosen = (format or path.suffix.lstrip(".")).lower()
-    if chosen not in FORMATS:
-        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(FORMATS)}")
+    writers = {**FORMATS, **more}
+    if chosen not in writers:
+        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(writers)}")
     with replacing(path) as temporary:
-        FORMATS[chosen](run, temporary, path.name)
+        writers[chosen](run, temporary, path.name)
     return path
 
 
@@ -92,5 +105,30 @@ def _mot(run: Run, path: Path, name: str) -> None:
     write_mot(path, names, values, run.time, title=Path(name).stem)
 
 
-FORMATS: dict[str, Callable[[Run, Path, str], None]] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot}
+def _c3d(run: Run, path: Path, name: str) -> None:
+    """Landmarks as points, the angles of mot as POINT:ANGLES, sliding joints as POINT:SCALARS; where nothing was seen
+    they are missing."""
+    _need_frames(run)
+    names, values = opensim_coordinates(run.body, run.q)
+    kinds = {entry.name: entry.kind for entry in joint_entries(run.body)}
+    seen = (run.status != "unobserved")[:, None]
+    turns = [i for i, n in enumerate(names) if n in ROOT_TURNS or kinds.get(n) in ("turn", "endless")]
+    slides = [i for i, n in enumerate(names) if kinds.get(n) == "slide"]
+    angles = Channels([names[i] for i in turns], np.where(seen, values[:, turns], np.nan), "deg")
+    scalars = Channels([names[i] for i in slides], np.where(seen, 1e3 * values[:, slides], np.nan), "mm")
+    landmarks = np.where(seen[..., None], run.landmarks, np.nan)
+    write_c3d(path, run.body.landmark_names, landmarks, run.time, angles, scalars)
+
+
+def _bvh(run: Run, path: Path, name: str) -> None:
+    _need_frames(run)
+    write_bvh(path, bvh_motion(run.body, run.q, run.time))
+
+
+def _need_frames(run: Run) -> None:
+    if not run.frame_count:
+        raise InputError(run.file, "holds no frame", remedy="track with --resume first")
+
+
+FORMATS: dict[str, Writer] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "c3d": _c3d, "bvh": _bvh}
 """Writers by format name: run, file to write, name the file will have."""

@@ -69,12 +69,15 @@ def render(
 
     kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
 
+    kinemode render --motion random --subject arm8 --seconds 3 --out arm
+
     kinemode render --motion reach --background textured --stereo 0.12 --depth --hidden 1.0:2.0 --out pair
 
     Parameters
     ----------
     motion
-        reach, arm, pivot, turn_reach, or a BVH file of a person.
+        reach, arm, pivot, turn_reach; random, for any subject; a BVH file of a person; or a csv or npz of the
+        subject's joints over time (columns time and JOINT_deg, JOINT_rad or JOINT_m, or as exported).
     out
         Folder for the files.
     subject
@@ -90,9 +93,9 @@ def render(
     fps
         Frames per second.
     seconds
-        Only so much of the motion.
+        Only so much of the motion; 4 of a random one unless given.
     seed
-        Of the scene, the clothes, the sensor's noise and the keypoints' errors.
+        Of a random motion, the scene, the clothes, the sensor's noise and the keypoints' errors.
     occluder
         What stands between the first camera and the person.
     hidden

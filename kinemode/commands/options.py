@@ -27,7 +27,9 @@ class InputOptions:
     cameras
         JSON with K, distortion, R, t of each camera; one camera without it is guessed.
     keypoints
-        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s.
+        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s;
+        AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv, npy and npz. Names that the file does not have, or
+        has in its own words, stand beside it: WALK.names.json for WALK.csv.
     mask
         Videos or folders of masks, white on the person; the background is then not needed.
     background

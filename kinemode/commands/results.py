@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-Format = Literal["npz", "csv", "trc", "mot"]
+Format = Literal["npz", "csv", "trc", "mot", "c3d", "bvh", "glb", "rrd"]
 
 
 def view(run: Path, /, *, html: Path | None = None) -> None:
@@ -88,7 +88,9 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
 def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     """Write a run for other programs.
 
-    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim.
+    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim; c3d landmarks and
+    joint angles; bvh a skeleton in centimetres and its turns; glb the moving body; rrd all of it for rerun, with
+    hypotheses, cameras and keypoints. npz and rrd have all hypotheses, the others the best path.
 
     Example: kinemode export walk.run --format csv walk.csv
 
@@ -99,7 +101,7 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     file
         Where to write.
     format
-        npz, csv, trc or mot; the file's ending unless given.
+        The file's ending unless given.
     """
     import kinemode as km
 

@@ -13,6 +13,7 @@ import numpy as np
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import KeypointTrack, load_people
+from estimator.formats.keypoints_layouts import KINDS
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from estimator.media.clip import Clip
@@ -34,7 +35,7 @@ from kinemode.terminal.program import command
 if TYPE_CHECKING:
     from kinemode.inputs.files import Cameras
 
-KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
+KEYPOINT_FORMATS = f"read are {KINDS}"
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "camera": (_or_none(_text), "the name of a camera"),
     "format": (_or_none(_text), "a text"),
     "joints": (_or_none(_texts), "names of landmarks"),
-    "motion": (_path, "the name of a motion, or the path of a BVH file"),
+    "motion": (_path, "the name of a motion, or the path of a BVH, csv or npz file"),
     "proportions": (_or_none(_factors), "a mapping of joints to scales"),
     "shape": (_or_none(_factors), "a mapping of parts to nine parameters each"),
     "girth": (_number, "a number"),

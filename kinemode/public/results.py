@@ -88,18 +88,21 @@ def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
     ----------
     run: a run, or the path of its file; one that is not finished is exported as far as it goes.
     format: "npz", everything (see `estimator.results.export.export_arrays` for names, shapes and units); "csv", joint
-        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim. What the
-        file's ending says unless given.
+        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim; "c3d",
+        landmarks and joint angles (ezc3d); "bvh", a skeleton [cm] and its turns; "glb", the moving body; "rrd", body,
+        hypotheses, cameras, keypoints and angles for rerun. What the file's ending says unless given. npz and rrd have
+        all hypotheses, the others the best path.
 
     Raises
     ------
-    InputError: no run, an unknown format, a file that cannot be written.
+    InputError: no run, an unknown format, a library that is not installed, a file that cannot be written.
     """
     check_arguments(run=run, file=file, format=format)
     opened = _opened(run)
     from estimator.results import export as formats
+    from viz.exports.formats import FORMATS as OF_BODIES
 
-    return formats.export(opened, Path(file), format)
+    return formats.export(opened, Path(file), format, more=OF_BODIES)
 
 
 def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[str] | None = None) -> Evaluation:
