@@ -112,15 +112,18 @@ def _intrinsics(value: Any, source: str | Path, place: str) -> np.ndarray:
     return K
 
 
-def _distortion(value: Any, source: str | Path, place: str) -> np.ndarray:
+def _distortion(value: Any, source: str | Path, place: str, *, fisheye: bool) -> np.ndarray:
     coefficients = numbers(value, source, place)
-    if coefficients.ndim != 1 or coefficients.size not in (4, 5):
-        shape = "x".join(map(str, coefficients.shape))
-        remedy = "k1, k2, p1, p2 and k3: calibrate with the 5-coefficient model (cv2.calibrateCamera's default)"
-        raise InputError(source, f"4 or 5 coefficients are needed, found {shape}", place=place, remedy=remedy)
+    if coefficients.ndim != 1 or coefficients.size not in ((4,) if fisheye else COUNTS):
+        shape = "x".join(map(str, coefficients.shape)) or "a number"
+        if fisheye:
+            needed, remedy = "4 coefficients of a fisheye are", "k1, k2, k3, k4 of cv2.fisheye; other lenses are no fisheye"
+        else:
+            needed, remedy = "4, 5, 8, 12 or 14 coefficients are", "k1, k2, p1, p2, k3, ... in the order of OpenCV"
+        raise InputError(source, f"{needed} needed, found {shape}", place=place, remedy=remedy)
     if (np.abs(coefficients) > _COEFFICIENT).any():
         raise InputError(source, "has a coefficient beyond all measure", place=place, remedy=f"up to {_COEFFICIENT:g}")
-    return np.concatenate([coefficients, np.zeros(5 - coefficients.size)])
+    return coefficients if fisheye or coefficients.size > 4 else np.append(coefficients, 0.0)
 
 
 def _rotation(value: Any, source: str | Path, place: str) -> np.ndarray:
