@@ -18,8 +18,8 @@ class Camera:
     name: how clips and keypoints refer to it.
     image_size: width, height [px].
     K (3, 3): intrinsic matrix [px].
-    distortion: OpenCV's coefficients of the lens, (5,) k1, k2, p1, p2, k3 (Brown), also (8,), (12,) or (14,); of a fisheye
-        (4,). See `estimator.cameras.lens.lens_array`.
+    distortion: OpenCV's coefficients of the lens, (5,) k1, k2, p1, p2, k3 (Brown), also (8,), (12,) or (14,); of a
+        fisheye (4,). See `estimator.cameras.lens.lens_array`.
     R_camera_world (3, 3), t_camera_world (3,) [m]: x_camera = R_camera_world @ x_world + t_camera_world.
     fisheye: whether the lens is a fisheye (OpenCV's `cv2.fisheye`), seen up to 90 degrees from the optical axis.
     """

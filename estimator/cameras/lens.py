@@ -1,13 +1,13 @@
 """What a lens does to the directions of rays: Brown's distortion, OpenCV's longer models, and fisheyes.
 
 A lens is one array. Of Brown's five coefficients (Brown 1966): (5,) k1, k2, p1, p2, k3. Of any other model one row
-(1, 22): those five, k4, k5, k6 (rational), s1, s2, s3, s4 (thin prism), the nine numbers of a tilted sensor's homography,
-row by row, and the model, `GENERAL` or `FISHEYE`. A fisheye's k1, k2, k3, k4 (Kannala and Brandt 2006) stand at the
-places of k1, k2, k3, k4. Formulas and orders are those of OpenCV's `calib3d` and `fisheye` modules.
+(1, 22): those five, k4, k5, k6 (rational), s1, s2, s3, s4 (thin prism), the nine numbers of a tilted sensor's
+homography, row by row, and the model, `GENERAL` or `FISHEYE`. A fisheye's k1, k2, k3, k4 (Kannala and Brandt 2006)
+stand at the places of k1, k2, k3, k4. Formulas and orders are those of OpenCV's `calib3d` and `fisheye` modules.
 
-The two have different numbers of axes so that kernels are compiled for each: of `if lens.ndim == 2` numba leaves out what
-does not hold, and Brown's model is as fast as if there were no other (asked for by a number, it took 1.7 to 9 times as
-long, being no longer compiled into its callers).
+The two have different numbers of axes so that kernels are compiled for each: of `if lens.ndim == 2` numba leaves out
+what does not hold, and Brown's model is as fast as if there were no other (with a branch on a number it took 1.7 to 9
+times as long, being no longer compiled into its callers).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _CLOSE = 1e-11  # of a direction, relative to its length
 def lens_array(distortion: np.ndarray, *, fisheye: bool = False) -> np.ndarray:
     """Coefficients as OpenCV orders them -> what the functions here take, (5,) or (1, 22).
 
-    distortion: (5,) k1, k2, p1, p2, k3, or without the last; (8,) then k4, k5, k6; (12,) then s1, s2, s3, s4; (14,) then
-    the sensor's tilts tau_x, tau_y [rad]. Of a fisheye (4,) k1, k2, k3, k4.
+    distortion: (5,) k1, k2, p1, p2, k3, or without the last; (8,) then k4, k5, k6; (12,) then s1, s2, s3, s4; (14,)
+    then the sensor's tilts tau_x, tau_y [rad]. Of a fisheye (4,) k1, k2, k3, k4.
 
     Raises ValueError: another number of coefficients.
     """
@@ -217,7 +217,8 @@ def _tilt_slopes(a, b, lens):  # type: ignore[no-untyped-def]
 
 
 def undistorted(points: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """The inverse of `distorted`: places (N, 2) in the plane z = 1 -> directions a, b (N, 2), NaN where none leads there.
+    """The inverse of `distorted`: places (N, 2) in the plane z = 1 -> directions a, b (N, 2), NaN where none leads
+    there.
 
     Of Brown's model OpenCV's five iterations; of the others to rounding, by Newton's method.
     """

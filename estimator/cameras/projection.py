@@ -1,8 +1,8 @@
 """The projection as compiled kernels: pinhole and lens, OpenCV's conventions.
 
 A camera is four arrays, see `Camera.arrays`: intrinsics (5,) fx, fy, cx, cy, skew [px]; distortion, the lens as
-`estimator.cameras.lens` has it: (5,) k1, k2, p1, p2, k3 (Brown 1966), (1, 22) of any other model; R (3, 3) and t (3,) [m]
-camera from world. Brown's derivatives stand here, the others', which are asked for behind a branch, with their lens.
+`estimator.cameras.lens` has it: (5,) k1, k2, p1, p2, k3 (Brown 1966), (1, 22) of any other model; R (3, 3) and t (3,)
+[m] camera from world. Brown's derivatives stand here, those of the other models with their lens.
 """
 
 from __future__ import annotations

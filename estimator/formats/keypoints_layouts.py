@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.cameras import image_size
+from estimator.formats.cameras_json import image_size
 from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
 from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
 from estimator.media.clip import FPS_RANGE, listed
