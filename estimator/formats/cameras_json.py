@@ -115,7 +115,7 @@ def _distortion(value: Any, source: str | Path, place: str, *, fisheye: bool) ->
         if fisheye:
             needed, remedy = (
                 "4 coefficients of a fisheye are",
-                "k1, k2, k3, k4 of cv2.fisheye; other lenses are no fisheye",
+                "k1, k2, k3, k4 of cv2.fisheye",
             )
         else:
             needed, remedy = "4, 5, 8, 12 or 14 coefficients are", "k1, k2, p1, p2, k3, ... in the order of OpenCV"

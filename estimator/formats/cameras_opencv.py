@@ -1,12 +1,12 @@
 """Cameras as `cv2.FileStorage` and OpenCV's samples write them: YAML, JSON and XML; ROS's camera_info YAML too.
 
-One camera at the top level (camera_matrix, distortion_coefficients, image_width, image_height, and where there are any R
-and T or rvec and tvec: x_camera = R x_world + t, as `cv2.solvePnP` and `cv2.projectPoints` have it), or a group of these
-for each camera, by name. Of a pair with M1, D1, M2, D2, R and T in one file, as `cv2.stereoCalibrate` gives them, the
-first camera (`cam1`) is the world's origin and x_2 = R x_1 + T (`cam2`). Lengths are in the unit of the board's squares;
-`units: "mm"` in the file, our addition, says which.
+One camera at the top level (camera_matrix, distortion_coefficients, image_width, image_height, and where there are any
+R and T or rvec and tvec: x_camera = R x_world + t, as `cv2.solvePnP` and `cv2.projectPoints` have it), or a group of
+these for each camera, by name. Of a pair with M1, D1, M2, D2, R and T in one file, as `cv2.stereoCalibrate` gives them,
+the first camera (`cam1`) is the world's origin and x_2 = R x_1 + T (`cam2`). Lengths are in the unit of the board's
+squares; `units: "mm"` in the file, our addition, says which.
 
-The text is parsed by PyYAML, the standard library and expat: `cv2.FileStorage` itself ends the process on damaged files.
+The text is parsed by PyYAML, json and expat: `cv2.FileStorage` itself can end the process on a damaged file.
 """
 
 from __future__ import annotations
@@ -48,7 +48,12 @@ def is_opencv(root: Mapping[str, Any]) -> bool:
     """Whether a mapping has a camera matrix, or groups that have one."""
     if _of(root, "K") is not None or _of(root, "K", "1") is not None:
         return True
-    return any(isinstance(value, dict) and _of(value, "K") is not None for value in root.values())
+    return bool(_groups(root))
+
+
+def _groups(root: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The members that are cameras themselves."""
+    return {str(k): value for k, value in root.items() if isinstance(value, dict) and _of(value, "K") is not None}
 
 
 def cameras_from_opencv(root: Mapping[str, Any], source: str | Path, kind: str) -> list[Camera]:
@@ -58,9 +63,7 @@ def cameras_from_opencv(root: Mapping[str, Any], source: str | Path, kind: str) 
     elif _of(root, "K") is not None:
         entries, alone = {Path(source).stem: _entry(root, source, kind)}, True
     else:
-        groups = {
-            name: value for name, value in root.items() if isinstance(value, dict) and _of(value, "K") is not None
-        }
+        groups = _groups(root)
         if not groups:
             told = ", ".join(map(str, root))[:200] or "nothing"
             raise InputError(source, f"has no camera_matrix, but {told}", place=kind, remedy=_remedy())

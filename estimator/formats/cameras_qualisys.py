@@ -7,9 +7,9 @@
         <intrinsic focalLengthU="" focalLengthV="" centerPointU="" centerPointV="" skew=""   1/64 pixel
                    sensorMinU="" sensorMaxU="" ... radialDistortion1="" ... tangentalDistortion1=""/>
 
-The table r11 to r33, read row by row, turns the world into axes x right, y up, z backward; OpenCV's are diag(1, -1, -1)
-times it. x, y, z are the camera's centre. The distortion's coefficients have no unit: they are as OpenCV's, not 64 times
-them, which free calibrations of the same pictures confirm (Pose2Sim's converter divides them too, and loses them).
+The table r11 to r33, read row by row, turns the world into axes x right, y up, z backward; OpenCV's are diag(1, -1,
+-1) times it. x, y, z are the camera's centre. The distortion's coefficients have no unit: they are as OpenCV's, not 64
+times them, which free calibrations of the same pictures confirm (Pose2Sim's converter divides them too).
 """
 
 from __future__ import annotations
@@ -50,7 +50,6 @@ def _camera(document: Document, element: ET.Element) -> Camera:
     fov, transform, intrinsic = (_part(document, element, tag) for tag in ("fov_video", "transform", "intrinsic"))
     left, top, right, bottom = (document.number(fov, side) for side in ("left", "top", "right", "bottom"))
     _check_sensor(document, intrinsic, (right, bottom), place)
-    u, v = ({"U": left, "V": top}[axis] for axis in "UV")
     focal, centre = (
         [document.number(intrinsic, f"{what}{axis}") / _SUBPIXELS for axis in "UV"]
         for what in ("focalLength", "centerPoint")
@@ -64,7 +63,7 @@ def _camera(document: Document, element: ET.Element) -> Camera:
     entry = {
         "name": name,
         "image_size": [right - left + 1.0, bottom - top + 1.0],
-        "K": [[focal[0], skew, centre[0] - u], [0.0, focal[1], centre[1] - v], [0.0, 0.0, 1.0]],
+        "K": [[focal[0], skew, centre[0] - left], [0.0, focal[1], centre[1] - top], [0.0, 0.0, 1.0]],
         "distortion": [k1, k2, p1, p2, k3],
         "R": R.tolist(),
         "t": (-R @ at).tolist(),

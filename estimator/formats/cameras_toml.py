@@ -30,17 +30,18 @@ from humanoid.support.errors import InputError
 _CALLED = {
     "image_size": "size", "K": "matrix", "distortion": "distortions", "R": "rotation", "t": "translation",
 }  # fmt: skip
+_CALLED_BY = {theirs: ours for ours, theirs in _CALLED.items()}
 _NEEDED = "a section for each camera with name, size, matrix, distortions, rotation and translation"
 
 
 def cameras_from_toml(content: bytes, source: str | Path) -> list[Camera]:
     """The cameras of a Pose2Sim or Anipose file; raises InputError naming format, section and key."""
     root = parsed_toml(content, source, remedy=f"Pose2Sim and Anipose TOML have {_NEEDED}")
-    sections = {k: v for k, v in root.items() if isinstance(v, dict) and "matrix" in v}
+    sections = {k: v for k, v in root.items() if isinstance(v, dict) and len(v.keys() & _CALLED_BY.keys()) > 1}
     by_number = all(name.partition("_")[0] == "cam" for name in sections)
     kind = "Anipose TOML" if by_number else "Pose2Sim TOML"
     if not sections:
-        raise InputError(source, "has no camera: no section has a matrix", place="Pose2Sim TOML", remedy=_NEEDED)
+        raise InputError(source, "has no camera", place="Pose2Sim TOML", remedy=_NEEDED)
     cameras = [
         _camera(entry, name, source, f"{kind}, [{name}]", alone=len(sections) == 1) for name, entry in sections.items()
     ]
@@ -51,7 +52,7 @@ def cameras_from_toml(content: bytes, source: str | Path) -> list[Camera]:
 
 
 def _camera(section: Mapping[str, Any], name: str, source: str | Path, place: str, *, alone: bool) -> Camera:
-    entry = {ours: section[theirs] for ours, theirs in _CALLED.items() if theirs in section}
+    entry = {ours: section[theirs] for theirs, ours in _CALLED_BY.items() if theirs in section}
     entry |= {key: section[key] for key in ("name", "fisheye") if key in section}
     if entry.get("R") is not None:
         entry["R"] = rotation_matrix(entry["R"], source, f"{place}.rotation")

@@ -51,12 +51,7 @@ def in_metres(cameras: Sequence[Camera], unit: Any, source: str | Path, place: s
 
 def check_apart(cameras: Sequence[Camera], source: str | Path, place: str) -> None:
     """Raise InputError where several cameras all have the very same placement, which a file without any may give."""
-    first = cameras[0]
-    same = [
-        np.array_equal(c.R_camera_world, first.R_camera_world)
-        and np.array_equal(c.t_camera_world, first.t_camera_world)
-        for c in cameras
-    ]
-    if len(cameras) > 1 and all(same):
+    places = [np.column_stack([c.R_camera_world, c.t_camera_world]) for c in cameras]
+    if len(cameras) > 1 and all(np.array_equal(place, places[0]) for place in places):
         problem = f"all {len(cameras)} cameras stand at one place: the file has intrinsics alone"
         raise InputError(source, problem, place=place, remedy="calibrate the placements too (extrinsics)")

@@ -97,7 +97,8 @@ def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[in
 def _data_address(image: np.ndarray, camera: Camera) -> str:
     """The picture reduced, undistorted (so that it fits the flat plane) and compressed."""
     scale = min(1.0, PICTURE_LONGEST / max(camera.image_size))
-    size = tuple(max(1, round(side * scale)) for side in camera.image_size)
+    width, height = (max(1, round(side * scale)) for side in camera.image_size)
+    size = width, height
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if camera.fisheye or np.any(camera.distortion):
         K = camera.K.copy()
