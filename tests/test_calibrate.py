@@ -145,6 +145,7 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
         ({"square": 0.0}, "square: 0 m cannot be"),
         ({"board": "charuco", "marker": 0.04}, "marker: 0.04 m is no marker in a square of 0.03 m"),
         ({"board": "charuco", "dictionary": "9X9"}, "dictionary: '9X9' is unknown"),
+        ({"lens": "wide"}, "lens: 'wide' is unknown"),
         ({"board": "dots"}, "board: 'dots' is unknown"),
         ({"origin": 90}, "origin: there is no picture 90 .*0 to 8"),
         ({"picture": "a.txt"}, "no name for a PNG"),
@@ -153,6 +154,13 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
 def test_what_cannot_be_is_refused(changed: dict[str, object], said: str, chess: tuple[Camera, Path]) -> None:
     with pytest.raises(km.InputError, match=said):
         km.calibrate(chess[1], **({"size": "9x6", "square": 0.03} | changed))  # type: ignore[arg-type]
+
+
+def test_markers_of_another_dictionary_are_told(chess: tuple[Camera, Path], tmp_path: Path) -> None:
+    camera = chess[0]
+    folder = write_views(tmp_path / "cam", camera, CHARUCO, tilted(camera, CHARUCO, 2))
+    with pytest.raises(km.InputError, match="markers of 4X4_1000: --dictionary 4X4_1000"):
+        km.calibrate(folder, board="charuco", dictionary="6X6_250", size="8x6", square=0.03)
 
 
 def test_too_few_or_too_similar_views_are_refused(chess: tuple[Camera, Path], tmp_path: Path) -> None:

@@ -329,7 +329,7 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
         ("a.toml", POSE2SIM.replace("translation", "moved", 1), r"\[int_cam01_img\]\.translation: is missing"),
         ("a.toml", POSE2SIM.replace("size =", "sighs =", 1), r"\.size: is missing"),
         ("a.toml", POSE2SIM.replace("fisheye = false", "fisheye = 3", 1), "true or false"),
-        ("a.toml", POSE2SIM.replace("06503403122568441]", "06, 3.0, 1.0]"), r"img\]\.distortions: 4, 5, 8, 12 or 14 coeff"),
+        ("a.toml", POSE2SIM.replace("06503403122568441]", "06, 3.0, 1.0]"), r"\.distortions: 4, 5, 8, 12 or 14 coeff"),
         ("a.toml", "[project]\nframes = 3\n", "Pose2Sim TOML: has no camera"),
         ("a.toml", "[cam_0]\nmatrix = [", "is not TOML"),
         ("a.yml", "%YAML:1.0\n---\nimage_width: 3\n", "OpenCV YAML: has no camera_matrix, but image_width"),

@@ -16,6 +16,7 @@ DICTIONARIES = (
     *(f"{bits}_{count}" for bits in ("4X4", "5X5", "6X6", "7X7") for count in (50, 100, 250, 1000)),
     "ARUCO_ORIGINAL",
 )
+_WIDEST = tuple(name for name in DICTIONARIES if name.endswith(("_1000", "ORIGINAL")))  # they hold the smaller ones
 FEWEST_CORNERS = 6  # of a view
 _SIDES = (2, 50)  # inner corners
 _MARKER = 0.75  # of the square, unless given
@@ -93,11 +94,11 @@ class Board:
         markers = cv2.aruco.getPredefinedDictionary(_dictionary(self.dictionary))
         return cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard(self.size, self.square, self.marker_side, markers))
 
-    def corners(self, picture: np.ndarray) -> np.ndarray | None:
+    def corners(self, picture: np.ndarray, *, quick: bool = False) -> np.ndarray | None:
         """Its inner corners in a picture (H, W, 3) uint8 BGR: pixels (N, 2), NaN where one is not seen, None where too
-        few are; of a chessboard all are seen or none."""
+        few are; of a chessboard all are seen or none. quick: without a second look for blurred chessboards."""
         grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        pixels = self._charuco(grey) if self.kind == CHARUCO else self._chessboard(grey)
+        pixels = self._charuco(grey) if self.kind == CHARUCO else self._chessboard(grey, quick)
         if pixels is None:
             return None
         clear = 0.5 * (1.0 - self.marker_side / self.square) if self.kind == CHARUCO else _WINDOW
@@ -113,9 +114,11 @@ class Board:
         on_a_line = np.linalg.matrix_rank(seen - seen[0], tol=1e-9) < 2
         return None if on_a_line else pixels
 
-    def _chessboard(self, grey: np.ndarray) -> np.ndarray | None:
-        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
-        there, corners = cv2.findChessboardCornersSB(grey, self.size, flags=flags)
+    def _chessboard(self, grey: np.ndarray, quick: bool) -> np.ndarray | None:
+        flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        there, corners = cv2.findChessboardCorners(grey, self.size, flags=flags)
+        if not there and not quick:  # finds blurred boards too, in thirty times the time
+            there, corners = cv2.findChessboardCornersSB(grey, self.size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
         if not there:
             return None
         columns, rows = self.size
@@ -132,12 +135,13 @@ class Board:
         sizes = [(self.size[0] + x, self.size[1] + y) for x, y in _AROUND] + [(self.size[1], self.size[0])]
         names = [self.dictionary]
         if self.kind == CHARUCO:
-            sizes, names = [self.size], [name for name in DICTIONARIES if name != self.dictionary]
+            sizes = [self.size]
+            names = [name for name in _WIDEST if name.partition("_")[0] != self.dictionary.partition("_")[0]]
         for size in sizes:
             for name in names:
                 if min(size) > _SIDES[0] + 1:
                     other = Board(self.kind, size, self.square, self.marker, name)
-                    if other.corners(picture) is not None:
+                    if other.corners(picture, quick=True) is not None:
                         return other
         return None
 

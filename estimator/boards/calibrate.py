@@ -16,7 +16,7 @@ from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 
 MOST_PICTURES = 120  # of a camera that are looked at, evenly spaced
-_LOOKED_AT = 5  # pictures in which another board is looked for
+_LOOKED_AT = 3  # pictures in which another board is looked for
 _APART = 3.0  # times the lens's own error, from which placements are doubted
 
 Progress = Callable[[int, int], None]

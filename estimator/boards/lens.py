@@ -57,12 +57,12 @@ def fit_lens(
     some = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, min(len(views), MOST_VIEWS)).astype(int))]
     points = [np.ascontiguousarray(board.points[v.seen][:, None], dtype=np.float64) for v in some]
     pixels = [np.ascontiguousarray(v.pixels[v.seen][:, None], dtype=np.float64) for v in some]
-    _check_tilts(points, pixels, size, name, source)
     try:
-        K, distortion, std = (_fisheye if lens == "fisheye" else _pinhole)(points, pixels, size, lens)
+        K, distortion, turns, std = (_fisheye if lens == "fisheye" else _pinhole)(points, pixels, size, lens)
     except cv2.error as error:
         problem = f"no {lens} lens fits the corners: {error.err or 'OpenCV found none'}"
         raise InputError(source, problem, place=name, remedy="more views, tilted; or another --lens") from None
+    _check_tilts(turns, name, source)
     guess = guessed_camera(name, size)
     camera = replace(guess, K=K, distortion=distortion, fisheye=lens == "fisheye")
     poses, errors = {}, {}
@@ -75,28 +75,28 @@ def fit_lens(
 
 def _pinhole(
     points: list[np.ndarray], pixels: list[np.ndarray], size: tuple[int, int], lens: str
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """K, distortion and the focal length's standard deviation [px]."""
+) -> tuple[np.ndarray, np.ndarray, Sequence[np.ndarray], float]:
+    """K, distortion, the board's rotation vectors and the focal length's standard deviation [px]."""
     count = 8 if lens == "rational" else 5
     flags = cv2.CALIB_RATIONAL_MODEL if lens == "rational" else 0
     singles = [p.astype(np.float32) for p in points], [p.astype(np.float32) for p in pixels]
-    _, K, distortion, _, _, std, _, _ = cv2.calibrateCameraExtended(
+    _, K, distortion, turns, _, std, _, _ = cv2.calibrateCameraExtended(
         *singles, size, np.zeros((3, 3)), np.zeros(count), flags=flags, criteria=_CRITERIA
     )
-    return np.asarray(K), np.ravel(distortion)[:count].copy(), float(np.ravel(std)[:2].max())
+    return np.asarray(K), np.ravel(distortion)[:count].copy(), turns, float(np.ravel(std)[:2].max())
 
 
 def _fisheye(
     points: list[np.ndarray], pixels: list[np.ndarray], size: tuple[int, int], lens: str
-) -> tuple[np.ndarray, np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray, Sequence[np.ndarray], float]:
     """As `_pinhole`; OpenCV gives no standard deviation, so none."""
     names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 5 moved them
     flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW
     flat = [p.reshape(1, -1, 3) for p in points], [p.reshape(1, -1, 2) for p in pixels]  # the layout it takes
-    _, K, distortion, _, _ = cv2.fisheye.calibrate(
+    _, K, distortion, turns, _ = cv2.fisheye.calibrate(
         *flat, size, np.zeros((3, 3)), np.zeros(4), flags=flags, criteria=_CRITERIA
     )
-    return np.asarray(K), np.ravel(distortion).copy(), 0.0
+    return np.asarray(K), np.ravel(distortion).copy(), turns, 0.0
 
 
 def board_pose(camera: Camera, board: Board, view: View) -> tuple[np.ndarray, np.ndarray, float] | None:
@@ -120,19 +120,11 @@ def board_pose(camera: Camera, board: Board, view: View) -> tuple[np.ndarray, np
     return R, t, float(np.sqrt(np.nanmean(distance**2)))
 
 
-def _check_tilts(
-    points: list[np.ndarray], pixels: list[np.ndarray], size: tuple[int, int], name: str, source: str
-) -> None:
-    """Raise InputError where the board is at one tilt in all views; the focal length hardly matters for that."""
-    K = guessed_camera(name, size).K
-    normals = []
-    for p, q in zip(points, pixels, strict=True):
-        done, turn, _ = cv2.solvePnP(p, q, K, None, flags=cv2.SOLVEPNP_IPPE)
-        if done:
-            normals.append(cv2.Rodrigues(turn)[0][:, 2])
-    cosines = np.clip(np.array(normals) @ np.array(normals).T, -1.0, 1.0)
-    widest = float(np.degrees(np.arccos(cosines.min())))
+def _check_tilts(turns: Sequence[np.ndarray], name: str, source: str) -> None:
+    """Raise InputError where the board, its rotation vectors (3, 1) in the camera given, is at one tilt in all views."""
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    widest = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
     if widest < LEAST_TILT:
-        problem = f"the board has one tilt in all {len(points)} views (within {widest:.1f} degrees)"
+        problem = f"the board has one tilt in all {len(turns)} views (within {widest:.1f} degrees)"
         remedy = "the focal length cannot be told: take views tilted by 20 to 45 degrees to several sides"
         raise InputError(source, problem, place=name, remedy=remedy)
