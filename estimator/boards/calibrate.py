@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.boards.board import Board
-from estimator.boards.lens import UNSURE, LensFit, board_pose, fit_lens
+from estimator.boards.lens import FEWEST_VIEWS, UNSURE, LensFit, board_pose, fit_lens
 from estimator.boards.placement import place_cameras
 from estimator.boards.shots import Shots, View
 from estimator.cameras.camera import Camera
@@ -126,21 +126,25 @@ def _views(
                 views[s.name].append(View(s.name, frame, s.label(frame), pixels))
             done += 1
             progress(done, total)
-        if not views[s.name]:
-            raise _no_board(s, board, frames[s.name])
+        if len(views[s.name]) < FEWEST_VIEWS:
+            _check_board(s, board, frames[s.name], {view.frame for view in views[s.name]})
     return views
 
 
-def _no_board(shots: Shots, board: Board, frames: Sequence[int]) -> InputError:
-    problem = f"{board.told} is in none of {len(frames)} pictures"
-    for i in np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _LOOKED_AT)).astype(int)):
-        other = board.instead(shots.picture(frames[i]))
+def _check_board(shots: Shots, board: Board, frames: Sequence[int], seen: Set[int]) -> None:
+    """Raise InputError where no picture shows the board, or those that do not show another."""
+    problem = f"{board.told} is in {len(seen) or 'none'} of {len(frames)} pictures"
+    without = [frame for frame in frames if frame not in seen]
+    for i in np.unique(np.linspace(0, len(without) - 1, min(len(without), _LOOKED_AT)).astype(int)):
+        other = board.instead(shots.picture(without[i]))
         if other is not None:
-            size, label = "{}x{}".format(*other.size), shots.label(frames[i])
+            size, label = "{}x{}".format(*other.size), shots.label(without[i])
             option = f"--size {size}" if other.size != board.size else f"--dictionary {other.dictionary}"
-            return InputError(shots.source, problem, place=shots.name, remedy=f"{label} shows {other.told}: {option}")
+            raise InputError(shots.source, problem, place=shots.name, remedy=f"{label} shows {other.told}: {option}")
+    if seen:
+        return
     remedy = "all of it in the picture, flat, sharp, with a white margin; --size counts inner corners of a chessboard,"
-    return InputError(shots.source, problem, place=shots.name, remedy=f"{remedy} squares of a ChArUco board")
+    raise InputError(shots.source, problem, place=shots.name, remedy=f"{remedy} squares of a ChArUco board")
 
 
 def _origin(fits: Mapping[str, LensFit], views: Sequence[View], given: int | None) -> int:

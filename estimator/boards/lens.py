@@ -121,7 +121,7 @@ def board_pose(camera: Camera, board: Board, view: View) -> tuple[np.ndarray, np
 
 
 def _check_tilts(turns: Sequence[np.ndarray], name: str, source: str) -> None:
-    """Raise InputError where the board, its rotation vectors (3, 1) in the camera given, is at one tilt in all views."""
+    """Raise InputError where all views show the board at one tilt; turns (3, 1): its rotation vectors in the camera."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     widest = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
     if widest < LEAST_TILT:
