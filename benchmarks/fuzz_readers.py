@@ -122,6 +122,7 @@ READERS = {
     "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
     "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
     "cameras": Reader("json", load_cameras, 0.17),
+    "camera text": Reader("text", load_cameras, 0.06),
     "bvh": Reader("text", _bvh, 0.06),
     "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
     "reference": Reader("npz", Reference.load, 0.04),

@@ -16,8 +16,10 @@ from estimator.cameras.projection import (
     project_point,
     project_with_jacobian,
 )
+from estimator.terms.reprojection import Reprojection
 from humanoid.support.errors import InputError
-from tests.builders import BROWN, camera_at
+from kinemode.testing import check_term
+from tests.builders import BROWN, body_of, camera_at, observe, random_pose
 
 LENSES = {
     "brown4": (-0.11, 0.05, 0.002, -0.003),
@@ -120,6 +122,19 @@ def test_cameras_of_several_models_go_together() -> None:
         assert project_point(p, *(a[i] for a in packed)) == project_point(p, *camera.arrays)
     longer = replace(cameras[1], distortion=np.concatenate([BROWN, np.zeros(9)]))
     np.testing.assert_allclose(longer.project(p), cameras[1].project(p), rtol=1e-14)
+
+
+def test_the_energy_takes_all_of_them() -> None:
+    """Keypoints of cameras of every model: a perfect pose costs nothing, and the term keeps its promises."""
+    body = body_of("arm8")
+    rng = np.random.default_rng(4)
+    cameras = [lens_camera(model, 60.0 * i) for i, model in enumerate(LENSES)]
+    q = random_pose(body, rng, share=0.5)
+    seen = observe(body, q, cameras)
+    sigma = np.full(seen.confidence.shape, 6.0)
+    assert Reprojection(body, seen, sigma, "lorentzian", 6.0).value(body.at(q)) < 1e-12
+    noisy = observe(body, q, cameras, noise=6.0, rng=rng)
+    check_term(Reprojection(body, noisy, sigma, "lorentzian", 6.0), body, random_pose(body, rng, share=0.5))
 
 
 @pytest.mark.parametrize(("count", "fisheye"), [(3, False), (6, False), (15, False), (5, True)])
