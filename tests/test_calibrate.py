@@ -73,6 +73,26 @@ def test_a_chessboard_shows_the_lens(chess: tuple[Camera, Path], tmp_path: Path)
     assert calibration.of("one")[0].error == max(v.error for v in calibration.views)
 
 
+@pytest.mark.parametrize(("board", "blurred"), [(CHESS, False), (CHESS, True), (CHARUCO, False)])
+def test_corners_have_their_order_however_the_board_is_held(
+    board: Board, blurred: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Upside down and on its side too, to a quarter of a pixel: several cameras mean the same corner. Blurred: the
+    first of OpenCV's detectors fails."""
+    if blurred:
+        monkeypatch.setattr(cv2, "findChessboardCorners", lambda *_, **__: (False, None))
+    camera = without_skew(camera_at(20.0, distance=2.0, focal=500.0))
+    rays, rng = rays_of(camera), np.random.default_rng(2)
+    for spin in (0.0, 90.0, 180.0, 270.0):
+        R, t = held_before(camera, rng, board, 0.6)
+        middle = R @ board.points.mean(axis=0) + t
+        R = R @ cv2.Rodrigues(np.radians([0.0, 0.0, spin]))[0]
+        t = middle - R @ board.points.mean(axis=0)
+        pixels = board.corners(seen_by(camera, rays, board, R, t))
+        assert pixels is not None
+        np.testing.assert_allclose(pixels, camera.project(board.points @ R.T + t), atol=0.25)
+
+
 @pytest.mark.parametrize(("model", "lens"), [("fisheye", "fisheye"), ("brown5", "brown")])
 def test_a_charuco_board_shows_the_lens(model: str, lens: str, tmp_path: Path) -> None:
     """Picture files of one camera, some with a part of the board."""
