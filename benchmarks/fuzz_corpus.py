@@ -165,11 +165,34 @@ def _texts() -> dict[str, list[Files]]:
     arrays = {"points": where, "names": np.array(["nose", "left_hip", "right_hip", "neck"]), "fps": np.array(30.0)}
     ours = {"landmarks": where, "landmark_names": arrays["names"], "time": time}
     return {
+        "camera text": _camera_texts(),
         "cameras": [{"cameras.json": _json({"cameras": some})} for some in (entries, [alone])],
         "bvh": [{"motion.bvh": text.encode()} for text in (BVH_PLAIN, BVH_CMU)],
         "settings": [{"settings.toml": text.encode()} for text in (bare, some, describe_settings("css-paper"))],
         "reference": [{"reference.npz": npz(arrays)}, {"reference.npz": npz(ours)}],
     }
+
+
+def _camera_texts() -> list[Files]:
+    """Camera files of other tools, none with more than one file."""
+    lists = "size = [64.0, 48.0]\nmatrix = [[80.0, 0.0, 31.5], [0.0, 80.0, 23.5], [0.0, 0.0, 1.0]]\n"
+    placed = "distortions = [0.1, -0.1, 0.0, 0.0]\nrotation = [1.2, 0.1, -0.1]\ntranslation = [0.{}, 0.2, 3.0]\n"
+    toml = "".join(f"[cam_{i}]\nname = 'c{i}'\n{lists}{placed.format(i)}fisheye = false\n\n" for i in range(2))
+    yaml = (
+        "%YAML:1.0\n---\nimage_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n"
+        "   rows: 3\n   cols: 3\n   dt: d\n   data: [ 80., 0., 31.5, 0., 80., 23.5, 0., 0., 1. ]\n"
+        "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n"
+        "   data: [ 0.1, -0.1, 0., 0., 0. ]\n"
+    )
+    qualisys = (
+        '<calibration><cameras><camera active="1" serial="c1" model="none" viewrotation="0">'
+        '<fov_video left="0" top="0" right="63" bottom="47"/><transform x="100" y="200" z="3000" r11="1" r12="0"'
+        ' r13="0" r21="0" r22="0" r23="1" r31="0" r32="-1" r33="0"/><intrinsic focalLengthU="5120" focalLengthV="5120"'
+        ' centerPointU="2016" centerPointV="1504" skew="0" sensorMaxU="4095" sensorMaxV="3071"'
+        ' radialDistortion1="0.1"/>'
+        "</camera></cameras></calibration>"
+    )
+    return [{"a.toml": toml.encode()}, {"a.yml": yaml.encode()}, {"a.qca.txt": qualisys.encode()}]
 
 
 def npz(arrays: Mapping[str, np.ndarray]) -> bytes:

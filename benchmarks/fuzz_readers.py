@@ -140,6 +140,7 @@ READERS = {
     "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
     "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
     "cameras": Reader("json", load_cameras, 0.17),
+    "camera text": Reader("text", load_cameras, 0.06),
     "bvh": Reader("text", _bvh, 0.06),
     "motion csv": Reader("text", _motion, 0.02),
     "motion npz": Reader("npz", _motion, 0.02),

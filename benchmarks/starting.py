@@ -27,6 +27,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "track, no such settings": ("track", "--keypoints", FILE, "--settings", "absent.toml", "--out", "a.run"),
     "track, no such subject": ("track", "--keypoints", FILE, "--subject", "absent.urdf", "--out", "a.run"),
     "fit, no such clip": ("fit", "absent.mp4", "--keypoints", FILE, "--out", "a.urdf"),
+    "calibrate, no such pictures": ("calibrate", "absent.mp4", "--square", "0.03", "--out", "a.json"),
     "compare, no such clip": ("compare", "absent.mp4", "--keypoints", FILE, "--trackers", "css", "--out", "all"),
     "annotate, no such clip": ("annotate", "absent.mp4", "--no-browser"),
     "render, no such motion": ("render", "--motion", "absent.bvh", "--out", "clip"),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.errors import InputError
     from kinemode.notices import FindingWarning, InputWarning
+    from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
     from kinemode.public.indexing import train_index
     from kinemode.public.results import evaluate, export, open_run, overlay, view
@@ -49,6 +50,7 @@ _MODULES = {
     "Subject": "humanoid.subject.subject",
     "ViewSettings": "estimator.synthesis.settings",
     "annotate": "kinemode.public.clips",
+    "calibrate": "kinemode.public.cameras",
     "compare": "kinemode.public.tracking",
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
@@ -83,6 +85,7 @@ __all__ = [
     "ViewSettings",
     "__version__",
     "annotate",
+    "calibrate",
     "compare",
     "evaluate",
     "export",

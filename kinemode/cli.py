@@ -51,6 +51,7 @@ for command in (
     tracking.track,
     tracking.compare,
     preparation.fit,
+    preparation.calibrate,
     preparation.train_index,
     preparation.settings,
     preparation.subjects,

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.cameras import image_size
+from estimator.formats.cameras_json import image_size
 from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
 from estimator.formats.keypoints_arrays import read_arrays
 from estimator.formats.keypoints_coco import is_coco, read_coco

@@ -98,8 +98,8 @@ def _rows(  # type: ignore[no-untyped-def]
 
     before, after (njoints, 12), spatial_before, spatial_after (nv, 6): the two poses, see `PosedBody`. support
     (njoints, nv): the degrees of freedom that move each joint. joints (A,), local (A, 3): the points. intrinsics,
-    distortion (5,), R (3, 3), t (3,): the camera. start (A, 2): where they were followed from [px]. target (A, 2),
-    kind, nu (A,): as in `assigned_loads`.
+    distortion (5,) or (1, 22), R (3, 3), t (3,): the camera. start (A, 2): where they were followed from [px]. target
+    (A, 2), kind, nu (A,): as in `assigned_loads`.
     """
     value, nv = 0.0, spatial_before.shape[0]
     p, J = np.empty(3), np.zeros((2, 3))

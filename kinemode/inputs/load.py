@@ -217,7 +217,7 @@ def _cameras(
         return chosen, notes
     if len(tracks) > 1:
         problem = f"several views ({', '.join(tracks)}) need their placements"
-        raise InputError("cameras", problem, remedy="give a camera file: JSON with K, distortion, R and t of each")
+        raise InputError("cameras", problem, remedy="give a camera file; `kinemode calibrate` makes one")
     ((name, track),) = tracks.items()
     size = sizes[name]
     if size is None:

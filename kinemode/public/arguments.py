@@ -127,6 +127,10 @@ def _cameras(value: Any) -> bool:
     return value is None or _path(value) or named
 
 
+def _pair(value: Any) -> bool:
+    return _text(value) or (isinstance(value, (list, tuple)) and len(value) == 2 and all(map(_whole, value)))
+
+
 def _number(value: Any) -> bool:
     return isinstance(value, float) or _whole(value) or _of("numpy", "floating")(value)
 
@@ -190,6 +194,12 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "clip": (_path, "the path of a video or of a folder of images"),
     "keypoint file": (_or_none(_path), "the path of a keypoint file"),
     "camera": (_or_none(_text), "the name of a camera"),
+    "pictures": _FILES,
+    "square": (_number, "a number"),
+    "marker": _MAYBE_NUMBER,
+    "size": (_pair, 'a text such as "9x6", or two whole numbers'),
+    "board": (_text, "a text"),
+    "lens": (_text, "a text"),
     "format": (_or_none(_text), "a text"),
     "joints": (_or_none(_texts), "names of landmarks"),
     "motion": (_path, "the name of a motion, or the path of a BVH, csv or npz file"),
