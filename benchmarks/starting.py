@@ -30,6 +30,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "compare, no such clip": ("compare", "absent.mp4", "--keypoints", FILE, "--trackers", "css", "--out", "all"),
     "annotate, no such clip": ("annotate", "absent.mp4", "--no-browser"),
     "render, no such motion": ("render", "--motion", "absent.bvh", "--out", "clip"),
+    "subjects, no such URDF": ("subjects", "--landmarks", "absent.urdf"),
     "view, no such run": ("view", RUN),
     "overlay, no such run": ("overlay", RUN, "--out", "a.mp4"),
     "explain, no such run": ("explain", RUN, "--frame", "0"),
