@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from kinemode.public.clips import annotate, render
     from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
-    from kinemode.public.results import evaluate, export, open_run, overlay, view
+    from kinemode.public.results import evaluate, export, open_run, overlay, report, view
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -61,6 +61,7 @@ _MODULES = {
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
     "render": "kinemode.public.clips",
+    "report": "kinemode.public.results",
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
     "train_index": "kinemode.public.indexing",
@@ -96,6 +97,7 @@ __all__ = [
     "open_run",
     "overlay",
     "render",
+    "report",
     "reported",
     "track",
     "train_index",
