@@ -17,7 +17,7 @@ from viz.pictures.overlay import Progress
 from viz.report import pictures
 from viz.report.curves import COLOURS, angle_figures
 from viz.report.facts import Facts, Figure
-from viz.report.tables import assumed_part, ranges_table, repeat_part
+from viz.report.tables import assumed_part, ranges_table, repeat_part, text
 from viz.scene import Scene, as_scene
 
 _TEMPLATE = Path(__file__).with_name("report.html")
@@ -52,7 +52,7 @@ def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, pro
         heading=escape(source),
         summary=escape(_summary(run)),
         tags=_tags(run, facts),
-        film=_film(scene, progress),
+        film=_film(run, scene, progress),
         key=_key(run) if figures is None else "",
         curves=_curves(drawings),
         ranges=ranges_table(ranges_of_motion(run)),
@@ -94,15 +94,21 @@ def _tags(run: Run, facts: Facts) -> str:
         tags.append(("not finished", True))
     if facts.findings:
         tags.append((f"{len(facts.findings)} doubt{'s' if len(facts.findings) > 1 else ''} of subject or input", True))
-    return "".join(f"<li{' class=warn' if warn else ''}>{escape(text)}</li>" for text, warn in tags)
+    return "".join(f"<li{' class=warn' if warn else ''}>{escape(said)}</li>" for said, warn in tags)
 
 
-def _film(scene: Scene, progress: Progress | None) -> str:
+def _film(run: Run, scene: Scene, progress: Progress | None) -> str:
     parts = []
-    missing = pictures.without_picture(scene)
-    if missing:
-        where = "is missing where the run had it: the body is drawn on an empty ground"
-        parts.append(f"<p>The clip of {escape(', '.join(missing))} {where}.</p>")
+    without = pictures.without_picture(scene)
+    gone = [name for name in without if run.header.clips.get(name) is not None]
+    never = [name for name in without if name not in gone]
+    for names, what in (
+        (gone, "is not where it was when it was tracked"),
+        (never, "was not given, only its keypoints"),
+    ):
+        if names:
+            clip = f"The clip of {', '.join(names)} {what}: the body is drawn on an empty ground."
+            parts.append(f"<p>{escape(clip)}</p>")
     middle = next(t for t in sorted(range(len(scene)), key=lambda t: abs(t - len(scene) // 2)) if scene.has_body(t))
     poster = _uri("image/jpeg", pictures.stills_of(scene, [middle])[0])
     data = pictures.film(scene, progress)
@@ -120,7 +126,7 @@ def _film(scene: Scene, progress: Progress | None) -> str:
 
 def _key(run: Run) -> str:
     sides = [side for side in ("left", "right") if any(name.startswith(side + "_") for name in run.body.q_names)]
-    swatches = "".join(f'<i style="background:{COLOURS[side]}"></i>{side}' for side in sides)
+    swatches = "".join(f'<span><i style="background:{COLOURS[side]}"></i>{side}</span>' for side in sides)
     return (
         f"Degrees over seconds (millimetres where a joint slides), positive as the subject's axes have it: line, best"
         f" hypothesis; band, 90&nbsp;%; strokes at the bottom, frames not to be trusted. {swatches}"
@@ -136,10 +142,10 @@ def _curves(figures: Sequence[Figure]) -> str:
 
 def _untrusted(run: Run, scene: Scene) -> str:
     spans, more = pictures.untrusted(scene, run.energy)
-    if not spans:
+    if not spans and not more:
         return "<p>None: every frame is tracked.</p>"
     meanings = [
-        f"<b>{escape(s)}</b>: {escape(STATUS_MEANINGS[s])}." for s in dict.fromkeys(span.status for span in spans)
+        f"<b>{escape(s)}</b>: {text(STATUS_MEANINGS[s])}." for s in dict.fromkeys(span.status for span in spans)
     ]
     wide = " wide" if len(scene.cameras) > 1 else ""
     parts = [*(f"<p>{meaning}</p>" for meaning in meanings), f'<div class="stills{wide}">']

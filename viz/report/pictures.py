@@ -21,7 +21,8 @@ MOST_SPANS = 12
 _FILM_WIDTH, _LEAST_WIDTH = 960, 240  # of all cameras together, and of each [px]
 _LONGEST = 720  # of a camera's picture in the film [px]
 _PROBE = 60  # frames by which the size of a film is foretold
-_STILL_WIDTH = 720  # of all cameras together [px]
+_STILL_WIDTH = 960  # of all cameras together [px]
+_STILL_LONGEST = 640  # of a camera's picture [px]
 _QUALITY = 82  # of a JPEG
 
 
@@ -111,7 +112,7 @@ def _worst(energy: np.ndarray, first: int, last: int) -> int:
 def stills_of(scene: Scene, rows: list[int]) -> list[bytes]:
     """The overlay of all cameras at some instants, rising, as JPEG."""
     count = len(scene.cameras)
-    views = [camera_view(camera, _STILL_WIDTH // min(count, 4)) for camera in scene.cameras]
+    views = [camera_view(camera, min(_STILL_LONGEST, _STILL_WIDTH // min(count, 4))) for camera in scene.cameras]
     painter = BodyPainter(scene.body)
     streams = [scene.images(c, rows) for c in range(count)]
     stills = []

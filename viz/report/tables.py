@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -47,30 +48,36 @@ def _valued(value: float, low: float, high: float, slides: bool) -> str:
 
 
 def table(
-    head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "", *, numbers: int = 0, path: int = -1
+    head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "", *, numbers: int = 0, paths: Sequence[int] = ()
 ) -> str:
-    """A table of texts. numbers: so many columns at the right end hold numbers. path: the column that holds paths."""
+    """A table of texts. numbers: so many columns at the right end hold numbers. paths: those that may be broken
+    anywhere."""
     first = len(head) - numbers
 
-    def cell(tag: str, k: int, text: str) -> str:
-        name = "n" if k >= first else "path" if k == path and tag == "td" else ""
+    def cell(tag: str, k: int, said: str) -> str:
+        name = "n" if k >= first else "path" if k in paths and tag == "td" else ""
         of_kind = f' class="{name}"' if name else ""
-        return f"<{tag}{of_kind}>{escape(text)}</{tag}>"
+        return f"<{tag}{of_kind}>{escape(said)}</{tag}>"
 
-    body = _lines(f"<tr>{''.join(cell('td', k, text) for k, text in enumerate(row))}</tr>" for row in rows)
-    top = "".join(cell("th", k, text) for k, text in enumerate(head))
+    body = _lines(f"<tr>{''.join(cell('td', k, said) for k, said in enumerate(row))}</tr>" for row in rows)
+    top = "".join(cell("th", k, said) for k, said in enumerate(head))
     of_kind = f' class="{kind}"' if kind else ""
     return f"<table{of_kind}><thead><tr>{top}</tr></thead><tbody>\n{body}\n</tbody></table>"
 
 
+def text(said: str) -> str:
+    """A sentence as HTML; what stands between backquotes is code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(said))
+
+
 def listed(sentences: Sequence[str]) -> str:
     """Sentences as a list."""
-    return f'<ul class="plain">{"".join(f"<li>{escape(_sentence(s))}</li>" for s in sentences)}</ul>'
+    return f'<ul class="plain">{"".join(f"<li>{text(_sentence(s))}</li>" for s in sentences)}</ul>'
 
 
-def _sentence(text: str) -> str:
-    text = text.strip()
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")
+def _sentence(said: str) -> str:
+    said = said.strip()
+    return said[:1].upper() + said[1:] + ("" if said.endswith((".", "!", "?")) else ".")
 
 
 def assumed_part(facts: Facts) -> str:
@@ -96,6 +103,6 @@ def repeat_part(facts: Facts) -> str:
     parts.append(table(("setting", "here", "by default"), facts.settings) if facts.settings else "<p>None.</p>")
     if facts.files:
         parts.append("<h3>Files, with their SHA-256 as they are now</h3>")
-        parts.append(f'<div class="scroll">{table(("what", "file", "SHA-256"), facts.files, path=1)}</div>')
+        parts.append(f'<div class="scroll">{table(("what", "file", "SHA-256"), facts.files, paths=(1, 2))}</div>')
     parts += ["<h3>Versions</h3>", table(("program", "version"), facts.versions)]
     return "\n".join(parts)
