@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from humanoid.support.errors import InputError
+from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments
 from kinemode.target import check_absent, check_folder
@@ -32,6 +33,8 @@ def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
     InputError: no such subject, one with landmarks in its URDF, a file that is there already or cannot be written.
     """
     check_arguments(subject=subject, out=out)
+    if isinstance(subject, (str, Path)) and Path(subject).suffix:  # no name: before what loads URDFs is imported
+        check_exists(subject)
     if out is not None:
         check_folder(Path(out))
         check_absent([Path(out)], False, False, "nothing is overwritten: name another file, or move this one away")
