@@ -13,6 +13,7 @@ import numpy as np
 
 from estimator.results.run_file import Run
 from estimator.tracking.idle_settings import changed_values
+from humanoid.subject.example_robots import PREFIX
 from humanoid.subject.subject import BUILT_IN, load_subject
 from kinemode.explain import run_settings
 from kinemode.findings import findings
@@ -108,7 +109,7 @@ def _files(run: Run) -> Iterator[tuple[str, Path]]:
         for camera, path in named.items():
             if path is not None:
                 yield f"{what} of {camera}", Path(path)
-    if header.subject_source not in BUILT_IN:
+    if header.subject_source not in BUILT_IN and not header.subject_source.startswith(PREFIX):
         yield "subject", Path(header.subject_source)
 
 

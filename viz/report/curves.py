@@ -38,7 +38,7 @@ def _figure(name: str, group: Sequence[tuple[str, JointCurve]], run: Run) -> Fig
     from matplotlib.figure import Figure as Drawing
 
     drawing = Drawing(figsize=_SIZE)
-    drawing.subplots_adjust(left=0.16, right=0.985, bottom=0.19, top=0.89)  # alike in all, so that they line up
+    drawing.subplots_adjust(left=0.19, right=0.985, bottom=0.19, top=0.89)  # alike in all, so that they line up
     FigureCanvasSVG(drawing)  # no window, and none of pyplot's global state
     axes = drawing.subplots()
     for side, curve in group:
