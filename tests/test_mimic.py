@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import camera_at
+from builders import MULTIPLIER, OFFSET, camera_at, gripper
 
 import kinemode as km
+from estimator.fitting.body_energy import _gathered
+from estimator.fitting.contour_points import PointLoads
 from estimator.formats.opensim import read_mot
 from estimator.terms.point_targets import PointTargets
+from estimator.terms.points import LoadedPoints, accumulate_points
 from humanoid import Body, InputError, load_subject
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.placements import JointKinematics
@@ -19,30 +22,6 @@ from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import Subject, subject_from_text
 from kinemode.testing import check_term, slope
-
-MULTIPLIER, OFFSET = -0.5, 0.2
-
-
-def gripper(*, master: str = "drive", follower: str = "inner", kind: str = "revolute", extra: str = "") -> str:
-    """A free hand with two fingers; by its name the follower comes before or after its master."""
-    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
-    limit = '<limit lower="-1" upper="0.9" effort="1" velocity="1"/>'
-    follows = f'<mimic joint="{master}" multiplier="{MULTIPLIER}" offset="{OFFSET}"/>'
-    return f"""<robot name="gripper">
-      <link name="hand">{ball}</link><link name="wrist">{ball}</link><link name="a">{ball}</link>
-      <link name="b">{ball}</link><link name="tip">{ball}</link>
-      <joint name="bend" type="revolute"><parent link="hand"/><child link="wrist"/><origin xyz="0.3 0 0"/>
-        <axis xyz="0 1 0"/>{limit}</joint>
-      <joint name="{master}" type="revolute"><parent link="wrist"/><child link="a"/><origin xyz="0.2 0.15 0"/>
-        <axis xyz="0 0.6 0.8"/>{limit}</joint>
-      <joint name="{follower}" type="{kind}"><parent link="wrist"/><child link="b"/><axis xyz="0 -0.8 0.6"/>
-        <origin xyz="0.2 -0.15 0" rpy="0.1 0.2 0.3"/>{"" if kind == "continuous" else limit}{follows}</joint>
-      <joint name="outer" type="revolute"><parent link="b"/><child link="tip"/><origin xyz="0.25 0 0.02"/>
-        <axis xyz="0 0 1"/>{limit}</joint>{extra}
-      <landmark name="a" link="a" xyz="0.2 0.1 0"/><landmark name="b" link="b" xyz="0.1 0 0.1"/>
-      <landmark name="tip" link="tip" xyz="0.2 0 0"/><landmark name="hand" link="hand" xyz="0 0.1 0"/>
-      <proportion joint="outer" scale_min="0.8" scale_max="1.2" mean="1" std="0.1"/>
-      <subject base="free"/></robot>"""
 
 
 def load(tmp_path: Path, text: str, **options: object) -> Subject:
@@ -128,6 +107,19 @@ def test_energies_and_distances_know_what_the_master_moves(case: tuple[Subject, 
     for v in range(6, body.nv):
         along = slope(lambda x: factor @ collision.near(body.at(x)).gradient, body, q, np.eye(body.nv)[v], 1e-4)
         assert np.abs(curvature[6:, v] - along[6:]).max() < 1e-6
+
+
+def test_shapes_are_fitted_to_what_followers_carry(case: tuple[Subject, str]) -> None:
+    """The rows that a fit makes of points give the gradient and Hessian that terms make of the same points."""
+    body, rng = Body(case[0]), np.random.default_rng(5)
+    posed, joint = body.at(pose(body)), np.arange(1, body.njoints)
+    m = rng.normal(size=(len(joint), 3, 3))
+    points, force, load = *rng.normal(size=(2, len(joint), 3)), m @ m.transpose(0, 2, 1)
+    rows = _gathered(body, posed, joint, PointLoads(0.0, points, force, load), np.zeros((len(joint), 3, 0)))
+    gradient, hessian = np.zeros(body.nv), np.zeros((body.nv, body.nv))
+    accumulate_points(body, posed, LoadedPoints(joint, points, force, load), gradient, hessian, exact=False)
+    np.testing.assert_allclose(rows.gradient, gradient, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(rows.hessian, hessian, rtol=1e-9, atol=1e-12)
 
 
 def test_lengths_and_other_processes_keep_the_followers(case: tuple[Subject, str]) -> None:
