@@ -22,6 +22,7 @@ from viz.report import pictures
 from viz.report.facts import Facts, Figure
 from viz.report.page import page
 from viz.report.pictures import spans_of
+from viz.scene import as_scene
 
 UNSEEN = range(3, 5)  # frames without keypoints
 
@@ -138,6 +139,14 @@ def test_spans_follow_each_other() -> None:
     status = ("hard", "tracked", "hard", "hard", "unobserved", "tracked")
     assert spans_of(status) == [("hard", 0, 0), ("hard", 2, 3), ("unobserved", 4, 4)]
     assert spans_of(("tracked",) * 3) == []
+
+
+def test_of_many_spans_the_longest_are_shown_by_their_worst_frame(run: km.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    status = ("hard", "tracked", "unobserved", "unobserved", "unobserved", *["tracked"] * (len(run) - 5))
+    energy = np.array([9.0, 0.0, 1.0, 3.0, np.nan, *[0.0] * (len(run) - 5)])
+    monkeypatch.setattr(pictures, "MOST_SPANS", 1)
+    (span,), more = pictures.untrusted(replace(as_scene(run), status=status), energy)
+    assert (span.status, span.first, span.last, span.shown, span.count, more) == ("unobserved", 2, 4, 3, 3, 1)
 
 
 def test_the_film_plays(run: km.Run, text: str, tmp_path: Path) -> None:
