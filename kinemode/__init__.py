@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
     from kinemode.public.indexing import train_index
-    from kinemode.public.results import evaluate, export, open_run, overlay, view
+    from kinemode.public.landmarks import landmark_start
+    from kinemode.public.results import evaluate, export, open_run, overlay, report, view
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -55,12 +56,14 @@ _MODULES = {
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
+    "landmark_start": "kinemode.public.landmarks",
     "load_cameras": "estimator.formats.cameras",
     "load_keypoints": "estimator.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
     "render": "kinemode.public.clips",
+    "report": "kinemode.public.results",
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
     "train_index": "kinemode.public.indexing",
@@ -90,12 +93,14 @@ __all__ = [
     "evaluate",
     "export",
     "fit",
+    "landmark_start",
     "load_cameras",
     "load_keypoints",
     "load_subject",
     "open_run",
     "overlay",
     "render",
+    "report",
     "reported",
     "track",
     "train_index",

@@ -59,6 +59,7 @@ for command in (
     preparation.cues,
     results.view,
     results.overlay,
+    results.report,
     results.explain,
     results.export,
     results.evaluate,

@@ -24,7 +24,7 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "render", "track", "compare", "fit", "calibrate", "settings", "subjects", "trackers", "cues",
-    "view", "overlay", "explain", "export", "evaluate", "train-index", "version",
+    "view", "report", "overlay", "explain", "export", "evaluate", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.formats.cameras import image_size
+from estimator.formats.cameras_json import image_size
 from estimator.formats.checked_json import LARGEST, number_between
 from estimator.formats.keypoints_names import named_landmarks, naming_beside, places_of_names
 from estimator.formats.keypoints_people import Person, cleaned

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.cameras import image_size
+from estimator.formats.cameras_json import image_size
 from estimator.formats.checked_json import mapping, member, number_between, numbers, sequence
 from estimator.formats.keypoints_names import named_landmarks
 from estimator.formats.keypoints_people import Person, cleaned

@@ -19,7 +19,7 @@ from estimator.formats.bvh_text import write_bvh
 from estimator.formats.c3d import Channels, write_c3d
 from estimator.formats.opensim import write_mot, write_trc
 from estimator.results.bvh_skeleton import bvh_motion
-from estimator.results.coordinates import joint_entries, opensim_coordinates, q_columns
+from estimator.results.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
@@ -85,13 +85,15 @@ def _npz(run: Run, path: Path, name: str) -> None:
 
 
 def _csv(run: Run, path: Path, name: str) -> None:
-    """time_s, the entries of q with their units, landmarks `nose_x_m` ..., weight, energy, status."""
+    """time_s, the entries of q with their units, joints that follow others, landmarks `nose_x_m` ..., weight, energy,
+    status."""
+    followers, following = follower_columns(run.body, run.q)
     points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
     landmarks = run.landmarks.reshape(run.frame_count, len(points))
-    values = np.column_stack([run.time, run.q, landmarks, run.weight, run.energy])
+    values = np.column_stack([run.time, run.q, following, landmarks, run.weight, run.energy])
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["time_s", *q_columns(run.body), *points, "weight", "energy", "status"])
+        rows.writerow(["time_s", *q_columns(run.body), *followers, *points, "weight", "energy", "status"])
         for row, status in zip(values, run.status, strict=True):
             rows.writerow([*("" if np.isnan(v) else f"{v:.9g}" for v in row), status])
 

@@ -199,11 +199,32 @@ def settings(*, tracker: str = "css", out: Path | None = None) -> None:
         print(write_settings(out, tracker))
 
 
-def subjects() -> None:
-    """List the subjects that have a name.
+def subjects(*, landmarks: str | None = None, out: Path | None = None) -> None:
+    """List the subjects that have a name, or begin a landmark file for a URDF.
 
-    Any other URDF is loaded by its path.
+    Any other URDF is loaded by its path; its landmarks stand in NAME.landmarks.toml next to NAME.urdf. The file that is
+    begun loads as it is: a landmark at every joint, under COCO's names where the links' names tell a person's joints,
+    the tips of the last links, and in comments what else there is.
+
+    Examples:
+
+    kinemode subjects
+
+    kinemode subjects --landmarks robot.urdf --out robot.landmarks.toml
+
+    Parameters
+    ----------
+    landmarks
+        A URDF, by path or by name: print the beginning of its landmark file.
+    out
+        Write it here instead; a file that is there is left alone.
     """
+    if landmarks is not None:
+        import kinemode as km
+
+        text = km.landmark_start(landmarks, out=out)
+        print(out if out is not None else text, end="\n" if out is not None else "")
+        return
     from kinemode.terminal import report
 
     report.print_subjects()

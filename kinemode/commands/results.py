@@ -50,6 +50,25 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     print(km.overlay(run, out, camera=camera, progress=km.reported))
 
 
+def report(run: Path, /, *, out: Path) -> None:
+    """Write a page about a run to read, print and send on: film, joint angles, ranges of motion, doubts, settings.
+
+    It is one file that needs no network.
+
+    Example: kinemode report walk.run --out walk.html
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        A file ending in .html.
+    """
+    import kinemode as km
+
+    print(km.report(run, out, progress=km.reported))
+
+
 def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: int | None = None) -> None:
     """Show what a frame's energy is made of, term by term and camera by camera.
 

@@ -1,4 +1,4 @@
-"""`open_run`, and what is done with a run: looked at, drawn over the video, exported, measured."""
+"""`open_run`, and what is done with a run: looked at, drawn over the video, reported, exported, measured."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
@@ -79,6 +80,34 @@ def overlay(run: RunLike, file: PathLike, *, camera: str | None = None, progress
 
     with (progress or unreported)("overlay") as report:
         return write_overlay(opened, Path(file), camera=camera, progress=report)
+
+
+def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) -> Path:
+    """Write one self-contained page about a run, to read, print and send on, and return its path.
+
+    It has the film with the body drawn over it, the joint angles with 90 % bands, a table of ranges of motion, the
+    frames not to be trusted with their pictures, what was assumed, and what repeats the run.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file, finished or still being written.
+    file: ending in .html or .htm; one that is there is replaced.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    Raises
+    ------
+    InputError: no run, one without a tracked frame, another ending, a file that cannot be written.
+    """
+    check_arguments(run=run, file=file, progress=progress)
+    if Path(file).suffix.lower() not in (".html", ".htm"):
+        raise InputError(file, "is no name of a page", remedy="let it end in .html")
+    opened = _opened(run)
+    _note_how_it_is_drawn(opened)
+    from kinemode.reporting import facts_of
+    from viz.report.page import write_report
+
+    with (progress or unreported)("report") as told:
+        return write_report(opened, Path(file), facts_of(opened), progress=told)
 
 
 def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
