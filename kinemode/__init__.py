@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from humanoid.support.errors import InputError
     from kinemode.notices import FindingWarning, InputWarning
     from kinemode.public.clips import annotate, render
+    from kinemode.public.detection import detect
     from kinemode.public.indexing import train_index
     from kinemode.public.results import evaluate, export, open_run, overlay, view
     from kinemode.public.tracking import compare, fit, track
@@ -50,6 +51,7 @@ _MODULES = {
     "ViewSettings": "estimator.synthesis.settings",
     "annotate": "kinemode.public.clips",
     "compare": "kinemode.public.tracking",
+    "detect": "kinemode.public.detection",
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
@@ -84,6 +86,7 @@ __all__ = [
     "__version__",
     "annotate",
     "compare",
+    "detect",
     "evaluate",
     "export",
     "fit",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -18,7 +18,7 @@ from humanoid.subject.landmarks import FORMATS
 from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import Wanted
-from kinemode.detection.people import People
+from kinemode.detection.people import Asked, People
 from kinemode.detection.process import DetectorProcess
 from kinemode.terminal.progress import Progress
 
@@ -28,13 +28,12 @@ Frame = dict[int, list[list[float]]]
 
 
 @dataclass(frozen=True)
-class _Beginning:
-    """What was done before: who was followed when it ended, and where it ends in the file [bytes]."""
+class _Done:
+    """What was done: the people of the frames, who is followed, and how long the part file is [bytes]."""
 
-    about: dict[str, Any]
     frames: list[Frame]
     people: People
-    end: int
+    end: int = 0
 
 
 def detect_clip(path: Path, out: Path, wanted: Wanted, progress: Progress) -> Path:
@@ -47,54 +46,57 @@ def detect_clip(path: Path, out: Path, wanted: Wanted, progress: Progress) -> Pa
     InputError: a clip that cannot be read, a detector that cannot be had or fails, a file that cannot be written.
     KeyboardInterrupt: on Ctrl-C, saying what there is by then.
     """
-    clip = Clip.open(path)
     part = out.with_name(f"{out.name}.part")
-    try:
-        done = _frames(clip, part, wanted, progress)
-    finally:
-        clip.close()
-    if not any(done.frames):
-        part.unlink(missing_ok=True)
-        raise InputError(path, f"{wanted.name} finds nobody in {len(done.frames)} frames")
-    layout, names = done.about["layout"], done.about["names"]
-    rate = clip.fps if clip.rate_known else None
-    write_people(out, layout, names, done.frames, image_size=clip.image_size, fps=rate, detector=wanted.identity)
+    with closing(Clip.open(path)) as clip, DetectorProcess(wanted) as detector:
+        frames = _frames(clip, part, wanted, detector, progress)
+        layout, names = _keypoints_of(detector, frames)
+        rate = clip.fps if clip.rate_known else None
+        if not any(frames):
+            part.unlink(missing_ok=True)
+            raise InputError(path, f"{wanted.name} finds nobody in {len(frames)} frames")
+        write_people(out, layout, names, frames, image_size=clip.image_size, fps=rate, detector=wanted.identity)
     part.unlink(missing_ok=True)
     return out
 
 
-def _frames(clip: Clip, part: Path, wanted: Wanted, progress: Progress) -> _Beginning:
+def detector_of(file: Path) -> str | None:
+    """The identity of the detector that a keypoint file was written by, None where it does not say."""
+    with suppress(OSError, ValueError, AttributeError):
+        told = json.loads(file.read_text(encoding="utf-8")).get("detector")
+        return told if isinstance(told, str) else None
+    return None
+
+
+def _frames(clip: Clip, part: Path, wanted: Wanted, detector: Asked, progress: Progress) -> list[Frame]:
     """The people of every frame, each written to the part file at once."""
     key = {"detector": wanted.identity, "clip": _state_of(clip.path), "image_size": list(clip.image_size)}
-    with DetectorProcess(wanted) as detector:
-        done = _begun(part, key, wanted.people)
-        if done is None:
-            done = _Beginning({"layout": detector.layout, "names": detector.names}, [], People(wanted.people), 0)
-        with _appended(part, done.end) as file:
-            if not done.end:
-                file.write(_line(key))
-            try:
-                for picture in clip.frames(len(done.frames)):
-                    done.frames.append(_rounded(done.people.see(detector, picture)))
-                    file.write(_line({"people": done.frames[-1], "next": done.people.content()}))
-                    file.flush()
-                    progress(len(done.frames), max(len(done.frames), clip.frame_count or 0))
-            except KeyboardInterrupt as stop:
-                kept = f"{len(done.frames)} frames are kept in {part}, the same call goes on"
-                raise KeyboardInterrupt(f"interrupted; {kept}") from stop
-        return _named(done, detector)
+    done = _begun(part, key, wanted.most) or _Done([], People(wanted.most))
+    frames = done.frames
+    with _appended(part, done.end) as file:
+        if not done.end:
+            file.write(_line(key))
+        try:
+            for picture in clip.frames(len(frames)):
+                people = _rounded(done.people.see(detector, picture))
+                file.write(_line({"people": people, "next": done.people.content()}))
+                file.flush()
+                frames.append(people)
+                progress(len(frames), max(len(frames), clip.frame_count or 0))
+        except KeyboardInterrupt as stop:
+            kept = f"{len(frames)} frames are kept in {part}, the same call goes on"
+            raise KeyboardInterrupt(f"interrupted; {kept}") from stop
+    return frames
 
 
-def _named(done: _Beginning, detector: DetectorProcess) -> _Beginning:
-    """With the layout and the names of the keypoints, which their count tells where the detector does not."""
-    count = next((len(points) for frame in done.frames for points in frame.values()), 0)
-    layout = detector.layout or LAYOUT_BY_COUNT.get(3 * count)
-    if count and layout is None:
-        remedy = "counts: " + ", ".join(f"{len(names)} ({layout})" for layout, names in FORMATS.items())
+def _keypoints_of(detector: DetectorProcess, frames: list[Frame]) -> tuple[str, list[str]]:
+    """The layout and the names of the keypoints; their count tells it where the detector does not."""
+    count = next((len(points) for frame in frames for points in frame.values()), 0)
+    layout = detector.layout or LAYOUT_BY_COUNT.get(3 * count, "")
+    if count and not layout:
+        remedy = "counts: " + ", ".join(f"{len(names)} ({name})" for name, names in FORMATS.items())
         raise InputError("model", f"its {count} keypoints are of no known layout", remedy=remedy)
-    labels = FORMATS.get(layout or "", ())
-    names = detector.names or [name or f"keypoint_{j}" for j, name in enumerate(labels)]
-    return _Beginning({"layout": layout, "names": names}, done.frames, done.people, done.end)
+    labels = FORMATS.get(layout, ())
+    return layout, detector.names or [name or f"keypoint_{j}" for j, name in enumerate(labels)]
 
 
 def _rounded(people: dict[int, np.ndarray]) -> Frame:
@@ -114,27 +116,19 @@ def _line(content: dict[str, Any]) -> bytes:
     return json.dumps(content).encode() + b"\n"
 
 
-def _begun(part: Path, key: dict[str, Any], most: int) -> _Beginning | None:
+def _begun(part: Path, key: dict[str, Any], most: int) -> _Done | None:
     """What the part file has of the same clip by the same detector, without a last line that is not whole."""
-    frames: list[Frame] = []
-    last: dict[str, Any] | None = None
-    end = 0
     try:
-        lines = part.read_bytes().splitlines(keepends=True)
-        if not lines or json.loads(lines[0]) != key:
+        head, *lines = part.read_bytes().splitlines(keepends=True)
+        if json.loads(head) != key:
             return None
-        for line in lines:
-            content = json.loads(line) if line.endswith(b"\n") else None
-            if content is None:
-                break
-            if end:
-                frames.append({int(number): points for number, points in content["people"].items()})
-                last = content["next"]
-            end += len(line)
-    except (OSError, ValueError, KeyError):
+        whole = [line for line in lines if line.endswith(b"\n")]
+        told = [json.loads(line) for line in whole]
+        frames = [{int(number): points for number, points in frame["people"].items()} for frame in told]
+        people = People.of(told[-1]["next"], most) if told else People(most)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
-    people = People(most) if last is None else People.of(last, most)
-    return _Beginning({}, frames, people, end)
+    return _Done(frames, people, len(head) + sum(map(len, whole)))
 
 
 @contextmanager

@@ -39,9 +39,14 @@ class Wanted:
         return {name: str(path.absolute()) for name, path in models.items() if path is not None}
 
     @property
+    def most(self) -> int:
+        """How many people are followed: where nothing finds several in a picture, one."""
+        return self.people if not DETECTORS[self.name].needs_model or self.boxes is not None else 1
+
+    @property
     def identity(self) -> str:
         """The same for detectors that find the same in the same picture: name, and digest of programs and models."""
-        digest = hashlib.sha256(json.dumps(self.people).encode())
+        digest = hashlib.sha256(json.dumps(self.most).encode())
         for path in (SCRIPTS / "serving.py", self.script, self.model, self.boxes):
             digest.update(b"-" if path is None else hashlib.sha256(path.read_bytes()).digest())
         return f"{self.name} {digest.hexdigest()[:16]}"
@@ -50,7 +55,9 @@ class Wanted:
         """Raise InputError for a model that is missing, or without use."""
         about = DETECTORS[self.name]
         if about.needs_model and self.model is None:
-            raise InputError(self.name, "needs a model", remedy="--model FILE names an ONNX file, of RTMPose for example")
+            raise InputError(
+                self.name, "needs a model", remedy="--model FILE names an ONNX file, of RTMPose for example"
+            )
         for option, path in (("model", self.model), ("boxes", self.boxes)):
             if path is not None and not about.needs_model:
                 raise InputError(option, f"{self.name} brings its own", remedy="leave it out, or --detector onnx")

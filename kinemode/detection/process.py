@@ -10,16 +10,14 @@ import tempfile
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, cast
 
 import numpy as np
 
 from humanoid.support.errors import InputError
+from kinemode.detection.detectors import Wanted
 from kinemode.detection.environment import python_for
 from kinemode.detection.pythons import alone, clean_environment
-from kinemode.detection.detectors import Wanted
 
 _START, _ANSWER = 120.0, 120.0  # s until it must have said something
 _END = 5.0  # s that it may take to end
@@ -34,7 +32,7 @@ class DetectorProcess:
 
     def __init__(self, wanted: Wanted) -> None:
         self._name = wanted.name
-        self._said = tempfile.TemporaryFile()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115, closed by `close`
         python = python_for(wanted.name, wanted.script, wanted.python)
         # in a session of its own Ctrl-C does not reach it: it ends when we do, with its standard input
         self._child = subprocess.Popen(
@@ -56,7 +54,9 @@ class DetectorProcess:
     def __enter__(self) -> DetectorProcess:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: bool = False) -> dict[str, Any]:

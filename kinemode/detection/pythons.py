@@ -17,7 +17,7 @@ from kinemode.detection.requirements import Requirements, Version
 _ASKED = """
 import importlib.util, json, platform, sys
 from importlib import metadata
-packages = {d.metadata["Name"].lower().replace("_", "-"): d.version for d in metadata.distributions() if d.metadata["Name"]}
+packages = {(d.metadata["Name"] or "").lower().replace("_", "-"): d.version for d in metadata.distributions()}
 print(json.dumps({
     "name": platform.python_implementation(),
     "version": list(sys.version_info[:2]),

@@ -114,7 +114,9 @@ def steadied(
     steadied value and its last steadied rate; empty the first time. size: width, height [px].
     """
     values = [share * length for point in ends for share, length in ((point[0], size[0]), (point[1], size[1]))]
-    scale = 2.0 * math.hypot(values[2] - values[0], values[3] - values[1])  # of the person; a rate is in persons a second
+    scale = 2.0 * math.hypot(
+        values[2] - values[0], values[3] - values[1]
+    )  # of the person; a rate is in persons a second
     if not memory or scale < 1e-6:
         steady = [[value, value, 0.0] for value in values]
     else:
