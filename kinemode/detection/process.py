@@ -54,9 +54,7 @@ class DetectorProcess:
     def __enter__(self) -> DetectorProcess:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: bool = False) -> dict[str, Any]:

@@ -9,13 +9,13 @@
 #     "protobuf==5.29.3",
 # ]
 # ///
-"""A pose model as an ONNX file that the user names: RTMPose (Jiang et al. 2023) and others with SimCC outputs (Li et al.
-2022), a line and a column for each keypoint, of the picture of one person.
+"""A pose model as an ONNX file that the user names: RTMPose (Jiang et al. 2023) and others with SimCC outputs (Li et
+al. 2022), for each keypoint how likely it is in each column and in each line of one person's picture.
 
 Pictures are prepared as MMPose does: the person's box grown by a quarter, RGB, ImageNet's mean and deviation. Who is in
 the picture is told by a second model, if there is one (RTMDet or YOLOX with their suppression of doubles inside: boxes
-(1, N, 5) left, top, right, bottom, score, and labels (1, N), 0 for people); else one person is searched for in the whole
-picture. After that a person's box follows from the keypoints before.
+(1, N, 5) left, top, right, bottom, score, and labels (1, N), 0 for people); else one person is searched for in the
+whole picture. After that a person's box follows from the keypoints before.
 """
 
 from __future__ import annotations
