@@ -1,5 +1,5 @@
-"""Keypoints by a detector in an environment of its own. Unless said otherwise the detector is a small one of ours, which
-finds coloured squares, and `uv` is a script that makes an environment of this Python."""
+"""Keypoints by a detector in an environment of its own. Unless said otherwise the detector is a small one of ours,
+which finds coloured squares, and `uv` is a script that makes an environment of this Python."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from estimator.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.detection import detectors, environment, pythons
 from kinemode.detection.detectors import SCRIPTS, About, Wanted
-from kinemode.detection.people import People, shared
+from kinemode.detection.people import People, Search, shared
 from kinemode.detection.requirements import read_requirements
 from kinemode.detection.scripts.mediapipe_pose import steadied, turned_square
 from kinemode.detection.scripts.onnx_pose import decoded, window
 from kinemode.inputs.files import InputFiles
 from kinemode.public.detection import with_detected
+from tests.test_door import STANDARD, imported
 from tests.tiny_onnx import constant_boxes, two_colours
 
 FAKE = """
@@ -52,7 +53,7 @@ class Squares:
     def __init__(self, options):
         print("libraries print what they like")
 
-    def search(self, picture):
+    def search(self, picture, parts):
         seen = [self.look(picture, {{"colour": k, "looks": -1}}) for k in range(2)]
         return [person["state"] for person in seen if person]
 
@@ -190,6 +191,15 @@ def test_what_leads_to_our_packages_is_kept_from_the_detector(monkeypatch: pytes
     assert pythons.alone(Path("python"), "x")[1:3] == ["-E", "-s"]
 
 
+@pytest.mark.parametrize("name", ["mediapipe_pose", "onnx_pose", "serving"])
+def test_programs_use_nothing_of_ours(name: str) -> None:
+    used = {name.partition(".")[0] for name in imported(SCRIPTS / f"{name}.py")}
+    assert used <= STANDARD | {"numpy", "cv2", "mediapipe", "google", "onnxruntime", "serving"}
+    if name != "serving":
+        packages = read_requirements(SCRIPTS / f"{name}.py").packages
+        assert all("==" in package for package in packages)
+
+
 def test_two_people_keep_their_numbers(fake: Fake, tmp_path: Path) -> None:
     clip = drawn(tmp_path / "squares")
     files = km.detect(clip, out=tmp_path / "out.json", detector="fake")
@@ -274,9 +284,9 @@ class Told:
     """A detector whose answers are given: of each picture whether each state is seen, and where people are found."""
 
     def __init__(self, pictures: Sequence[tuple[dict[str, float | None], list[str]]]) -> None:
-        self.pictures, self.now, self.searches = iter(pictures), ({}, list[str]()), list[bool]()
+        self.pictures, self.now, self.searches = iter(pictures), ({}, list[str]()), list[str | None]()
 
-    def ask(self, picture: Any, states: Sequence[dict[str, Any]], *, search: bool = False) -> dict[str, Any]:
+    def ask(self, picture: Any, states: Sequence[dict[str, Any]], *, search: Search = None) -> dict[str, Any]:
         if picture is not None:
             self.now = next(self.pictures)  # type: ignore[assignment]
             self.searches.append(search)
@@ -315,7 +325,7 @@ def test_who_comes_back_keeps_the_number_and_nobody_is_counted_twice() -> None:
         people = People.of(json.loads(json.dumps(people.content())), 6)  # as a file keeps it
         seen.append({n: round(points[0, 0]) for n, points in people.see(detector, PICTURE).items()})
     assert seen == [{0: 10, 1: 60}, {0: 10}, {0: 10, 1: 62}, {0: 10}, {0: 10, 2: 35}, {0: 10, 2: 35}]
-    assert detector.searches == [True, False, True, False, True, False]
+    assert detector.searches == ["parts", None, "whole", None, "whole", None]
 
 
 def test_no_more_people_than_wanted() -> None:

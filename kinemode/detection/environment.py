@@ -95,10 +95,8 @@ def _make(folder: Path, detector: str, needed: Requirements, base: Python | None
 
 def _run(words: Sequence[str], detector: str, needed: Requirements) -> None:
     """One step of making it; raises InputError with the last thing that the installer said."""
-    offline = (
-        f"it takes a network, once; without: --python with a CPython {needed.span} that has the packages of its "
-        "requirements (see the first lines of the program)"
-    )
+    first = needed.packages[0]
+    offline = f"it takes a network, once; or --python PATH: a CPython {needed.span} that has {first} and what it needs"
     try:
         subprocess.run(
             words, check=True, capture_output=True, text=True, timeout=60.0 * _MINUTES, env=clean_environment(),

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 State = dict[str, Any]
+Search = Literal["whole", "parts"] | None
 SEARCHED = 10  # pictures: people are searched for in every so many, and in the one after somebody was lost
+CLOSELY = 30  # pictures: so that people are found who are small in them
 _SAME_BOX = 0.5  # of two boxes' union that they share: a person who is followed already, as MediaPipe has it
 _SAME_POINTS = 0.1  # mean distance of two people's keypoints by the larger one's size: one person twice
 _REMEMBERED = 30  # pictures: somebody found where another was lost is that person
@@ -19,7 +21,7 @@ _BACK = 0.3  # of two boxes' union that they share then
 class Asked(Protocol):
     """What is shown pictures; see `process.DetectorProcess.ask`."""
 
-    def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: bool = False) -> dict[str, Any]:
+    def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: Search = None) -> dict[str, Any]:
         """What it sees."""
 
 
@@ -53,14 +55,14 @@ class People:
 
     def see(self, detector: Asked, picture: np.ndarray) -> dict[int, np.ndarray]:
         """The keypoints (K, 3; x, y [px], confidence) of the people in the next picture, by their numbers."""
-        search = self.search or self.index % SEARCHED == 0
+        searched: Search = "whole" if self.search or self.index % SEARCHED == 0 else None
+        searched = "parts" if self.index % CLOSELY == 0 else searched
         numbers = list(self.states)
-        answer = detector.ask(picture, list(self.states.values()), search=search)
+        answer = detector.ask(picture, list(self.states.values()), search=searched)
         seen = {n: person for n, person in zip(numbers, answer["people"], strict=True) if person is not None}
         seen = _without_doubles(seen)
         self.lost |= {n: (self.states[n]["box"], self.index) for n in numbers if n not in seen}
-        boxes = [person["state"]["box"] for person in seen.values()]
-        starts = [s for s in answer.get("starts", []) if all(shared(s["box"], box) < _SAME_BOX for box in boxes)]
+        starts = _apart(answer.get("starts", []), [person["state"]["box"] for person in seen.values()])
         if starts := starts[: self.most - len(seen)]:
             seen = self._joined(seen, [p for p in detector.ask(None, starts)["people"] if p is not None])
         self.search = not seen or len(seen) < len(numbers)
@@ -94,6 +96,15 @@ def shared(first: Sequence[float], second: Sequence[float]) -> float:
     common = max(width, 0.0) * max(height, 0.0)
     areas = sum((box[2] - box[0]) * (box[3] - box[1]) for box in (first, second))
     return common / (areas - common) if areas > common else 0.0
+
+
+def _apart(starts: Sequence[State], boxes: list[list[float]]) -> list[State]:
+    """Those of the states that are not about a person with one of the boxes, nor about one of an earlier state."""
+    kept: list[State] = []
+    for state in starts:
+        if all(shared(state["box"], box) < _SAME_BOX for box in (*boxes, *(other["box"] for other in kept))):
+            kept.append(state)
+    return kept
 
 
 def _without_doubles(seen: dict[int, State]) -> dict[int, State]:

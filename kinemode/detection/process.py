@@ -17,11 +17,11 @@ import numpy as np
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import Wanted
 from kinemode.detection.environment import python_for
+from kinemode.detection.people import Search, State
 from kinemode.detection.pythons import alone, clean_environment
 
 _START, _ANSWER = 120.0, 120.0  # s until it must have said something
 _END = 5.0  # s that it may take to end
-State = dict[str, Any]
 
 
 class DetectorProcess:
@@ -57,11 +57,12 @@ class DetectorProcess:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: bool = False) -> dict[str, Any]:
+    def ask(self, picture: np.ndarray | None, states: Sequence[State], *, search: Search = None) -> dict[str, Any]:
         """What it sees in a picture (height, width, 3; uint8, BGR), or in the picture before.
 
         Returns "people", for each state None or its keypoints (K rows of x, y [px], confidence) and next state, and
-        with `search` "starts", states of the people who seem to be there. Raises InputError where it fails.
+        with `search` "starts", states of the people who seem to be there; "parts" looks closer than "whole". Raises
+        InputError where it fails.
         """
         request: dict[str, Any] = {"states": list(states), "search": search}
         if picture is not None:

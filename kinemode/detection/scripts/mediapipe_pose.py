@@ -60,6 +60,8 @@ node {
 }
 """
 FULL = 1  # the model of this complexity is in the wheel; the others would be fetched
+PART = 0.6  # side of the parts of a picture that are searched, by the picture's shorter one
+SURE_START, SURE_POINTS = 0.7, 0.87  # of who is found in a part: a leg alone looks like somebody there
 SCALE = 1.25  # of the square, about the circle through the person's ends
 RATE = 1e6 / 33333.0  # pictures a second, as MediaPipe counts them whatever the clip's rate
 MIN_CUTOFF, BETA, DERIVATE_CUTOFF = 0.01, 10.0, 1.0  # of the filter, as in MediaPipe's graph
@@ -84,12 +86,30 @@ class Pose:
         self._search, self._landmarks = graph(SEARCH), graph(LANDMARKS, {"model_complexity": FULL})
         self.about = {"layout": "mediapipe33", "names": [mark.name.lower() for mark in PoseLandmark]}
 
-    def search(self, picture: np.ndarray) -> list[dict[str, Any]]:
-        """States of the people who seem to be in a picture, the surest first."""
-        detections = self._search.process({"image": _rgb(picture)}).detections or []
-        ordered = sorted(detections, key=lambda d: -d.score[0])
-        keypoints = [detection.location_data.relative_keypoints for detection in ordered]
-        return [_state([(p.x, p.y) for p in points[:2]], [], picture) for points in keypoints]
+    def search(self, picture: np.ndarray, parts: bool) -> list[dict[str, Any]]:
+        """States of the people who seem to be in a picture, the surest first; then those in its parts, who may be too
+        small to be seen in the whole of it."""
+        size = (picture.shape[1], picture.shape[0])
+        states = [_state(ends, [], size) for _, ends in self._starts(picture, (0, 0), size)]
+        if parts:
+            side = round(PART * min(size))
+            corners = [(x, y) for y in _steps(size[1], side) for x in _steps(size[0], side)]
+            starts = [s for x, y in corners for s in self._starts(picture[y : y + side, x : x + side], (x, y), size)]
+            sure = sorted((start for start in starts if start[0] > SURE_START), key=lambda start: -start[0])
+            states += [{**_state(ends, [], size), "doubted": True} for _, ends in sure]
+        return states
+
+    def _starts(
+        self, part: np.ndarray, corner: tuple[int, int], size: tuple[int, int]
+    ) -> list[tuple[float, list[Point]]]:
+        """Confidences and ends (see `steadied`) of who seems to be in a part of a picture, the surest first."""
+        detections = self._search.process({"image": _rgb(part)}).detections or []
+        starts = []
+        for detection in sorted(detections, key=lambda d: -d.score[0]):
+            points = detection.location_data.relative_keypoints[:2]
+            places = [(p.x * part.shape[1] + corner[0], p.y * part.shape[0] + corner[1]) for p in points]
+            starts.append((detection.score[0], [(x / size[0], y / size[1]) for x, y in places]))
+        return starts
 
     def look(self, picture: np.ndarray, state: dict[str, Any]) -> dict[str, Any] | None:
         """Keypoints and next state of a person, None where there is none."""
@@ -98,10 +118,12 @@ class Pose:
         seen = self._landmarks.process({"image": _rgb(picture), "square": square})
         if seen.landmarks is None or seen.auxiliary is None:
             return None
+        if "doubted" in state and np.mean([p.visibility for p in seen.landmarks.landmark]) < SURE_POINTS:
+            return None
         rows, columns = picture.shape[:2]
         keypoints = [[p.x * columns, p.y * rows, p.visibility] for p in seen.landmarks.landmark]
         ends, memory = steadied([(p.x, p.y) for p in seen.auxiliary.landmark[:2]], state["memory"], (columns, rows))
-        return {"keypoints": keypoints, "state": _state(ends, memory, picture)}
+        return {"keypoints": keypoints, "state": _state(ends, memory, (columns, rows))}
 
 
 def steadied(
@@ -149,11 +171,17 @@ def turned_square(ends: list[Point], size: tuple[int, int]) -> list[float]:
     return [x, y, side / size[0], side / size[1], turn]
 
 
-def _state(ends: list[Point], memory: list[list[float]], picture: np.ndarray) -> dict[str, Any]:
-    square = turned_square(ends, (picture.shape[1], picture.shape[0]))
+def _state(ends: list[Point], memory: list[list[float]], size: tuple[int, int]) -> dict[str, Any]:
+    square = turned_square(ends, size)
     x, y, width, height, _ = square
     box = [x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0]
     return {"box": box, "square": square, "memory": memory}
+
+
+def _steps(length: int, side: int) -> list[int]:
+    """Where parts begin that overlap by half or more and cover the whole length."""
+    count = max(1, math.ceil(2.0 * (length - side) / side) + 1)
+    return [round(k * (length - side) / max(1, count - 1)) for k in range(count)]
 
 
 def _rgb(picture: np.ndarray) -> np.ndarray:

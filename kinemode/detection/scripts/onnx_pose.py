@@ -69,8 +69,8 @@ class Pose:
         self._order = _columns_first(self._pose, options["model"])
         self.about = {"layout": None, "names": None}
 
-    def search(self, picture: np.ndarray) -> list[dict[str, Any]]:
-        """States of the people who seem to be in a picture, the surest first."""
+    def search(self, picture: np.ndarray, parts: bool) -> list[dict[str, Any]]:
+        """States of the people who seem to be in a picture, the surest first; in the whole of it alone."""
         if self._boxes is not None:
             return [{"box": box} for box in self._people(picture)]
         state: dict[str, Any] = {"box": [0.0, 0.0, 1.0, 1.0]}

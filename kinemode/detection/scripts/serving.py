@@ -1,7 +1,8 @@
 """The detector's side of the talk: requests and pictures on standard input, lines of JSON on standard output.
 
 A request is a line of JSON. "size": [width, height] says that the bytes of a picture follow (height, width, 3; BGR);
-without it the request is about the picture before. "search": true asks for "starts", where people seem to be.
+without it the request is about the picture before. "search" asks for "starts", where people seem to be: "whole" or
+"parts" (a closer look, for people who are small), else null.
 "states" are people to look at: "people" in the answer has for each null, or its "keypoints" [x, y, confidence] in
 pixels and the "state" to look for it with in the next picture. A state has a "box" (left, top, right, bottom in shares
 of the picture); whatever else is in it is the detector's own.
@@ -22,8 +23,8 @@ class Detector(Protocol):
 
     about: dict[str, Any]
 
-    def search(self, picture: np.ndarray) -> list[dict[str, Any]]:
-        """States of the people who seem to be in a picture, the surest first."""
+    def search(self, picture: np.ndarray, parts: bool) -> list[dict[str, Any]]:
+        """States of the people who seem to be in a picture, the surest first; parts: look closely."""
 
     def look(self, picture: np.ndarray, state: dict[str, Any]) -> dict[str, Any] | None:
         """Keypoints and next state of a person, None where there is none."""
@@ -54,7 +55,7 @@ def _serve(detector: Detector, requests: BinaryIO, answers: TextIO) -> None:
             picture = np.frombuffer(content, np.uint8).reshape(height, width, 3)
         answer: dict[str, Any] = {"people": [detector.look(picture, state) for state in request["states"]]}
         if request["search"]:
-            answer["starts"] = detector.search(picture)
+            answer["starts"] = detector.search(picture, request["search"] == "parts")
         _say(answers, answer)
 
 
