@@ -51,7 +51,7 @@ class Squares:
     about = {{"layout": None, "names": None}}
 
     def __init__(self, options):
-        print("libraries print what they like")
+        print("libraries print what they like", flush=True)
 
     def search(self, picture, parts):
         seen = [self.look(picture, {{"colour": k, "looks": -1}}) for k in range(2)]
@@ -379,13 +379,16 @@ def test_the_filter_of_the_square() -> None:
     np.testing.assert_array_equal(ends, still)
     again, same = steadied(still, memory, (400, 400))
     np.testing.assert_allclose(again, still, atol=1e-15)
-    after, _ = steadied(moved, same, (400, 400))
+    after, moving = steadied(moved, same, (400, 400))
 
     def share(cutoff: float) -> float:
         return float(1 / (1 + 1e6 / 33333 / (2 * np.pi * cutoff)))
 
     rate = share(1.0) * (4.0 / 200.0) * 1e6 / 33333  # persons a second
     assert after[0][0] - 0.5 == pytest.approx(0.01 * share(0.01 + 10.0 * rate))
+    last, _ = steadied(moved, moving, (400, 400))  # it has come to rest, its square follows
+    alpha = share(0.01 + 10.0 * (1 - share(1.0)) * rate)
+    assert last[0][0] == pytest.approx(alpha * 0.51 + (1 - alpha) * after[0][0], abs=1e-12)
     double, _ = steadied(moved, steadied(still, [], (800, 800))[1], (800, 800))
     np.testing.assert_allclose(double, after, atol=1e-15)
 
