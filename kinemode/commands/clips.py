@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import MEDIAPIPE, ClipArgument, DetectorOptions, Files, Flag
+from kinemode.commands.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
@@ -148,11 +148,11 @@ def render(
     print(out)
 
 
-def detect(*clips: ClipArgument, how: DetectorOptions = MEDIAPIPE, out: Path, overwrite: Flag = False) -> None:
+def detect(*clips: PictureArgument, how: DetectorOptions = MEDIAPIPE, out: Path, overwrite: Flag = False) -> None:
     """Find the keypoints of all people in clips, and write them as keypoint files.
 
-    The detector gets an environment of its own in the cache folder, made when it is first needed (by uv, or by pip with
-    a fitting Python), which takes a network. Where the command was interrupted the same command goes on.
+    The detector gets an environment of its own in the cache folder when it is first needed, by uv or by pip with a
+    fitting Python; that takes a network. Where the command was interrupted the same command goes on.
 
     Examples:
 

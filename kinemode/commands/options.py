@@ -11,6 +11,7 @@ from cyclopts import Parameter
 ClipArgument = Annotated[
     str, Parameter(name="clip", help="Video files or folders of images; none where the keypoints are enough.")
 ]
+PictureArgument = Annotated[str, Parameter(name="clip", help="Video files or folders of images.")]
 SubjectOption = Annotated[str, Parameter(help="A built-in name (see `kinemode subjects`) or a URDF file.")]
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Ids = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
