@@ -70,9 +70,12 @@ def _keypoints() -> dict[str, list[Files]]:
     folders = [
         {f"walk_{t:012d}_keypoints.json": _json({"version": 1.3, "people": [pose[t], pose[0]]}) for t in range(FRAMES)}
     ]
-    several = _other_programs()
-    whole = [_own("coco17"), _own("mediapipe33"), named, alpha, cmu, frames, {"meta_info": {}, "instance_info": frames},
-             {"people": pose}]  # fmt: skip
+    others = _other_programs()
+    people = {**_own("coco17"), "frames": [
+        {"people": [{"id": who, "keypoints": points("coco17", t).tolist()} for who in range(2)]} for t in range(FRAMES)
+    ]}  # fmt: skip
+    whole = [_own("coco17"), _own("mediapipe33"), people, named, alpha, cmu, frames,
+             {"meta_info": {}, "instance_info": frames}, {"people": pose}]  # fmt: skip
     landmarks = [mark.name for mark in load_subject("human34").landmarks]
     values = np.round(np.random.default_rng(0).uniform(0, 40, (FRAMES, len(landmarks), 2)), 2)
     clicks = {

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from kinemode.notices import FindingWarning, InputWarning
     from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
+    from kinemode.public.detection import detect
     from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.results import evaluate, export, open_run, overlay, report, view
@@ -53,6 +54,7 @@ _MODULES = {
     "annotate": "kinemode.public.clips",
     "calibrate": "kinemode.public.cameras",
     "compare": "kinemode.public.tracking",
+    "detect": "kinemode.public.detection",
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
@@ -90,6 +92,7 @@ __all__ = [
     "annotate",
     "calibrate",
     "compare",
+    "detect",
     "evaluate",
     "export",
     "fit",

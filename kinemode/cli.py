@@ -48,6 +48,7 @@ for command in (
     clips.demo,
     clips.annotate,
     clips.render,
+    clips.detect,
     tracking.track,
     tracking.compare,
     preparation.fit,

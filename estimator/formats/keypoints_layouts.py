@@ -1,6 +1,7 @@
 """The file layouts 2D keypoints come in. Each reader gives the people of every frame.
 
 own: {"format", "image_size", "fps", "names", "frames": [{"keypoints": [[x, y, confidence], ...] or null}, ...]}
+    with several people {"people": [{"id", "keypoints"}, ...]} for a frame
 OpenPose folders, also written by Pose2Sim and Sports2D: a file `<video>_<frame number>_keypoints.json` (or
     `..._000012.json`) a frame, {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, c, ...]}, ...]}
 AlphaPose: a list of {"image_id": "12.jpg", "keypoints": [x, y, c, ...], "score", "idx", "box"}; with its options `cmu`
@@ -99,9 +100,23 @@ def _own(value: Mapping[str, Any], reading: Reading) -> None:
     reading.count = len(frames)
     for i, frame in enumerate(frames):
         place = f"frame {i}"
-        keypoints = None if frame is None else member(mapping(frame, path, place), "keypoints", path, place)
+        told = {"keypoints": None} if frame is None else mapping(frame, path, place)
+        if "people" in told:
+            reading.add(i, _own_people(told["people"], reading, place))
+            continue
+        keypoints = member(told, "keypoints", path, place)
         people = [] if keypoints is None else [reading.person(keypoints, None, path, f"{place}, person 0")]
         reading.add(i, people)
+
+
+def _own_people(value: Any, reading: Reading, place: str) -> list[Person | None]:
+    path = reading.source
+    people: list[Person | None] = []
+    for k, person in enumerate(sequence(value, path, f"{place} people")):
+        where = f"{place}, person {k}"
+        told = mapping(person, path, where)
+        people.append(reading.person(member(told, "keypoints", path, where), told.get("id"), path, where))
+    return people
 
 
 def _own_header(value: Mapping[str, Any], reading: Reading) -> None:

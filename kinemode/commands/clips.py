@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import Files, Flag
+from kinemode.commands.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
@@ -149,6 +149,33 @@ def render(
         progress=km.reported,
     )
     print(out)
+
+
+def detect(*clips: PictureArgument, how: DetectorOptions = MEDIAPIPE, out: Path, overwrite: Flag = False) -> None:
+    """Find the keypoints of all people in clips, and write them as keypoint files.
+
+    The detector gets an environment of its own in the cache folder when it is first needed, by uv or by pip with a
+    fitting Python; that takes a network. Where the command was interrupted the same command goes on.
+
+    Examples:
+
+    kinemode detect walk.mp4 --out walk.json
+
+    kinemode detect cam01.mp4 cam02.mp4 --out keypoints
+
+    kinemode detect walk.mp4 --detector onnx --model rtmpose.onnx --out walk.json
+
+    Parameters
+    ----------
+    out
+        The file of one clip; of several clips, or where it is a folder, the folder for NAME.json.
+    overwrite
+        Replace files that are there.
+    """
+    import kinemode as km
+
+    for path in km.detect(clips, out=out, **how.arguments(), overwrite=overwrite, progress=km.reported).values():
+        print(path)
 
 
 def annotate(

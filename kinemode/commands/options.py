@@ -11,6 +11,7 @@ from cyclopts import Parameter
 ClipArgument = Annotated[
     str, Parameter(name="clip", help="Video files or folders of images; none where the keypoints are enough.")
 ]
+PictureArgument = Annotated[str, Parameter(name="clip", help="Video files or folders of images.")]
 SubjectOption = Annotated[str, Parameter(help="A built-in name (see `kinemode subjects`) or a URDF file.")]
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Ids = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
@@ -120,3 +121,36 @@ class TrackerOptions:
 
 
 USUAL = TrackerOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class DetectorOptions:
+    """What finds the keypoints.
+
+    Parameters
+    ----------
+    detector
+        mediapipe (33 keypoints, its models come with it) or onnx (by the file of --model).
+    model
+        An ONNX file: RTMPose, or another model with a line and a column for each keypoint of one person's picture.
+    boxes
+        An ONNX file that finds people in a picture, for --detector onnx; without it one person is followed.
+    people
+        At most so many are followed.
+    python
+        An interpreter to make the detector's environment with; one that has the packages is taken as it is.
+    """
+
+    detector: str = "mediapipe"
+    model: Path | None = None
+    boxes: Path | None = None
+    people: int = 6
+    python: Path | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The options as `kinemode.detect` takes them."""
+        return dict(vars(self))
+
+
+MEDIAPIPE = DetectorOptions()

@@ -8,13 +8,24 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import NO_INPUT, USUAL, ClipArgument, Flag, InputOptions, TrackerOptions
+from kinemode.commands.options import (
+    MEDIAPIPE,
+    NO_INPUT,
+    USUAL,
+    ClipArgument,
+    DetectorOptions,
+    Flag,
+    InputOptions,
+    TrackerOptions,
+)
 
 
 def track(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
     how: TrackerOptions = USUAL,
+    detect: Flag = False,
+    by: DetectorOptions = MEDIAPIPE,
     tracker: str = "css",
     workers: int = 1,
     out: Path,
@@ -34,8 +45,13 @@ def track(
 
     kinemode track walk.mp4 --keypoints clicks.json --cues edges,flow --out clicked.run
 
+    kinemode track walk.mp4 --detect --out walk.run
+
     Parameters
     ----------
+    detect
+        Find the keypoints of clips without a keypoint file first, as `kinemode detect` does, into OUT.keypoints beside
+        the run; they are taken from there as long as clip and detector are the same.
     tracker
         Its name, see `kinemode trackers`.
     workers
@@ -56,6 +72,7 @@ def track(
         clips,
         **files.arguments(),
         **how.arguments(),
+        detect=by.arguments() if detect else False,
         tracker=tracker,
         out=out,
         resume=resume,

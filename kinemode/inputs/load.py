@@ -136,7 +136,8 @@ class _KnownCameras(NamedTuple):
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
     clicks = command("annotate", next(iter(clips.values()), Path("CLIP")))
-    remedy = f"click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
+    by_us = "find them: --detect; " if clips else ""
+    remedy = f"{by_us}click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
     return InputError("keypoints", "are needed, of one frame at least, to find the first pose", remedy=remedy)
 
 

@@ -176,6 +176,11 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "modes": (_or_none(_whole), "a whole number"),
     "seed": _WHOLE,
     "workers": _WHOLE,
+    "people": _WHOLE,
+    "detect": (
+        _either(_flag, _text, lambda value: isinstance(value, Mapping)),
+        "True, the name of a detector, or a mapping of kinemode.detect's arguments",
+    ),
     "examples": _WHOLE,
     "index": (_or_none(_path), "the path of an index that train_index wrote"),
     "frame": _WHOLE,

@@ -10,6 +10,7 @@ from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes, moment
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
+from kinemode.public.detection import with_detected
 from kinemode.target import Target, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from kinemode.inputs.depth import Pairs
     from kinemode.inputs.files import Cameras
     from kinemode.inputs.persons import Persons
+    from kinemode.public.detection import Detect
 
     SubjectLike = Subject | PathLike
 
@@ -54,6 +56,7 @@ def track(
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
     index: PathLike | None = None,
+    detect: Detect = False,
     progress: Reporter | None = None,
 ) -> Run:
     """Track a subject through one clip, or several synchronised ones, into a run file.
@@ -98,6 +101,9 @@ def track(
     index: file in which trackers that look poses up do so (`kinemode.train_index`), in the first frame (start="index")
         or in all (elmo, psh); unless given the one their settings name, or that of the subject in the user's cache,
         made when it is first needed. With it css also searches from examples, more after it has lost the person.
+    detect: True, or the name of a detector, or a mapping of arguments of `kinemode.detect`: the keypoints of clips
+        without a keypoint file are found first, into the folder OUT.keypoints beside the run, and taken from there as
+        long as clip and detector are the same.
     progress: opens a progress report for each stage, such as `kinemode.reported`; none by default.
 
     Raises
@@ -108,7 +114,7 @@ def track(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        progress=progress,
+        detect=detect, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
@@ -126,7 +132,8 @@ def track(
         cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by,
     )  # fmt: skip
-    return jobs.track_subject(loaded, files, wanted)
+    with with_detected(files, detect, out, progress) as seen:
+        return jobs.track_subject(loaded, seen, wanted)
 
 
 def fit(
