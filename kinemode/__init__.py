@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from kinemode.public.clips import annotate, render
     from kinemode.public.indexing import train_index
     from kinemode.public.results import evaluate, export, open_run, overlay, view
+    from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -47,6 +48,7 @@ _MODULES = {
     "Run": "estimator.results.run_file",
     "SceneSettings": "estimator.synthesis.settings",
     "Subject": "humanoid.subject.subject",
+    "Tracker": "kinemode.public.stepping",
     "ViewSettings": "estimator.synthesis.settings",
     "annotate": "kinemode.public.clips",
     "compare": "kinemode.public.tracking",
@@ -80,6 +82,7 @@ __all__ = [
     "Run",
     "SceneSettings",
     "Subject",
+    "Tracker",
     "ViewSettings",
     "__version__",
     "annotate",

@@ -131,6 +131,14 @@ def _number(value: Any) -> bool:
     return isinstance(value, float) or _whole(value) or _of("numpy", "floating")(value)
 
 
+def _size(value: Any) -> bool:
+    return isinstance(value, (tuple, list)) and len(value) == 2 and all(_whole(side) and side > 0 for side in value)
+
+
+def _jitter(value: Any) -> bool:
+    return _number(value) or (isinstance(value, Mapping) and all(map(_number, value.values())))
+
+
 def _factors(value: Any) -> bool:
     return isinstance(value, Mapping)
 
@@ -167,6 +175,11 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "cues": (_texts, 'a text such as "edges,flow", or a list of texts'),
     "trackers": (_texts, 'a text such as "css,single-mode", or a list of texts'),
     "tracker": (_text, "a text"),
+    "layout": (_texts, 'the name of a layout such as "mediapipe33", or a list of names'),
+    "image_size": (_or_none(_size), "(width, height) in pixels"),
+    "jitter": (_or_none(_jitter), "a number of pixels, or a mapping of camera names to numbers"),
+    "lag": _WHOLE,
+    "time": (_number, "a number of seconds"),
     "fit": (_text, "a text"),
     "person": (_persons, '"auto", a number, the id of a person, or a mapping of camera names to them'),
     "modes": (_or_none(_whole), "a whole number"),
