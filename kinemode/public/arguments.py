@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from humanoid.support.errors import InputError, misplaced, shown
+from kinemode.inputs.arrays import are_pictures, is_array
 
 _MOST = 2**63 - 1
 
@@ -81,6 +82,19 @@ def _paths(value: Any) -> bool:
     if isinstance(value, Mapping):
         return all(map(_path, value.values()))
     return _several(value, _path)
+
+
+def _clips(value: Any) -> bool:
+    """What `kinemode.inputs.arrays.Spool` takes."""
+    if isinstance(value, Mapping):
+        return all(_path(v) or are_pictures(v) or hasattr(v, "__next__") for v in value.values())
+    return _paths(value) or are_pictures(value)
+
+
+def _keypoints(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return all(_path(v) or is_array(v) for v in value.values())
+    return _paths(value) or is_array(value)
 
 
 def _pairs(value: Any) -> bool:
@@ -161,8 +175,11 @@ _RUN = _either(_of("estimator.results.run_reader", "Run"), _to_open)
 _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "subject": (_SUBJECT, _SUBJECT_TAKEN),
     "subject or none": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
-    "clips": _FILES,
-    "keypoints": _FILES,
+    "clips": (
+        _clips,
+        "a path, a list of paths, an array (T, H, W, 3), an iterator of pictures, or a mapping of names to such",
+    ),
+    "keypoints": (_keypoints, "a path, a list of paths, an array (T, K, 3), or a mapping of names to such"),
     "masks": _FILES,
     "background": _FILES,
     "depth": _FILES,
