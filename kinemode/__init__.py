@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from kinemode.notices import FindingWarning, InputWarning
     from kinemode.public.clips import annotate, render
     from kinemode.public.indexing import train_index
+    from kinemode.public.live import live
     from kinemode.public.results import evaluate, export, open_run, overlay, view
     from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
@@ -55,6 +56,7 @@ _MODULES = {
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
+    "live": "kinemode.public.live",
     "load_cameras": "estimator.formats.cameras",
     "load_keypoints": "estimator.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
@@ -90,6 +92,7 @@ __all__ = [
     "evaluate",
     "export",
     "fit",
+    "live",
     "load_cameras",
     "load_keypoints",
     "load_subject",

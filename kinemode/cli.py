@@ -50,6 +50,7 @@ for command in (
     clips.render,
     tracking.track,
     tracking.compare,
+    tracking.live,
     preparation.fit,
     preparation.train_index,
     preparation.settings,
