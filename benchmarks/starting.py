@@ -28,6 +28,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "track, no such subject": ("track", "--keypoints", FILE, "--subject", "absent.urdf", "--out", "a.run"),
     "fit, no such clip": ("fit", "absent.mp4", "--keypoints", FILE, "--out", "a.urdf"),
     "compare, no such clip": ("compare", "absent.mp4", "--keypoints", FILE, "--trackers", "css", "--out", "all"),
+    "live, no such clip": ("live", "absent.mp4", "--keypoints", FILE),
     "annotate, no such clip": ("annotate", "absent.mp4", "--no-browser"),
     "render, no such motion": ("render", "--motion", "absent.bvh", "--out", "clip"),
     "view, no such run": ("view", RUN),

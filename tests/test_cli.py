@@ -23,7 +23,7 @@ from kinemode.public import results
 from kinemode.terminal.progress import reported
 
 COMMANDS = (
-    "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "cues", "view",
+    "demo", "annotate", "render", "track", "compare", "fit", "live", "settings", "subjects", "trackers", "cues", "view",
     "overlay", "explain", "export", "evaluate", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6

@@ -16,7 +16,7 @@ from estimator.media.clip import Clip
 from estimator.smoothing import FixedLag, SmoothSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import make_tracker, settings_for
-from kinemode.live.step import Step
+from kinemode.streams.step import Step
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")
 FPS, FRAMES, LAG = 25.0, 15, 3

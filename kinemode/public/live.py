@@ -15,9 +15,9 @@ from kinemode.target import Target
 
 if TYPE_CHECKING:
     from kinemode.inputs.files import Cameras
-    from kinemode.live.session import Session
-    from kinemode.live.sources import KeypointSource
     from kinemode.public.tracking import SubjectLike
+    from kinemode.streams.session import Session
+    from kinemode.streams.sources import KeypointSource
 
 
 def live(
@@ -86,8 +86,8 @@ def live(
     if out is not None:
         Target(Path(out), False, overwrite).check()
     loaded = loaded_subject(subject)
-    from kinemode.live.job import LiveOptions, track_live
-    from kinemode.live.stepper import StepOptions
+    from kinemode.streams.job import LiveOptions, track_live
+    from kinemode.streams.stepper import StepOptions
 
     plate = None if background is None else Path(background)
     wanted = LiveOptions(

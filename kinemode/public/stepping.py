@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from estimator.cameras.camera import Camera
     from humanoid.kinematics.body import Body
     from kinemode.inputs.files import Cameras
-    from kinemode.live.step import Step
     from kinemode.public.tracking import SubjectLike
+    from kinemode.streams.step import Step
 
     Keypoints = np.ndarray | Mapping[str, np.ndarray | None] | None
     Pictures = np.ndarray | Mapping[str, np.ndarray] | None
@@ -86,7 +86,7 @@ class Tracker:
                 check_exists(path)
         plates = named_paths(background, BACKGROUND)
         loaded = loaded_subject(subject)
-        from kinemode.live.stepper import StepOptions, Stepper
+        from kinemode.streams.stepper import StepOptions, Stepper
 
         chosen = _cameras(camera, cameras, image_size)
         names, written = [c.name for c in chosen], chosen_names(background, BACKGROUND)

@@ -27,6 +27,7 @@ function show(frame, images) {
     if (before) before.dispose();
   });
   apply();
+  if (frame.best >= 0) bars[frame.best].number.textContent = percent(frame.weight[frame.best]) + " \u25c0 drawn";
   $("clock").append("  " + frame.note);
 }
 // body and picture change together: a frame is shown when its pictures are decoded, unless a later one was by then

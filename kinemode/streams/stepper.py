@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from estimator.cameras.camera import Camera
@@ -23,19 +24,20 @@ from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.beginning import check_cue
 from kinemode.indexing import with_index
-from kinemode.live.observing import Observer
-from kinemode.live.smoothing import Delay
-from kinemode.live.step import Step
 from kinemode.notices import InputWarning
 from kinemode.pictures import cue_choice
 from kinemode.settings import Chosen, PathLike, choose
+from kinemode.streams.observing import Observer
+from kinemode.streams.smoothing import Delay
+from kinemode.streams.step import Step
 from kinemode.terminal.progress import unreported
 
+_AHEAD, _WARM_UP, _RATE = 4.0, 3, 30.0  # m from the camera, frames, frames per second
 Watcher = Callable[[Observation, FrameResult], None]
 
 
@@ -93,6 +95,21 @@ class Stepper:
         self._threads = ThreadpoolController()
         self._shown: deque[Observation] = deque()
         self._watcher = watcher
+
+    def warm_up(self) -> None:
+        """Track three frames of the body standing before the camera, by a tracker that is then gone: the first frames
+        of a process load compiled code, which takes a second."""
+        q, (camera, *_) = self.body.neutral.copy(), self.cameras
+        if self.body.has_free_root:
+            q[ROOT_PLACE_Q] = camera.centre_world + _AHEAD * camera.R_camera_world[2]
+        points = camera.project(self.body.landmarks(self.body.at(q)))
+        pixels = np.full((len(self.cameras), *points.shape), np.nan)
+        pixels[0] = points
+        confidence = np.where(np.isfinite(pixels).all(axis=-1), 1.0, 0.0)
+        frames = FrameByFrame(make_tracker(self.chosen.tracker, self.body, self.settings), 0)
+        with self._threads.limit(limits=1):
+            for i in range(_WARM_UP):
+                frames.push(Observation(i, i / _RATE, self.cameras, pixels, confidence))
 
     def step(self, keypoints: Any, picture: Any, time: float) -> Step | None:
         """See `kinemode.Tracker.step`."""

@@ -14,13 +14,13 @@ from estimator.trackers.frame_result import FrameResult
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import camera_for
-from kinemode.live.capture import Camera, DeviceCamera, FileCamera, Shot
-from kinemode.live.recording import Recording, live_header, recording
-from kinemode.live.session import Session, Show, run_session
-from kinemode.live.sources import KeypointSource, PlayedBack
-from kinemode.live.step import Step
-from kinemode.live.stepper import StepOptions, Stepper
 from kinemode.notices import InputWarning
+from kinemode.streams.capture import Camera, DeviceCamera, FileCamera, Shot
+from kinemode.streams.recording import Recording, live_header, recording
+from kinemode.streams.session import Session, Show, run_session
+from kinemode.streams.sources import KeypointSource, PlayedBack
+from kinemode.streams.step import Step
+from kinemode.streams.stepper import StepOptions, Stepper
 from viz.preview.moving import Moment, MovingPreview
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: S
             kept.append(stack.enter_context(recording(wanted.out, replace(header, notes=(*header.notes, *notes)))))
         show = stack.enter_context(_preview(stepper, wanted)) if wanted.show else _unseen
         every = isinstance(device, Path) and not wanted.realtime
+        if not every:
+            stepper.warm_up()
         session = run_session(taking.shots(), source, stepper, show, every=every)
         for each in kept:
             each.finish(header, session.pictures)

@@ -11,7 +11,7 @@ from estimator.imaging.observation import Observation
 from estimator.smoothing import FixedLag
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
-from kinemode.live.step import Step
+from kinemode.streams.step import Step
 
 
 class Delay:

@@ -15,7 +15,7 @@ from estimator.trackers.frame_result import FrameResult
 from humanoid.support.atomic import replacing
 from kinemode import __version__
 from kinemode.jobs import said_against
-from kinemode.live.stepper import Stepper
+from kinemode.streams.stepper import Stepper
 
 
 class Recording:

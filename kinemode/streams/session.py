@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from kinemode.live.capture import Newest, Shot
-from kinemode.live.sources import KeypointSource
-from kinemode.live.step import Step
-from kinemode.live.stepper import Stepper
+from kinemode.streams.capture import Newest, Shot
+from kinemode.streams.sources import KeypointSource
+from kinemode.streams.step import Step
+from kinemode.streams.stepper import Stepper
 from kinemode.terminal.interruption import is_interruption
 
 Show = Callable[[Step, Shot, int], None]
