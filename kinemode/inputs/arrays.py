@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -57,7 +58,7 @@ class Spool:
 
     def __init__(self, clips: Clips, keypoints: Keypoints, layout: str | Sequence[str] = "auto") -> None:
         self.folder: TemporaryFolder | None = None
-        self._layout = layout
+        self._layout, self._arguments = layout, dict[str, str]()
         self.clips = self._files("clips", clips, self._pictures)
         self.keypoints = self._files("keypoints", keypoints, self._points)
         if layout != "auto" and self.folder is None:
@@ -78,7 +79,7 @@ class Spool:
             return None
         if is_array(given) and given.ndim != 4:
             raise InputError(argument, f"has the shape {given.shape}", remedy="(T, H, W, 3) uint8, BGR, is needed")
-        path = self._place(name)
+        path = self._place(argument, name)
         path.mkdir()
         _write_pictures(path, argument, given)
         return path
@@ -90,16 +91,28 @@ class Spool:
         from estimator.formats.keypoints import write_keypoints
 
         track = keypoint_track(given, self._layout, argument=argument)
-        path = self._place(f"{name}.json")
+        path = self._place(argument, f"{name}.json")
         write_keypoints(path, track)
         return path
 
-    def _place(self, name: str) -> Path:
+    @contextmanager
+    def telling(self) -> Iterator[None]:
+        """Within it errors of a file that was written here name the argument that it is of."""
+        try:
+            yield
+        except InputError as error:
+            argument = self._arguments.get(error.source)
+            if argument is None:
+                raise
+            raise InputError(argument, error.problem, place=error.place, remedy=error.remedy) from None
+
+    def _place(self, argument: str, name: str) -> Path:
         if self.folder is None:
             self.folder = TemporaryFolder()
         path = self.folder.path / name
         if path.parent != self.folder.path or not name.strip("."):
             raise InputError(name, "is no name of a camera here", remedy="leave out slashes")
+        self._arguments[str(path)] = argument
         return path
 
 

@@ -138,7 +138,8 @@ def track(
         cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by,
     )  # fmt: skip
-    return jobs.track_subject(loaded, files, wanted)
+    with spool.telling():
+        return jobs.track_subject(loaded, files, wanted)
 
 
 def fit(
@@ -181,7 +182,8 @@ def fit(
     loaded = loaded_subject(subject)
     from kinemode import jobs
 
-    return jobs.fit_subject(loaded, files, cues, seed, out)
+    with spool.telling():
+        return jobs.fit_subject(loaded, files, cues, seed, out)
 
 
 def compare(
@@ -255,7 +257,8 @@ def compare(
         cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by,
     )  # fmt: skip
-    return compare_trackers(loaded, files, trackers, wanted, reference)
+    with spool.telling():
+        return compare_trackers(loaded, files, trackers, wanted, reference)
 
 
 def loaded_subject(subject: SubjectLike) -> Subject:

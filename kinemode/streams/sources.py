@@ -14,7 +14,7 @@ from kinemode.inputs.named import PathLike
 class KeypointSource(Protocol):
     """Finds one person's keypoints. A function will do."""
 
-    def __call__(self, picture: np.ndarray, time: float) -> np.ndarray | None:
+    def __call__(self, picture: np.ndarray, time: float, /) -> np.ndarray | None:
         """Keypoints (K, 3), x, y [px] and confidence, in a picture (H, W, 3) uint8 BGR taken at a time [s]; None where
         nobody is seen."""
         ...
@@ -42,7 +42,7 @@ class PlayedBack:
         self._rate = track.fps or rate
         self._points = np.concatenate([fitted.pixels, fitted.confidence[..., None]], axis=2)
 
-    def __call__(self, picture: np.ndarray, time: float) -> np.ndarray | None:
+    def __call__(self, picture: np.ndarray, time: float, /) -> np.ndarray | None:
         """See `KeypointSource`: those of the frame nearest in time, None after the last."""
         frame = round(time * self._rate)
         return self._points[frame] if frame < len(self._points) else None

@@ -3,6 +3,10 @@
 viewer.animator.seek = () => {};  // there is nothing but now
 for (const id of ["play", "slider", "speed"]) $(id).style.display = "none";
 document.title = "live: " + document.title;
+// the first pose alone says where to look from: farther off there is room to move
+const ROOM = 1.7;
+data.home.eye = data.home.eye.map((x, i) => data.home.target[i] + ROOM * (x - data.home.target[i]));
+if (view < 0) look(view);
 
 function pose(name, joints) {
   for (const [joint, place] of Object.entries(joints)) {
