@@ -22,6 +22,8 @@ from tiny_clip import QUICK, tiny_clip
 
 import kinemode as km
 from estimator.media.clip import Clip
+from estimator.results.run_file import RunWriter
+from estimator.trackers.frame_result import FrameResult
 from kinemode.rendering.files import RenderedClip
 from kinemode.streams.capture import FileCamera, Newest, Shot
 from kinemode.streams.session import run_session
@@ -195,6 +197,36 @@ def test_a_terminal_that_interrupts_leaves_a_whole_run(live_clip: RenderedClip, 
     assert run.complete
     assert len(run) == run.planned_count
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, "cut.run"])
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_an_interruption_while_a_frame_is_stored_leaves_a_whole_run(
+    live_clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
+) -> None:
+    """When it is stored and not yet counted, or half stored."""
+    ((name, video),) = live_clip.videos.items()
+    append = RunWriter.append
+
+    def interrupted(writer: RunWriter, result: FrameResult, state: Any) -> None:
+        before = writer._position
+        if half and before == 2:
+            writer._connection.execute("BEGIN IMMEDIATE")
+            writer._connection.execute("INSERT INTO frame VALUES (2, x'00')")
+            raise KeyboardInterrupt
+        append(writer, result, state)
+        if before == 2:
+            writer._position = before
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunWriter, "append", interrupted)
+    session = km.live(
+        video, keypoints=live_clip.keypoints[name], subject=live_clip.subject, cameras=live_clip.cameras, show=False,
+        realtime=False, settings=QUICK, out=tmp_path / "cut.run",
+    )  # fmt: skip
+    assert session.interrupted
+    run = km.open_run(tmp_path / "cut.run")
+    assert (len(run), run.planned_count, run.complete) == (2 if half else 3, 2 if half else 3, True)
+    assert np.isfinite(run.q).all()
 
 
 def km_write(path: Path, picture: np.ndarray) -> None:

@@ -33,7 +33,7 @@ class Recording:
     def finish(self, header: RunHeader, frames: list[int]) -> None:
         """Complete the run; frames: the number of the clip's frame of each that the stepper was given."""
         writer = self._writer
-        seen = self._seen[: writer.frame_count]  # an interruption may have come in between
+        seen = self._seen[: writer.settle()]  # what was seen is kept first
         kept = tuple(frames[o.index] for o in seen)
         own = kept != tuple(range(len(kept)))
         names = [camera.name for camera in header.cameras] if own else []
