@@ -188,3 +188,41 @@ def test_a_hypothesis_has_a_node_per_joint_whatever_its_colours(tmp_path: Path) 
     moved = [clip["path"] for clip in animation["animations"] if clip["path"].startswith("/meshcat/body/")]
     assert len(moved) == body.njoints  # the base included
     assert len(html) < 3_000_000
+
+
+def test_the_panel_of_curves_follows_the_instant_and_leads_to_others(browser: Any, show: Open) -> None:
+    scene = moving_scene(5)
+    at = scene.body.q_names.index("left_elbow_flexion")
+    q = scene.q.copy()
+    q[:, at] = np.radians([10.0, 20.0, 30.0, 45.0, 60.0])
+    interval = np.full((5, 2, scene.body.nq), np.nan)
+    interval[:, 0, at], interval[:, 1, at] = q[:, at] - 0.1, q[:, at] + 0.1
+    show(replace(scene, q=q, interval=interval), "t=1&joints=left_elbow_flexion")
+    charts = "return [...document.querySelectorAll('.chart .head')].map(head => head.innerText.replace(/\\s+/g, ' '))"
+    assert browser.execute_script(charts) == ["left elbow flexion 20.0 ° ± 5.7"]
+    browser.execute_script("go(4)")
+    assert browser.execute_script(charts) == ["left elbow flexion 60.0 ° ± 5.7"]
+    pane, panel = browser.execute_script(
+        "return ['meshcat-pane', 'panel'].map(id => $(id).getBoundingClientRect().toJSON())"
+    )
+    assert pane["right"] <= panel["left"] + 1.0  # nothing of the scene is behind it
+    from selenium.webdriver.common.action_chains import ActionChains  # there where the browser is
+
+    chart = browser.find_element("css selector", ".chart svg")
+    ActionChains(browser).move_to_element(chart).click().perform()
+    assert browser.execute_script("return now") == 2
+    listed = "return data.joints.filter(joint => !joint.row.hidden).map(joint => joint.name)"
+    names = browser.execute_script(listed)
+    assert names == [n for n in scene.body.q_names if not n.startswith("root")]
+    browser.find_element("id", "filter").send_keys("left knee")
+    assert browser.execute_script(listed) == ["left_knee_flexion"]
+
+
+def test_every_hypothesis_can_be_switched_off(browser: Any, show: Open) -> None:
+    scene = moving_scene(3, modes=3)
+    show(scene, "t=0")
+    assert shown(browser)[1]
+    browser.execute_script("bars[1].box.click()")
+    assert not shown(browser)[1]
+    browser.execute_script("bars[data.best[0]].box.click()")
+    assert not browser.execute_script("return node('body').visible")

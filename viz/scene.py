@@ -28,6 +28,8 @@ class Scene:
     mode_q (T, K, nq), mode_weight (T, K): all hypotheses, NaN where there are fewer.
     pixels (T, C, L, 2) [px], confidence (T, C, L): keypoints of the body's landmarks, NaN and 0 where missing.
     clip_frames (C): number of each clip's frame at each instant (T,), None where that is `index`.
+    interval (T, 2, nq): ends of the calibrated 90 % interval of what joints of one number have in q, NaN elsewhere;
+    None where it is not known.
     """
 
     body: Body
@@ -43,6 +45,7 @@ class Scene:
     pixels: np.ndarray
     confidence: np.ndarray
     clip_frames: tuple[np.ndarray | None, ...] = ()
+    interval: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -109,7 +112,7 @@ def as_scene(source: Scene | Run) -> Scene:
     status = tuple(str(s) for s in run.status)
     return Scene(
         run.body, cameras, frames, run.index, run.time, status, run.q, run.mode_q, run.mode_weight, run.path,
-        pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras),
+        pixels, confidence, tuple(_own_frames(run, camera.name) for camera in cameras), run.interval(0.9),
     )  # fmt: skip
 
 

@@ -318,6 +318,20 @@ class Run:
                 out[t] = self.posterior(t).marginals().moments()[1]
         return out
 
+    def interval(self, level: float) -> np.ndarray:
+        """(T, 2, nq) ends of the calibrated central interval of this probability for every joint that one number places
+        [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any."""
+        body, ends = self.body, (0.5 - 0.5 * level, 0.5 + 0.5 * level)
+        single = [j for j in range(1, body.model.njoints) if body.model.nqs[j] == body.model.nvs[j] == 1]
+        in_q, in_v = (np.array(list(indices))[single] for indices in (body.model.idx_qs, body.model.idx_vs))
+        out = np.full((len(self._frames), 2, body.nq), np.nan)
+        for t, frame in enumerate(self._frames):
+            if len(frame["weight"]):
+                posterior = self.posterior(t)
+                marginals = posterior.marginals()
+                out[t][:, in_q] = [posterior.best[in_q] + marginals.quantile(p)[in_v] for p in ends]
+        return out
+
     @cached_property
     def landmarks(self) -> np.ndarray:
         """(T, L, 3) of `q`, in the world [m]."""

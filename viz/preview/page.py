@@ -22,6 +22,7 @@ from humanoid.support.atomic import replacing
 from viz import palette
 from viz.pictures.painter import BodyPainter
 from viz.preview.cameras import add_camera
+from viz.preview.curves import joint_curves
 from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh, line_segments
 from viz.scene import Scene, as_scene, evenly
 from viz.solids.body_solids import body_solids
@@ -198,6 +199,8 @@ def _player_data(
         "best": [int(k) for k in scene.path[rows]],
         "weight": [[float(f"{w:.3g}") if np.isfinite(w) else None for w in row] for row in scene.mode_weight[rows]],
         "cameras": cameras,
+        "joints": joint_curves(scene, rows),
+        "side_colour": {side: _css(colour) for side, colour in palette.SIDES.items()},
         "home": {
             "eye": stage.eye().tolist(),
             "target": stage.centre.tolist(),

@@ -42,11 +42,14 @@ class CommandRecorder:
         """An HTML page with the viewer, the recorded scene and the player's data; it loads nothing from elsewhere. own:
         a script that is run last."""
         script = (resources.files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
-        template = (resources.files("viz.preview") / "page.html").read_text(encoding="utf-8")
+        template, curves = (
+            (resources.files("viz.preview") / name).read_text(encoding="utf-8") for name in ("page.html", "curves.js")
+        )
         commands = [base64.b64encode(command).decode("ascii") for command in self.commands]
         parts = {
             "TITLE": _escaped(title),
             "VIEWER": script,
+            "CURVES": curves,
             "COMMANDS": json.dumps(commands),
             "DATA": _script_json(data),
             "SCRIPT": own,

@@ -17,14 +17,14 @@ class DepthSettings(StereoSettings):
     points: of the person's surface, at most. farthest [m]: what is beyond is scenery. depth_noise [m]: standard
     deviation of a depth camera's depths at 1 m, which grows with their square. gap [m]: what is so far apart in space
     is not one thing. floor [m]: what is lower above the floor is taken for it, beside what the noise of depth makes of
-    it.
+    it; where it is more, feet go with the floor, and they tell front from back.
     """
 
     points: int = setting(1200, at_least=20)
     farthest: float = setting(8.0, above=0)
     depth_noise: float = setting(0.003, above=0)
     gap: float = setting(0.1, above=0)
-    floor: float = setting(0.05, at_least=0)
+    floor: float = setting(0.02, at_least=0)
 
 
 @dataclass(frozen=True)
