@@ -89,7 +89,7 @@ def _keypoints() -> dict[str, list[Files]]:
         "keypoint folder": list(folders),
         "clicks": [{"clicks.json": _json(clicks)}],
         "page": [{"page.json": _json(page)}],
-        **several,
+        **others,
     }
 
 

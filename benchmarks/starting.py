@@ -30,6 +30,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "calibrate, no such pictures": ("calibrate", "absent.mp4", "--square", "0.03", "--out", "a.json"),
     "compare, no such clip": ("compare", "absent.mp4", "--keypoints", FILE, "--trackers", "css", "--out", "all"),
     "detect, no such clip": ("detect", "absent.mp4", "--out", "a.json"),
+    "live, no such clip": ("live", "absent.mp4", "--keypoints", FILE),
     "annotate, no such clip": ("annotate", "absent.mp4", "--no-browser"),
     "render, no such motion": ("render", "--motion", "absent.bvh", "--out", "clip"),
     "subjects, no such URDF": ("subjects", "--landmarks", "absent.urdf"),

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     from kinemode.public.detection import detect
     from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
+    from kinemode.public.live import live
     from kinemode.public.results import evaluate, export, open_run, overlay, report, view
+    from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -50,6 +52,7 @@ _MODULES = {
     "Run": "estimator.results.run_file",
     "SceneSettings": "estimator.synthesis.settings",
     "Subject": "humanoid.subject.subject",
+    "Tracker": "kinemode.public.stepping",
     "ViewSettings": "estimator.synthesis.settings",
     "annotate": "kinemode.public.clips",
     "calibrate": "kinemode.public.cameras",
@@ -59,6 +62,7 @@ _MODULES = {
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
     "landmark_start": "kinemode.public.landmarks",
+    "live": "kinemode.public.live",
     "load_cameras": "estimator.formats.cameras",
     "load_keypoints": "estimator.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
@@ -87,6 +91,7 @@ __all__ = [
     "Run",
     "SceneSettings",
     "Subject",
+    "Tracker",
     "ViewSettings",
     "__version__",
     "annotate",
@@ -97,6 +102,7 @@ __all__ = [
     "export",
     "fit",
     "landmark_start",
+    "live",
     "load_cameras",
     "load_keypoints",
     "load_subject",

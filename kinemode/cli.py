@@ -51,6 +51,7 @@ for command in (
     clips.detect,
     tracking.track,
     tracking.compare,
+    tracking.live,
     preparation.fit,
     preparation.calibrate,
     preparation.train_index,

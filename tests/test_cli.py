@@ -23,8 +23,8 @@ from kinemode.public import results
 from kinemode.terminal.progress import reported
 
 COMMANDS = (
-    "demo", "annotate", "detect", "render", "track", "compare", "fit", "calibrate", "settings", "subjects", "trackers",
-    "cues", "view", "report", "overlay", "explain", "export", "evaluate", "train-index", "version",
+    "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
+    "trackers", "cues", "view", "report", "overlay", "explain", "export", "evaluate", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6
 

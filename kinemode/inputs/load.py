@@ -121,6 +121,17 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     return Inputs(observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths)
 
 
+def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[Camera, tuple[str, ...]]:
+    """The camera of pictures of a size, by name, and notes, as `load_inputs` has it for a single clip.
+
+    chosen: the user wrote the name. Raises InputError as `load_inputs` does.
+    """
+    outline = {name: KeypointTrack("none", (), np.zeros((0, 0, 2)), np.zeros((0, 0)), size)}
+    named = frozenset(outline) if chosen else frozenset()
+    _, used, notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, Declared())
+    return used[name], tuple(notes)
+
+
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors."""
 

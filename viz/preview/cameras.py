@@ -86,7 +86,7 @@ def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[in
     for i, image in zip(chosen, scene.images(c, [rows[i] for i in chosen]), strict=True):
         if image is None:
             break
-        pictures.append(_data_address(image, scene.cameras[c]))
+        pictures.append(data_address(image, scene.cameras[c]))
         shown.append(i)
     if not pictures:
         return [], []
@@ -94,7 +94,7 @@ def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[in
     return pictures, np.maximum(last, 0).tolist()
 
 
-def _data_address(image: np.ndarray, camera: Camera) -> str:
+def data_address(image: np.ndarray, camera: Camera) -> str:
     """The picture reduced, undistorted (so that it fits the flat plane) and compressed."""
     scale = min(1.0, PICTURE_LONGEST / max(camera.image_size))
     width, height = (max(1, round(side * scale)) for side in camera.image_size)
