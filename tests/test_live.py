@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import body_of, camera_at
+from builders import bent, body_of, camera_at
 from tiny_clip import QUICK, tiny_clip
 
 import kinemode as km
@@ -284,7 +284,7 @@ def test_a_page_is_sent_every_frame_or_the_newest_and_the_end(preview: MovingPre
 def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPreview) -> None:
     """The joints of the body and of the hypothesis lie where they are, and the picture is the frame's."""
     body = body_of("human34")
-    first, second = body.neutral.copy(), body.neutral.copy()
+    first, second = body.neutral.copy(), bent(body, left_knee_flexion=0.5)
     second[:3] += (0.3, 0.2, 0.1)
     preview.show(moment(1, first, second))
     browser.get(preview.address)
@@ -298,7 +298,9 @@ def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPrevie
       const pixel = document.createElement("canvas").getContext("2d");
       pixel.drawImage(data.cameras[0].textures[0].image, 0, 0);
       const colour = pixel.getImageData(9, 9, 1, 1).data[0];
-      return {places, colour, clock: $("clock").textContent, index: data.index[0]};
+      openPanel(true);
+      const knee = data.joints.find(joint => joint.name === "left_knee_flexion").readout.textContent;
+      return {places, colour, knee, clock: $("clock").textContent, index: data.index[0]};
     """
     shown = browser.execute_script(script)
     assert shown["index"] == 2
@@ -307,6 +309,7 @@ def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPrevie
         for node, place in shown["places"][name].items():
             np.testing.assert_allclose(place, posed.translations[int(node.split("_")[0])], atol=1e-4)
     assert shown["colour"] == pytest.approx(80, abs=3)
+    assert shown["knee"].startswith("28.6")  # degrees
     assert "frame 2" in shown["clock"]
     assert "2 dropped" in shown["clock"]
     preview.end("ended")

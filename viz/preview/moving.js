@@ -7,6 +7,9 @@ document.title = "live: " + document.title;
 const ROOM = 1.7;
 data.home.eye = data.home.eye.map((x, i) => data.home.target[i] + ROOM * (x - data.home.target[i]));
 if (view < 0) look(view);
+$("charts").style.display = "none";  // of one instant there is no curve, but every angle now
+$("list").style.flex = "1";
+for (const joint of data.joints) joint.box.style.display = "none";
 
 function pose(name, joints) {
   for (const [joint, place] of Object.entries(joints)) {
@@ -21,6 +24,7 @@ function show(frame, images) {
   data.status[0] = frame.status;
   data.best[0] = frame.best;
   data.weight[0] = frame.weight;
+  frame.angles.forEach((angle, i) => { data.joints[i].value[0] = angle; });
   pose("body", frame.body);
   frame.hypotheses.forEach((joints, k) => pose("hypothesis_" + k, joints));
   images.forEach((image, c) => {

@@ -22,6 +22,7 @@ from estimator.cameras.camera import Camera
 from humanoid.kinematics.body import Body
 from viz.local_server import LocalHandler, LocalServer
 from viz.preview.cameras import data_address
+from viz.preview.curves import joint_curves
 from viz.preview.page import motion, node_names, page
 from viz.scene import Scene
 from viz.solids.body_solids import body_solids
@@ -132,15 +133,18 @@ class MovingPreview:
 
     def _first_page(self, moment: Moment) -> bytes:
         """Around the first pose that there is; the ground and the lights stay where they are then."""
+        script = (resources.files("viz.preview") / "moving.js").read_text(encoding="utf-8")
+        return page(self._scene(moment), script).encode("utf-8")
+
+    def _scene(self, moment: Moment) -> Scene:
+        """Of a single instant."""
         none = np.zeros((1, len(self._cameras), len(self._body.landmark_names)))
         frames = tuple(None if p is None else (lambda p=p: iter([p])) for p in moment.pictures)
-        scene = Scene(
+        return Scene(
             self._body, self._cameras, frames, np.zeros(1, dtype=np.int64), np.array([moment.time]), (moment.status,),
             moment.q[None], self._padded(moment.mode_q)[None], self._padded(moment.weight)[None],
             np.zeros(1, dtype=np.int64), np.full((*none.shape, 2), np.nan), none,
         )  # fmt: skip
-        script = (resources.files("viz.preview") / "moving.js").read_text(encoding="utf-8")
-        return page(scene, script).encode("utf-8")
 
     def _padded(self, values: np.ndarray) -> np.ndarray:
         """Of all hypotheses (K, ...), NaN where there are fewer."""
@@ -159,6 +163,7 @@ class MovingPreview:
             "index": moment.index, "time": moment.time, "status": moment.status, "note": moment.note,
             "best": 0 if seen else -1, "weight": weights, "pictures": pictures,
             "body": self._places(moment.q, self._names[0]) if seen else {},
+            "angles": [curve["value"][0] for curve in joint_curves(self._scene(moment), [0])],
             "hypotheses": [self._places(q, self._names[1]) for q in moment.mode_q[: self._count]],
         }  # fmt: skip
 
