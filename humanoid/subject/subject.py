@@ -14,7 +14,7 @@ from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
 from humanoid.subject.mimic_model import with_mimics
 from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, natural_base
-from humanoid.subject.urdf_document import Document, nearest, read_document
+from humanoid.subject.urdf_document import Document, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
 from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, Upright
 from humanoid.subject.urdf_flesh import Flesh
@@ -24,6 +24,7 @@ from humanoid.subject.yourdfpy_check import check_with_yourdfpy
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, misplaced
 from humanoid.support.files import read_bytes
+from humanoid.support.near_names import nearest
 from humanoid.support.quiet import quiet
 
 __all__ = [
