@@ -6,14 +6,13 @@ import numpy as np
 
 from estimator.formats.opensim import Coordinates
 from estimator.results.coordinates import JointEntry, joint_entries
+from estimator.results.joint_angle import ONE_NUMBER
 from humanoid.kinematics.body import Body
-
-_COMPARED = ("turn", "slide", "endless")
 
 
 def joint_coordinates(body: Body) -> tuple[str, ...]:
     """Names of the joints whose coordinates can be compared: those of one degree of freedom."""
-    return tuple(entry.name for entry in joint_entries(body) if entry.kind in _COMPARED)
+    return tuple(entry.name for entry in joint_entries(body) if entry.kind in ONE_NUMBER)
 
 
 def coordinate_errors(
@@ -51,7 +50,7 @@ def coordinate_errors(
 def _theirs(entry: JointEntry, coordinates: Coordinates) -> np.ndarray | None:
     """A joint's coordinate (N,) in a reference [rad or m]; None where it has none."""
     place = {name: k for k, name in enumerate(coordinates.names)}
-    if entry.kind not in _COMPARED:
+    if entry.kind not in ONE_NUMBER:
         return None
     cosine, sine = (place.get(f"{entry.name}_{part}") for part in ("cos", "sin"))
     if entry.kind == "endless" and cosine is not None and sine is not None:

@@ -47,8 +47,7 @@ class Marginals:
         return _moments(*self._cells())
 
     def spread(self, *levels: float) -> tuple[np.ndarray, np.ndarray]:
-        """Standard deviation (n,) as of `moments`, and a quantile (P, n) for each level as of `quantile`, at the cost of
-        either."""
+        """Standard deviation (n,) as of `moments` and a quantile (P, n) for each level, at the cost of either alone."""
         edges = self._grid()
         below = self.cdf(edges)
         std = _moments(edges, _mass(below))[1]

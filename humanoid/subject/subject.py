@@ -26,6 +26,7 @@ from humanoid.support.errors import InputError, misplaced
 from humanoid.support.files import read_bytes
 from humanoid.support.near_names import nearest
 from humanoid.support.quiet import quiet
+from humanoid.support.summary import Facts, Summarised
 
 __all__ = [
     "Flesh",
@@ -53,8 +54,8 @@ _LOCKED = {"human30": ("human34", _CLAVICLES)}
 Base = Literal["auto", "free", "fixed"]
 
 
-@dataclass(frozen=True)
-class Subject:
+@dataclass(frozen=True, repr=False)
+class Subject(Summarised):
     """A validated subject.
 
     Attributes
@@ -82,6 +83,13 @@ class Subject:
     upright: Upright | None = None
     notes: tuple[str, ...] = ()
     mimics: tuple[Mimic, ...] = ()
+
+    def _called(self) -> str:
+        return self.name
+
+    def _facts(self) -> Facts:
+        facts = [("degrees of freedom", self.model.nv), ("root", self.base), ("landmarks", len(self.landmarks))]
+        return [*facts, ("parts of flesh", len(self.flesh)), ("source", self.source)]
 
     def __reduce_ex__(self, protocol: Any) -> str | tuple[Any, ...]:
         """Made anew from its text in another process where joints follow others: Pinocchio cannot send such models."""
