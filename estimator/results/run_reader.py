@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from estimator.results.calibration import Calibration
 from estimator.results.coordinates import joint_entries
 from estimator.results.filtering import Filtering, filtered
 from estimator.results.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
+from estimator.results.joint_table import data_frame
 from estimator.results.posterior import Posterior
 from estimator.results.run_checks import check_frame, check_observation, check_trajectory, extra_of
 from estimator.results.run_header import RunHeader
@@ -30,6 +31,9 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class Run(Summarised):
@@ -372,6 +376,14 @@ class Run(Summarised):
             raise InputError("degrees", f"{joint!r} slides: it has metres", remedy="leave degrees out")
         value = joint_value(entry, self.q)
         return np.rad2deg(value) if degrees else value
+
+    def to_dataframe(self, degrees: bool = False) -> pandas.DataFrame:
+        """The best hypothesis as a table, a row a frame: `time_s`, `status`, root and joints with units in their names,
+        standard deviations beside values (`left_knee_flexion_rad`, `left_knee_flexion_std_rad`).
+
+        degrees: angles in degrees (`left_knee_flexion_deg`). Raises InputError where pandas is not installed.
+        """
+        return data_frame(self, degrees)
 
     def butterworth(self, cutoff: float) -> Run:
         """The same run with `q` filtered: what moves faster than the cut-off [Hz] is taken out, without lag.
