@@ -54,7 +54,7 @@ class Filtering:
         """What a user should know, a sentence each."""
         notes = []
         if self.clamped:
-            listed = ", ".join(f"{name} in {count} frames" for name, count in self.clamped.items())
+            listed = ", ".join(f"{name} in {count} of {len(self.q)} frames" for name, count in self.clamped.items())
             notes.append(f"the filter led beyond joint limits, which were taken: {listed}")
         if self.parts > 1:
             notes.append(f"frames are missing: {self.parts} parts were filtered by themselves")
