@@ -29,6 +29,8 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 
 _EVEN = 0.05  # share of a frame by which times may be off for a run to count as evenly spaced
+_USUAL = 0.2  # by which steps may differ from the median, relatively, to count for the frame rate
+_ROUNDING = 1e-6
 _OUTSIDE = 1e-6  # rad or m by which a filtered value has to pass a limit to be told of
 _VANISHED = 0.1  # length of a filtered quaternion from which its direction is the noise's
 
@@ -91,14 +93,16 @@ def filtered(body: Body, q: np.ndarray, time: np.ndarray, cutoff: float) -> Filt
 
 def frame_rate(time: np.ndarray) -> float:
     """Frames a second at time (T,) [s]: the usual one, also where some are missing; 0 where it cannot be told."""
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    steps = np.diff(time)
+    usual = steps[np.abs(steps - np.median(steps)) <= _USUAL * np.median(steps)] if len(steps) else steps
+    step = float(usual.mean()) if len(usual) else 0.0
     return 1.0 / step if step > 0.0 else 0.0
 
 
 def _check(cutoff: float, rate: float) -> None:
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise InputError("filter", f"{shown(cutoff)} Hz is no cut-off", remedy="6 is usual for walking")
-    if rate > 0.0 and cutoff >= 0.5 * rate:
+    if rate > 0.0 and cutoff > (0.5 - _ROUNDING) * rate:
         problem = f"a cut-off of {cutoff:g} Hz is not below half the frame rate, {0.5 * rate:.4g} Hz"
         raise InputError("filter", problem, remedy="choose a lower one, 6 is usual for walking")
 
@@ -175,7 +179,7 @@ def _unit(quaternions: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
 
 def _passed(samples: np.ndarray, clock: _Clock, cutoff: float, reflection: Reflection) -> np.ndarray:
     """Samples (N, M) at the times of a clock, filtered; as they are where the cut-off leaves them so."""
-    if cutoff >= 0.5 * clock.rate:
+    if cutoff > (0.5 - _ROUNDING) * clock.rate:
         return samples
     even = samples if clock.even else CubicSpline(clock.own, samples)(clock.even_times)
     extended = extension(cutoff, clock.rate)

@@ -64,7 +64,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = min(_COLUMNS, len(panels))
+    columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     size = (max(_PANEL[0] * columns, 6.0), _PANEL[1] * rows + _HEAD)
     figure = Figure(figsize=size, layout="constrained")
