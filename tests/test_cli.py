@@ -24,7 +24,7 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
-    "trackers", "cues", "view", "report", "overlay", "explain", "export", "evaluate", "train-index", "version",
+    "trackers", "cues", "view", "plot", "report", "overlay", "explain", "export", "evaluate", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6
 
@@ -109,6 +109,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 BAD = {
     "unknown command": (["trac"], "track"),
     "no output": (["track", "--keypoints", "{left}"], "--out"),
+    "no such run to plot": (["plot", "nothing.run", "--out", "{out}"], "nothing.run"),
     "unknown option": (["track", "--bogus", "1", "--out", "{out}"], "bogus"),
     "not a number": (["track", "--modes", "many", "--keypoints", "{left}", "--out", "{out}"], "modes"),
     "no such clip": (["track", "nothing.mp4", "--keypoints", "{left}", "--out", "{out}"], "nothing.mp4"),

@@ -89,7 +89,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
     filtered = "" if run.filtering is None else f", low-pass filtered at {run.filtering.cutoff:g} Hz"
     figure.suptitle(f"{run.file.name}: {len(run)} frames{filtered}", x=0.01, ha="left", fontweight="bold")
     entries = _legend(run, panels)
-    figure.legend(handles=entries, loc="outside lower left", ncols=2 * columns if columns > 1 else 3, frameon=False)
+    figure.legend(handles=entries, loc="outside lower left", ncols=(3, 4, 8)[columns - 1], frameon=False)
     return figure
 
 
