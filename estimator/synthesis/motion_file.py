@@ -26,7 +26,8 @@ def motion_of(body: Body, table: MotionTable, times: np.ndarray) -> np.ndarray:
 
     Columns are called as the entries of q (`Body.q_names`), with or without a unit behind them: _rad (which counts
     where there is none), _deg, _m, _cm, _mm; joints that turn without limits also by their angle. Joints without a
-    column stay at rest, a free root too. Columns that exports have beside q are passed over. Rows without any number are left out.
+    column stay at rest, a free root too. Columns that exports have beside q are passed over. Rows
+    without any number are left out.
 
     Raises
     ------
