@@ -14,7 +14,8 @@ from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_
 
 @dataclass(frozen=True)
 class JointEntry:
-    """A joint's place in q. kind: "free", "slide", "turn", "endless" (cosine, sine) or "other"."""
+    """A joint's place in q. kind: "free", "slide", "turn", "endless" (cosine, sine), "planar" (x, y, cosine, sine) or
+    "other"."""
 
     name: str
     kind: str
@@ -33,6 +34,8 @@ def joint_entries(body: Body) -> Iterator[JointEntry]:
             kind = "endless"
         elif count == 1:
             kind = "slide" if short.startswith("JointModelP") else "turn"
+        elif short == "JointModelPlanar":
+            kind = "planar"
         else:
             kind = "other"
         yield JointEntry(name, kind, int(model.idx_qs[j]), count)
@@ -55,23 +58,32 @@ def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.
 
     Position and joints have the names and values that they have in q. The root's quaternion becomes three turns about
     OpenSim's Z, X and Y in this order, those of the pelvis in its gait models. With OpenSim's ground y up, `root_x`,
-    `root_z` and `root_y` are along its X, Y and -Z.
+    `root_z` and `root_y` are along its X, Y and -Z. A joint in a plane has its two lengths and one turn, `NAME_turn`.
     """
     names: list[str] = []
     columns: list[np.ndarray] = []
     for entry in joint_entries(body):
         part = q[:, entry.start : entry.start + entry.count]
+        names += opensim_names(body, entry)
         if entry.kind == "free":
-            names += [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
             columns += [*_turns(part[:, 3:]).T, *part[:, :3].T]
         elif entry.kind == "other":
-            names += body.q_names[entry.start : entry.start + entry.count]
             columns += list(part.T)
+        elif entry.kind == "planar":
+            columns += [*part[:, :2].T, np.rad2deg(_unwrapped(np.arctan2(part[:, 3], part[:, 2])))]
         else:
             angle = _unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]
-            names.append(entry.name)
             columns.append(angle if entry.kind == "slide" else np.rad2deg(angle))
     return tuple(names), np.stack(columns, axis=1)
+
+
+def opensim_names(body: Body, entry: JointEntry) -> list[str]:
+    """What the coordinates of a joint are called in files for OpenSim, in their order there."""
+    if entry.kind == "free":
+        return [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
+    if entry.kind == "planar":
+        return [f"{entry.name}_{own}" for own in ("x", "y", "turn")]
+    return list(body.q_names[entry.start : entry.start + entry.count]) if entry.kind == "other" else [entry.name]
 
 
 def _turns(quaternion: np.ndarray) -> np.ndarray:

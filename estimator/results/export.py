@@ -1,4 +1,4 @@
-"""Runs as files for other programs: npz, csv, trc, mot.
+"""Runs as files for other programs: npz, csv, trc, mot, osim.
 
 A run that is not finished is exported as far as it goes.
 """
@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from estimator.formats.opensim import write_mot, write_trc
+from estimator.formats.osim import write_osim
 from estimator.results.coordinates import opensim_coordinates, q_columns
+from estimator.results.opensim_model import opensim_model
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
 from humanoid.subject.joint_names import joint_names
@@ -92,5 +94,11 @@ def _mot(run: Run, path: Path, name: str) -> None:
     write_mot(path, names, values, run.time, title=Path(name).stem)
 
 
-FORMATS: dict[str, Callable[[Run, Path, str], None]] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot}
+def _osim(run: Run, path: Path, name: str) -> None:
+    write_osim(path, opensim_model(run.body, Path(name).stem))
+
+
+FORMATS: dict[str, Callable[[Run, Path, str], None]] = {
+    "npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "osim": _osim,
+}  # fmt: skip
 """Writers by format name: run, file to write, name the file will have."""
