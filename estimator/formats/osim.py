@@ -1,8 +1,8 @@
 """OpenSim's model files (.osim, version 4): bodies, joints, coordinates and markers as they are written.
 
-Everything here is in OpenSim's axes (y up), metres, kilograms and radians. The elements are those of OpenSim's reference
-(Seth et al., OpenSim: Simulating musculoskeletal dynamics and neuromuscular control to study human and animal movement,
-PLoS Computational Biology 14(7), 2018, and its Doxygen pages: CustomJoint, SpatialTransform, PhysicalOffsetFrame).
+Everything here is in OpenSim's axes (y up), metres, kilograms and radians. The elements are those of OpenSim's
+reference pages (CustomJoint, SpatialTransform, PhysicalOffsetFrame); the program: A. Seth et al., OpenSim: Simulating
+musculoskeletal dynamics and neuromuscular control to study human and animal movement, PLoS Comput. Biol. 14(7), 2018.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Shape:
-    """What is displayed of a segment: an ellipsoid with half-axes size (3,), or a cylinder along its own y axis with size
-    (radius, half height) [m]; place: in the segment's frame."""
+    """What is displayed of a segment: an ellipsoid with half-axes size (3,), or a cylinder along its own y axis with
+    size (radius, half height) [m]; place: in the segment's frame."""
 
     size: tuple[float, ...]
     place: Place
@@ -52,8 +52,8 @@ class Segment:
 
 @dataclass(frozen=True)
 class Axis:
-    """A coordinate [rad or m] that turns about, or slides along, a direction (3,); outside of limits (None where there
-    are none) it is clamped."""
+    """A coordinate [rad or m] that turns about, or slides along, a direction (3,); it stays inside limits, None where
+    there are none."""
 
     coordinate: str
     direction: np.ndarray
@@ -65,9 +65,9 @@ class Axis:
 class Joint:
     """What carries `child` on `parent` (names of segments, `GROUND` for the world).
 
-    on_parent, on_child: the joint's frames in those of the segments. In on_parent the child first slides along `slides`,
-    then turns about `turns`, each about its direction as the turns before have left it; three at most of either. Without
-    any the child is welded.
+    on_parent, on_child: the joint's frames in those of the segments. In on_parent the child first slides along
+    `slides`, then turns about `turns`, each about its direction as the turns before have left it; three at most of
+    either. Without any the child is welded.
     """
 
     name: str
@@ -221,7 +221,7 @@ def _frame(name: str, parent: str, place: Place) -> ET.Element:
 
 
 def body_xyz(R: np.ndarray) -> np.ndarray:
-    """Turns (3,) [rad] about x, y, z in this order, each about the axis as the turns before have left it: Rx Ry Rz = R."""
+    """Turns (3,) [rad] about x, y, z, each about the axis as the turns before have left it: Rx Ry Rz = R."""
     b = np.arctan2(R[0, 2], np.hypot(R[0, 0], R[0, 1]))
     if np.hypot(R[0, 0], R[0, 1]) < 1e-9:  # x and z then turn about one line: all of it is given to x
         return np.array([np.arctan2(R[2, 1], R[1, 1]), b, 0.0])

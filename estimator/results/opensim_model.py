@@ -1,14 +1,14 @@
 """A body as an OpenSim model, whose coordinates are those of the motion files (`coordinates.opensim_coordinates`).
 
-Every frame is turned from our axes (z up) to OpenSim's (y up) in the same way, so that a segment that stands upright has
-OpenSim's axes: x forward, y up, z to the right. Angles and lengths then stay what they are.
+Every frame is turned from our axes (z up) to OpenSim's (y up) in the same way, so that a segment that stands upright
+has OpenSim's axes: x forward, y up, z to the right. Angles and lengths then stay what they are.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import takewhile
 
 import numpy as np
 import pinocchio as pin
@@ -127,9 +127,10 @@ def _joint(body: Body, group: _Group, parent: str, child: str) -> Joint:
 
 
 def _joint_name(group: _Group) -> str:
-    """What the names of the joints begin with, up to an underscore: left_hip for left_hip_flexion, ..."""
-    shared = os.path.commonprefix([f"{entry.name}_" for entry in group.entries])
-    return component_name(shared.rpartition("_")[0] or group.entries[0].name)
+    """The words that the names of the joints begin with: left_hip for left_hip_flexion, ..."""
+    words = zip(*(entry.name.split("_") for entry in group.entries), strict=False)
+    shared = [each[0] for each in takewhile(lambda each: len(set(each)) == 1, words)]
+    return component_name("_".join(shared) or group.entries[0].name)
 
 
 def _free_axes(names: list[str], place: np.ndarray) -> tuple[tuple[Axis, ...], tuple[Axis, ...]]:

@@ -35,7 +35,7 @@ class Mass(NamedTuple):
 
 
 def segment_masses(body: Body) -> tuple[dict[int, Mass], str]:
-    """The mass that each joint moves by itself, by its number (0 for what does not move), and a sentence on its source."""
+    """The mass that each joint carries itself, by its number (0 for what does not move), and where it comes from."""
     links = links_of(body)
     if sum(inertia.mass for inertia in body.model.inertias) > 0.0:
         return {j: _of_file(body.model.inertias[j]) for j in links}, "Masses and inertias are those of the URDF."
