@@ -70,9 +70,9 @@ def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.
         elif entry.kind == "other":
             columns += list(part.T)
         elif entry.kind == "planar":
-            columns += [*part[:, :2].T, np.rad2deg(_unwrapped(np.arctan2(part[:, 3], part[:, 2])))]
+            columns += [*part[:, :2].T, np.rad2deg(unwrapped(np.arctan2(part[:, 3], part[:, 2])))]
         else:
-            angle = _unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]
+            angle = unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]
             columns.append(angle if entry.kind == "slide" else np.rad2deg(angle))
     return tuple(names), np.stack(columns, axis=1)
 
@@ -96,15 +96,19 @@ def _turns(quaternion: np.ndarray) -> np.ndarray:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     ).transpose(2, 0, 1)
-    R = R_OPENSIM_WORLD @ R @ R_OPENSIM_WORLD.T
+    tilt, sideways, turn = turns_zxy(R_OPENSIM_WORLD @ R @ R_OPENSIM_WORLD.T).T
+    return np.rad2deg(np.stack([unwrapped(tilt), sideways, unwrapped(turn)], axis=1))
+
+
+def turns_zxy(R: np.ndarray) -> np.ndarray:
+    """Turns (T, 3) [rad] about z, x, y in this order with Rz Rx Ry = R (T, 3, 3); the second within a right angle."""
     tilt = np.arctan2(-R[:, 0, 1], R[:, 1, 1])
     sideways = np.arcsin(np.clip(R[:, 2, 1], -1.0, 1.0))
-    turn = np.arctan2(-R[:, 2, 0], R[:, 2, 2])
-    return np.rad2deg(np.stack([_unwrapped(tilt), sideways, _unwrapped(turn)], axis=1))
+    return np.stack([tilt, sideways, np.arctan2(-R[:, 2, 0], R[:, 2, 2])], axis=1)
 
 
-def _unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles without jumps of a whole turn; frames without a value stay so."""
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles (T,) [rad] without jumps of a whole turn; frames without a value stay so."""
     out = angle.copy()
     known = np.isfinite(angle)
     out[known] = np.unwrap(angle[known])

@@ -1,4 +1,4 @@
-"""Runs as files for other programs: npz, csv, trc, mot, osim.
+"""Runs as files for other programs: npz, csv, trc, mot, osim, and mot in the coordinates of gait models.
 
 A run that is not finished is exported as far as it goes.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from estimator.formats.opensim import write_mot, write_trc
 from estimator.formats.osim import write_osim
 from estimator.results.coordinates import opensim_coordinates, q_columns
+from estimator.results.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.results.opensim_model import opensim_model
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
@@ -94,11 +96,19 @@ def _mot(run: Run, path: Path, name: str) -> None:
     write_mot(path, names, values, run.time, title=Path(name).stem)
 
 
+def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
+    title = GAIT_MODELS[model].title
+    names, values = gait_coordinates(run.body, run.q, GAIT_MODELS[model])
+    note = f"Coordinates of the OpenSim model {title}; what was not measured is 0."
+    write_mot(path, names, values, run.time, title=Path(name).stem, note=note)
+
+
 def _osim(run: Run, path: Path, name: str) -> None:
     write_osim(path, opensim_model(run.body, Path(name).stem))
 
 
 FORMATS: dict[str, Callable[[Run, Path, str], None]] = {
     "npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "osim": _osim,
+    **{f"{model}-mot": partial(_gait_mot, model) for model in GAIT_MODELS},
 }  # fmt: skip
 """Writers by format name: run, file to write, name the file will have."""

@@ -41,7 +41,9 @@ def opensim_model(body: Body, name: str) -> Model:
         carrier |= dict.fromkeys(group.numbers, group.last)
         before = int(body.model.parents[group.numbers[0]])
         parent = GROUND if before == 0 and body.has_free_root else names[carrier[before]]
-        joints.append(_joint(body, group, parent, names[group.last]))
+        made = _joint(body, group, parent, names[group.last])
+        again = made.name in {joint.name for joint in joints}
+        joints.append(replace(made, name=component_name(group.entries[0].name)) if again else made)
         segments.append(_segment(body, group.last, names[group.last], masses[group.last]))
     markers = [
         Marker(landmark, names[carrier[int(j)]], R_OPENSIM_WORLD @ place)
