@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from kinemode.notices import FindingWarning, InputWarning
     from kinemode.public.clips import annotate, render
     from kinemode.public.indexing import train_index
-    from kinemode.public.results import evaluate, export, open_run, overlay, view
+    from kinemode.public.results import evaluate, export, gait, open_run, overlay, view
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -53,6 +53,7 @@ _MODULES = {
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
+    "gait": "kinemode.public.results",
     "load_cameras": "estimator.formats.cameras",
     "load_keypoints": "estimator.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
@@ -87,6 +88,7 @@ __all__ = [
     "evaluate",
     "export",
     "fit",
+    "gait",
     "load_cameras",
     "load_keypoints",
     "load_subject",

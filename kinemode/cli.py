@@ -60,6 +60,7 @@ for command in (
     results.overlay,
     results.explain,
     results.export,
+    results.gait,
     results.evaluate,
     version,
 ):

@@ -1,9 +1,9 @@
 """A person's motion in the coordinates of the common gait models of OpenSim, joint by joint as docs/opensim.md says.
 
 Their segments stand with x forward, y up and z to the right, and so do ours, read in OpenSim's axes, where the subject
-stands with hanging arms and elbows that would bend forward. What a coordinate is follows from the rotation of a segment in
-its parent alone: three turns about z, x and y in this order, as their pelvis, hips, back and shoulders have it, or the
-turn about an axis that comes nearest to the rotation.
+stands with hanging arms and elbows that would bend forward. What a coordinate is follows from the rotation of a segment
+in its parent alone: three turns about z, x and y in this order, as their pelvis, hips, back and shoulders have it, or
+the turn about an axis that comes nearest to the rotation.
 
 The models: gait2392 (S. Delp et al., IEEE Trans. Biomed. Eng. 37(8), 1990, and the files of OpenSim) and Rajagopal2016
 (A. Rajagopal et al., IEEE Trans. Biomed. Eng. 63(10), 2016), from which the models of OpenCap and Pose2Sim were made.
@@ -30,8 +30,8 @@ _SIDES = (("right", "r"), ("left", "l"))
 class GaitModel:
     """What is special to a model.
 
-    title: what its files are called by. knee_axis: positive turns about it are positive angles. mid_hip: the middle of its
-    hips in the pelvis [m]. arms: whether it has them. patella: whether a coordinate of its own repeats the knee's.
+    title: what its files are called by. knee_axis: positive turns about it are positive angles. mid_hip: the middle of
+    its hips in the pelvis [m]. arms: whether it has them. patella: whether a coordinate of its own repeats the knee's.
     """
 
     title: str
@@ -140,7 +140,7 @@ class _Segments:
 
 
 def turn_about(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """The turns (T,) [rad] about a unit axis (3,) that come nearest to rotations (T, 3, 3): that leave the least angle."""
+    """The turns (T,) [rad] about an axis (3,) that leave the least angle to rotations (T, 3, 3)."""
     twice_sine = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
     unit = axis / np.linalg.norm(axis)
     along = np.einsum("i,tij,j->t", unit, R, unit)
