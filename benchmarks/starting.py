@@ -34,6 +34,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "overlay, no such run": ("overlay", RUN, "--out", "a.mp4"),
     "explain, no such run": ("explain", RUN, "--frame", "0"),
     "export, no such run": ("export", RUN, "a.csv"),
+    "gait, no such run": ("gait", RUN),
     "evaluate, no such run": ("evaluate", RUN, "--reference", FILE),
 }
 """By what is measured: arguments of the command line, or of Python."""

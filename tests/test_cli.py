@@ -24,7 +24,7 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "cues", "view",
-    "overlay", "explain", "export", "evaluate", "train-index", "version",
+    "overlay", "explain", "export", "evaluate", "gait", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6
 

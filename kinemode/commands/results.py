@@ -117,8 +117,8 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
 def gait(run: Path, /, *, out: Path | None = None) -> None:
     """Tell heel strikes, toe-offs and strides of a person who walks.
 
-    By where the feet are relative to the hips (Zeni et al. 2008), of the best hypothesis. Where nobody walks, or the clip
-    is too short for a stride, it says so.
+    By where the feet are relative to the hips (Zeni et al. 2008), of the best hypothesis. Where nobody walks, or the
+    clip is too short for a stride, it says so.
 
     Example: kinemode gait walk.run --out strides.csv
 

@@ -108,7 +108,7 @@ def gait(run: RunLike) -> Gait:
     """When the feet of a run's best hypothesis touch and leave the ground, and the strides of walking between.
 
     Heel strikes and toe-offs by Zeni et al., Gait & Posture 27(4), 2008, from heels, toes and hips in the world, z up;
-    see `estimator.results.gait.events` for the method and `estimator.results.gait.strides.Stride` for what a stride has.
+    see `estimator.results.gait.events` for the method, `estimator.results.gait.strides.Stride` for what a stride has.
     Where nobody walks there are no strides, and `remark` says why.
 
     Parameters

@@ -12,6 +12,7 @@ from rich.table import Table
 from estimator.fitting.fit import Fit, ShapeFit
 from estimator.likelihood.registry import CUES
 from estimator.results.evaluation import LIMB_JOINTS, Evaluation
+from estimator.results.gait.gait import Gait
 from estimator.results.run_file import Run
 from estimator.results.shared_landmarks import CENTRED
 from estimator.tracking.registry import TRACKERS

@@ -13,6 +13,7 @@ from estimator.results.gait.strides import Stride, strides_of, write_strides
 from estimator.results.run_reader import Run
 from humanoid.support.errors import InputError
 
+_NEAR = 1.5  # s, between an event and a stride
 _LEAST_SECONDS, _LEAST_FRAMES = 1.0, 15
 _PARTS = ("heel", "big_toe")
 _RUNNING = 2.3  # m/s; people walk more slowly
@@ -44,7 +45,10 @@ def gait_of_run(run: Run) -> Gait:
 def gait_of_landmarks(
     time: np.ndarray, names: Sequence[str], points: np.ndarray, sure: np.ndarray | None = None
 ) -> Gait:
-    """Gait from landmarks (T, L, 3) [m] by name at times (T,) [s], z up; sure (T,) bool: frames to be relied on."""
+    """Gait from landmarks (T, L, 3) [m] by name at times (T,) [s], z up; sure (T,) bool: frames to be relied on.
+
+    Events that no stride is near are left out.
+    """
     index = {name: i for i, name in enumerate(names)}
     heel, toe = ({side: points[:, index[f"{side}_{part}"]] for side in SIDES} for part in _PARTS)
     feet = Feet(time, points[:, index["mid_hip"]], heel, toe)
@@ -55,7 +59,8 @@ def gait_of_landmarks(
     smooth = filtered(feet)
     events = [event for event in gait_events(smooth) if known[event.frame]]
     strides = strides_of(smooth, events, known, ~sure if sure is not None else np.zeros(len(time), dtype=bool))
-    return Gait(tuple(events), tuple(strides), _remark(smooth, events, strides))
+    told = [e for e in events if any(s.start - _NEAR <= e.time <= s.end + _NEAR for s in strides)]
+    return Gait(tuple(told), tuple(strides), _remark(smooth, events, strides))
 
 
 def _remark(feet: Feet, events: Sequence[Event], strides: Sequence[Stride]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +25,10 @@ _MIDDLE = (0.25, 0.6)  # of the stance, in which all of the foot is on the groun
 class Stride:
     """side: the foot. start, off, end [s]: it strikes, leaves the ground, strikes again. seconds: how long that takes.
 
-    length [m]: from the heel's place at the first strike to that at the second, level. width [m]: how far the other heel
-    is from the line between them when it strikes, to its own side; negative where the feet cross. speed [m/s]: length by
-    seconds. cadence [steps/min]: two steps a stride. stance, swing [%]: of the stride. unsure: frames in it that the
-    tracker was not sure of.
+    length [m]: from the heel's place at the first strike to that at the second, level. width [m]: how far the other
+    heel is from the line between them when it strikes, to its own side; negative where the feet cross. speed [m/s]:
+    length by seconds. cadence [steps/min]: two steps a stride. stance, swing [%]: of the stride. unsure: frames in it
+    that the tracker was not sure of.
     """
 
     side: Side
@@ -60,7 +61,7 @@ def strides_of(feet: Feet, events: Sequence[Event], known: np.ndarray, unsure: n
     strides = []
     for side in SIDES:
         strikes = [event for event in events if event.side == side and event.kind == "strike"]
-        for first, last in zip(strikes, strikes[1:], strict=False):
+        for first, last in pairwise(strikes):
             between = [event for event in events if first.time < event.time < last.time]
             offs = [event for event in between if event.side == side]
             others = [event for event in between if event.side != side and event.kind == "strike"]
@@ -87,7 +88,7 @@ def _stride(feet: Feet, first: Event, off: Event, other: Event, last: Event, uns
 
 
 def _walks(feet: Feet, stride: Stride, other: Event, rows: slice) -> bool:
-    """Whether it is a stride at all: in its times and lengths, and with the foot on the ground while the body moves on."""
+    """Whether its times and lengths are those of a stride, and the foot stands while the body moves on."""
     step = (other.time - stride.start) / stride.seconds
     _, speed = walking_direction(feet)
     times = stride.start + np.array(_MIDDLE) * (stride.off - stride.start)
