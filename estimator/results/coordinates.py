@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.formats.opensim import R_OPENSIM_WORLD
+from estimator.formats.osim import component_name
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_names
 
@@ -79,11 +80,14 @@ def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.
 
 def opensim_names(body: Body, entry: JointEntry) -> list[str]:
     """What the coordinates of a joint are called in files for OpenSim, in their order there."""
+    names = [entry.name]
     if entry.kind == "free":
-        return [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
-    if entry.kind == "planar":
-        return [f"{entry.name}_{own}" for own in ("x", "y", "turn")]
-    return list(body.q_names[entry.start : entry.start + entry.count]) if entry.kind == "other" else [entry.name]
+        names = [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
+    elif entry.kind == "planar":
+        names = [f"{entry.name}_{own}" for own in ("x", "y", "turn")]
+    elif entry.kind == "other":
+        names = list(body.q_names[entry.start : entry.start + entry.count])
+    return [component_name(name) for name in names]
 
 
 def _turns(quaternion: np.ndarray) -> np.ndarray:

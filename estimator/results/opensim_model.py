@@ -115,7 +115,7 @@ def _joint(body: Body, group: _Group, parent: str, child: str) -> Joint:
     if kind == "free":
         turns, slides = _free_axes(opensim_names(body, first), body.neutral[first.start : first.start + 3])
     elif kind == "planar":
-        x, y, turn = map(component_name, opensim_names(body, first))
+        x, y, turn = opensim_names(body, first)
         turns = (Axis(turn, R_OPENSIM_WORLD[:, 2]),)
         slides = (Axis(x, R_OPENSIM_WORLD[:, 0]), Axis(y, R_OPENSIM_WORLD[:, 1]))
     else:
@@ -137,7 +137,7 @@ def _joint_name(group: _Group) -> str:
 
 def _free_axes(names: list[str], place: np.ndarray) -> tuple[tuple[Axis, ...], tuple[Axis, ...]]:
     """Turns about OpenSim's Z, X and Y in this order; lengths along our x, y and z."""
-    tilt, sideways, turn, *lengths = map(component_name, names)
+    tilt, sideways, turn, *lengths = names
     z, x, y = np.eye(3)[[2, 0, 1]]
     slides = tuple(
         Axis(name, direction, float(start))
@@ -147,7 +147,7 @@ def _free_axes(names: list[str], place: np.ndarray) -> tuple[tuple[Axis, ...], t
 
 
 def _limited(body: Body, entry: JointEntry, direction: np.ndarray) -> Axis:
-    name, i = component_name(entry.name), entry.start
+    (name,), i = opensim_names(body, entry), entry.start
     if entry.kind == "endless":
         return Axis(name, direction, float(np.arctan2(body.neutral[i + 1], body.neutral[i])))
     ends = float(body.lower[i]), float(body.upper[i])

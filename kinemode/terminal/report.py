@@ -121,7 +121,7 @@ def print_gait(gait: Gait) -> None:
             rest = (f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.swing:.0f}", str(s.unsure))
             made.add_row(s.side, *(f"{value:.2f}" for value in row), *rest)
         out.print(made)
-    for kind, words in (("strike", "heel strikes"), ("off", "toe-offs")):
+    for kind, words in () if not gait.events else (("strike", "heel strikes"), ("off", "toe-offs")):
         for side in ("left", "right"):
             times = [f"{e.time:.2f}" for e in gait.events if (e.kind, e.side) == (kind, side)]
             out.print(f"{side} {words} [s]: {', '.join(times) or 'none'}", soft_wrap=True)
