@@ -64,6 +64,7 @@ for command in (
     results.report,
     results.explain,
     results.export,
+    results.gait,
     results.evaluate,
     version,
 ):
