@@ -44,7 +44,7 @@ JOINTS_OF_ALL_KINDS = """<robot name="all kinds"><link name="base plate"/>
 <link name="d"/>
 <landmark name="on plate" link="base plate" xyz="0.1 0 0"/><landmark name="on cart" link="cart" xyz="0 0.1 0"/>
 <landmark name="on wheel" link="wheel" xyz="0.1 0.2 0.3"/><landmark name="on lift" link="lift" xyz="0 0 0.1"/>
-<landmark name="on b" link="b" xyz="0.3 -0.1 0.2"/><landmark name="on d" link="d" xyz="0.1 0.1 -0.2"/>
+<landmark name="on c" link="c" xyz="0.3 -0.1 0.2"/><landmark name="on d" link="d" xyz="0.1 0.1 -0.2"/>
 </robot>"""
 
 
