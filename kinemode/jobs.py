@@ -231,18 +231,23 @@ def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, 
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
         results = list(Run.open(target.path))  # as stored, so that a resumed run is told the same
-        leapt = leap_note(leaps(tracker.body, results))
         if job.settings.smooth.enabled and isinstance(tracker, HasEnergy):
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
                 )
             writer.put_smoothed(smoothed)
-        begun = note_on_beginning(job.tracker, results)
-        against = (*begun, *([leapt] if leapt else []), *diagnosed(Run.open(target.path)))
+        against = said_against(Run.open(target.path))
         writer.put_findings(against)
         writer.finish()
     return against
+
+
+def said_against(run: Run) -> tuple[str, ...]:
+    """What a run whose frames are all there says against its subject or its input."""
+    results = list(run)
+    leapt = leap_note(leaps(run.body, results))
+    return (*note_on_beginning(run.header.tracker, results), *([leapt] if leapt else []), *diagnosed(run))
 
 
 def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:

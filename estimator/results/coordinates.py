@@ -16,18 +16,35 @@ from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_
 @dataclass(frozen=True)
 class JointEntry:
     """A joint's place in q. kind: "free", "slide", "turn", "endless" (cosine, sine), "planar" (x, y, cosine, sine) or
-    "other"."""
+    "other".
+
+    A joint that follows another has its master's place, and is multiplier times its entry, plus offset.
+    """
 
     name: str
     kind: str
     start: int
     count: int
+    multiplier: float = 1.0
+    offset: float = 0.0
+    follows: bool = False
+
+    def of(self, q: np.ndarray) -> np.ndarray:
+        """The joint's entries (T, count) of q (T, nq)."""
+        own = q[:, self.start : self.start + self.count]
+        return self.multiplier * own + self.offset if self.follows else own
 
 
 def joint_entries(body: Body) -> Iterator[JointEntry]:
-    """The joints of a body in the order of q."""
+    """The joints of a body in the order of its model, which is that of q; those that follow others among them."""
     model = body.model
+    mimics = {mimic.joint: mimic for mimic in body.subject.mimics}
     for j, name in enumerate(joint_names(model), 1):
+        if name in mimics:
+            m = mimics[name]
+            kind = "slide" if m.slides else "turn"
+            yield JointEntry(name, kind, int(model.idx_qs[j]), 1, m.multiplier, m.offset, follows=True)
+            continue
         count, short = int(model.nqs[j]), model.joints[j].shortname()
         if count == 7:
             kind = "free"
@@ -46,12 +63,21 @@ def q_columns(body: Body) -> tuple[str, ...]:
     """A name with its unit for each entry of q: `root_x_m`, `root_qw`, `left_knee_flexion_rad`."""
     names = list(body.q_names)
     for entry in joint_entries(body):
+        if entry.follows:
+            continue
         lengths = {"free": 3, "slide": 1}.get(entry.kind, 0)
         for k in range(entry.start, entry.start + lengths):
             names[k] += "_m"
         if entry.kind == "turn":
             names[entry.start] += "_rad"
     return tuple(names)
+
+
+def follower_columns(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
+    """Names with units (F) and values (T, F) [rad or m] of the joints that follow others, from q (T, nq)."""
+    entries = [entry for entry in joint_entries(body) if entry.follows]
+    names = tuple(entry.name + ("_m" if entry.kind == "slide" else "_rad") for entry in entries)
+    return names, np.concatenate([np.zeros((len(q), 0)), *(entry.of(q) for entry in entries)], axis=1)
 
 
 def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.ndarray]:
@@ -64,7 +90,7 @@ def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.
     names: list[str] = []
     columns: list[np.ndarray] = []
     for entry in joint_entries(body):
-        part = q[:, entry.start : entry.start + entry.count]
+        part = entry.of(q)
         names += opensim_names(body, entry)
         if entry.kind == "free":
             columns += [*_turns(part[:, 3:]).T, *part[:, :3].T]

@@ -85,7 +85,7 @@ def _groups(body: Body) -> Iterator[_Group]:
         if entry.kind == "other":
             problem = f"the joint {entry.name} neither turns nor slides, which an OpenSim model cannot have"
             raise InputError(body.subject.source, problem, remedy="export it as mot or npz")
-        own = _axis(body.model.joints[j])
+        own = _axis(body.model.joints[j], entry)
         turned = np.eye(3) if group is None else group.turned @ body.model.jointPlacements[j].rotation
         if group is not None and group.takes(body, j, entry, turned @ own):
             numbers, entries = (*group.numbers, j), (*group.entries, entry)
@@ -98,15 +98,15 @@ def _groups(body: Body) -> Iterator[_Group]:
         yield group
 
 
-def _axis(joint: pin.JointModel) -> np.ndarray:
+def _axis(joint: pin.JointModel, entry: JointEntry) -> np.ndarray:
     """The direction (3,) about which a joint with one degree of freedom turns, or along which it slides; else zero."""
     data = joint.createData()
-    if joint.nv != 1:
+    if joint.nv != 1 and not entry.follows:
         return np.zeros(3)
-    at_zero = np.zeros(joint.idx_q + joint.nq)
-    at_zero[joint.idx_q] = float(joint.nq == 2)  # the cosine of an endless turn
+    at_zero = np.zeros(entry.start + entry.count)
+    at_zero[entry.start] = float(entry.kind == "endless")  # the cosine
     joint.calc(data, at_zero)
-    motion = np.asarray(data.S).reshape(6)
+    motion = np.asarray(data.S).reshape(6) / entry.multiplier  # a follower's is its master's motion
     return np.asarray(motion[:3] + motion[3:])  # one of them is zero
 
 
@@ -150,8 +150,9 @@ def _limited(body: Body, entry: JointEntry, direction: np.ndarray) -> Axis:
     (name,), i = opensim_names(body, entry), entry.start
     if entry.kind == "endless":
         return Axis(name, direction, float(np.arctan2(body.neutral[i + 1], body.neutral[i])))
-    ends = float(body.lower[i]), float(body.upper[i])
-    return Axis(name, direction, float(body.neutral[i]), ends if np.isfinite(ends).all() else None)
+    rest, low, high = entry.of(np.array([body.neutral, body.lower, body.upper]))[:, 0].tolist()
+    ends = min(low, high), max(low, high)
+    return Axis(name, direction, rest, ends if np.isfinite(ends).all() else None)
 
 
 def _segment(body: Body, joint: int, name: str, mass: Mass) -> Segment:

@@ -13,6 +13,7 @@ import numpy as np
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import KeypointTrack, load_people
+from estimator.formats.keypoints_layouts import KINDS
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from estimator.media.clip import Clip
@@ -34,7 +35,7 @@ from kinemode.terminal.program import command
 if TYPE_CHECKING:
     from kinemode.inputs.files import Cameras
 
-KEYPOINT_FORMATS = "read are MediaPipe 33 JSON, OpenPose folders (BODY_25, COCO 18), COCO 17 and Halpe 26 JSON"
+KEYPOINT_FORMATS = f"read are {KINDS}"
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,17 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     return Inputs(observations, line.times, clips, tuple(notes), masks, backgrounds, frames, rights, depths)
 
 
+def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[Camera, tuple[str, ...]]:
+    """The camera of pictures of a size, by name, and notes, as `load_inputs` has it for a single clip.
+
+    chosen: the user wrote the name. Raises InputError as `load_inputs` does.
+    """
+    outline = {name: KeypointTrack("none", (), np.zeros((0, 0, 2)), np.zeros((0, 0)), size)}
+    named = frozenset(outline) if chosen else frozenset()
+    _, used, notes = _one_size(outline, {name: size}, _KnownCameras.of(given), named, Declared())
+    return used[name], tuple(notes)
+
+
 class _KnownCameras(NamedTuple):
     """The cameras that are given, by name, None for none; source: the file they are from, for errors."""
 
@@ -135,7 +147,8 @@ class _KnownCameras(NamedTuple):
 
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
     clicks = command("annotate", next(iter(clips.values()), Path("CLIP")))
-    remedy = f"click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
+    by_us = "find them: --detect; " if clips else ""
+    remedy = f"{by_us}click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
     return InputError("keypoints", "are needed, of one frame at least, to find the first pose", remedy=remedy)
 
 
@@ -216,7 +229,7 @@ def _cameras(
         return chosen, notes
     if len(tracks) > 1:
         problem = f"several views ({', '.join(tracks)}) need their placements"
-        raise InputError("cameras", problem, remedy="give a camera file: JSON with K, distortion, R and t of each")
+        raise InputError("cameras", problem, remedy="give a camera file; `kinemode calibrate` makes one")
     ((name, track),) = tracks.items()
     size = sizes[name]
     if size is None:
