@@ -41,7 +41,11 @@ JOINTS_OF_ALL_KINDS = """<robot name="all kinds"><link name="base plate"/>
   <axis xyz="0 1 0.01"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
 <link name="c"/>
 <joint name="loose" type="floating"><parent link="c"/><child link="d"/><origin xyz="0 0 0.3" rpy="0 0 1"/></joint>
-<link name="d"/></robot>"""
+<link name="d"/>
+<landmark name="on plate" link="base plate" xyz="0.1 0 0"/><landmark name="on cart" link="cart" xyz="0 0.1 0"/>
+<landmark name="on wheel" link="wheel" xyz="0.1 0.2 0.3"/><landmark name="on lift" link="lift" xyz="0 0 0.1"/>
+<landmark name="on c" link="c" xyz="0.3 -0.1 0.2"/><landmark name="on d" link="d" xyz="0.1 0.1 -0.2"/>
+</robot>"""
 
 
 def fitted() -> Body:
@@ -124,7 +128,9 @@ def test_turns_about_one_point_are_one_joint(tmp_path: Path) -> None:
     assert joints["lumbar"] == ["lumbar_lateral", "lumbar_axial"]
     assert len(set(joints)) == len(read.joints) == len(read.segments) == 16
     parts = OsimModel(written(all_kinds(tmp_path), tmp_path, all_kinds(tmp_path).neutral[None])[0])
-    assert {"yaw", "pitch_again"} <= {joint.get("name") for joint in parts.joints}  # two axes that are nearly one
+    apart = [[c.get("name") for c in joint.iter("Coordinate")] for joint in parts.joints]
+    assert ["yaw", "pitch"] in apart  # with a fixed turn between them
+    assert ["pitch_again"] in apart  # whose axis is nearly the same
 
 
 def test_coordinates_keep_the_limits_and_start_at_rest(tmp_path: Path) -> None:
@@ -175,15 +181,34 @@ def test_masses_of_an_adult_where_the_urdf_has_none(tmp_path: Path) -> None:
         moments = numbers(segment, "inertia")
         assert np.linalg.eigvalsh(np.diag(moments[:3]))[0] > 0.0
         assert moments[:3].max() < moments[:3].sum() - moments[:3].max()  # as of any body with an extent
+    body_part = np.concatenate(
+        [inside(flesh.size, placed) for flesh, placed in flesh_of(body, joint_of(body, "left_foot"))]
+    )
+    spread = (body_part - body_part.mean(axis=0)) @ R_OPENSIM_WORLD.T
+    tensor = mass["left_foot"] * (np.mean(spread**2) * 3.0 * np.eye(3) - spread.T @ spread / len(spread))
+    foot = read.segments["left_foot"]
+    np.testing.assert_allclose(numbers(foot, "mass_center"), R_OPENSIM_WORLD @ body_part.mean(axis=0), atol=1e-3)
+    np.testing.assert_allclose(numbers(foot, "inertia")[:3], np.diag(tensor), rtol=0.03)
     assert "65 kg" in (read.model.findtext("credits") or "")
     assert "those of the URDF" in opensim_model(body_named("example-robot-data:panda", tmp_path), "a").credits
+
+
+def joint_of(body: Body, link: str) -> int:
+    return int(body.model.frames[body.model.getFrameId(link)].parentJoint)
+
+
+def inside(size: tuple[float, float, float], placed: pin.SE3) -> np.ndarray:
+    """Points spread evenly in an ellipsoid, as many as fit its volume, in the frame that it is placed in."""
+    rng, box = np.random.default_rng(5), np.array(size)
+    points = rng.uniform(-box, box, (round(1e8 * box.prod()), 3))
+    return points[np.square(points / box).sum(axis=1) < 1.0] @ placed.rotation.T + placed.translation
 
 
 def test_what_is_displayed_lies_where_the_flesh_does(tmp_path: Path) -> None:
     body = fitted()
     read = OsimModel(written(body, tmp_path, body.neutral[None])[0])
     (frame,) = read.segments["left_thigh"].iterfind("components/PhysicalOffsetFrame")
-    ((flesh, placed),) = flesh_of(body, int(body.landmark_joint[body.landmark_names.index("left_hip")]))
+    ((flesh, placed),) = flesh_of(body, joint_of(body, "left_thigh"))
     radii, shown = numbers(frame, "attached_geometry/Ellipsoid/radii"), offset(frame)
     for ours, theirs in ((2, 1), (0, 0), (1, 2)):  # our z is their y
         end = placed * (flesh.size[ours] * np.eye(3)[ours])
