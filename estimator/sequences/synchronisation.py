@@ -30,10 +30,11 @@ _TRUSTED = 0.5  # time in common at which half of what a lag says is believed [s
 _FLOOR = 0.003  # of the picture's longer side: keypoints are not better than this
 _SLOW = 0.02  # of the distance, per second: what is slower does not move
 _PEAK = 0.15  # other clocks are those that are further off [s]
-_BLOCKS = 8  # parts of the clip that are left out in turn
+_BLOCKS = 8  # parts of the clip, and of the body, that are left out in turn
+_INDEPENDENT = 30.0  # observations in a second whose errors have nothing to do with each other
 
 # What is relied on, as benchmarks/synchronisation.py measures it:
-SURE_MARGIN = 0.4  # a pair's clocks are better than all others by this
+SURE_MARGIN = 0.5  # a pair's clocks are better than all others by this
 SURE_DISTANCE = 0.02  # of the picture's longer side: its rays are not further from each other
 SURE_ERROR = 0.5  # frames of the slowest camera: standard error
 
@@ -196,32 +197,63 @@ def _at_lag(course: _Course, lag: int, stride: int) -> tuple[float, float, float
 
 
 def _refined(courses: Sequence[_Course], count: int, held: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Lags (C,) near 0 at which rays meet best, in steps before these were divided, and their standard errors: from
-    the lags without each part of the clip (the jackknife, Efron 1982)."""
+    """Lags (C,) near 0 at which rays meet best, in steps before these were divided, and their standard errors.
+
+    The errors are the largest of three: from the lags without each part of the clip, and without each part of the body
+    (the jackknife, Efron 1982), and from how sharp the least distance is. What a detector gets wrong of one joint it
+    gets wrong for long, so that in short clips the first tells too little.
+    """
+    by_time, by_joint = _parts_of_sums(courses)
+    pairs = np.array([(course.pair.a, course.pair.b) for course in courses])
+    lags = _best(by_time.sum(axis=0), pairs, count, held)
+    errors = [_blunt(by_time.sum(axis=0), courses, lags)]
+    for parts in (by_time, by_joint):
+        without = np.array([_best(parts.sum(axis=0) - part, pairs, count, held) for part in parts])
+        spread = np.square(without - without.mean(axis=0)).sum(axis=0)
+        errors.append(np.sqrt((len(parts) - 1) / len(parts) * spread) / _PARTS)
+    return lags / _PARTS, np.max(errors, axis=0)
+
+
+def _best(sums: np.ndarray, pairs: np.ndarray, count: int, held: Sequence[int]) -> np.ndarray:
+    """Lags (C,) in divided steps, from sums (P, 2, lags)."""
+    usable = (sums[:, 1] > 0.0).all(axis=1)
+    if not usable.any():
+        return np.zeros(count, dtype=np.int64)
+    table = sums[usable, 0] / sums[usable, 1]
+    return Lags(pairs[usable, 0], pairs[usable, 1], table, _NEAR * _PARTS).best(count, held)
+
+
+def _blunt(sums: np.ndarray, courses: Sequence[_Course], lags: np.ndarray) -> np.ndarray:
+    """Standard errors (C,), in steps, of an estimate with this curvature of the log-likelihood of one observation."""
+    information = np.zeros(len(lags))
+    for course, (above, below) in zip(courses, sums, strict=True):
+        begin, end = _in_common(course)
+        if (below > 0.0).all():
+            table, away = above / below, 2 * _PARTS
+            at = int(np.clip(lags[course.pair.b] - lags[course.pair.a] + _NEAR * _PARTS, away, len(table) - 1 - away))
+            rise = max(0.0, float(min(table[at - away], table[at + away]) - table[at]))
+            observations = _INDEPENDENT * (end - begin) * course.step
+            information[[course.pair.a, course.pair.b]] += observations * 0.5 * rise
+    return np.asarray(1.0 / np.sqrt(np.maximum(information, 1e-12)))
+
+
+def _parts_of_sums(courses: Sequence[_Course]) -> tuple[np.ndarray, np.ndarray]:
+    """Sums that distances are weighted means of, (parts, P, 2, lags): of the parts of the time that a pair has in
+    common, and of the parts of the body."""
     most = _NEAR * _PARTS
     stride = max(1, courses[0].count // _MOST_AT_THE_END)
-    sums = np.zeros((len(courses), 2, _BLOCKS, 2 * most + 1))
+    by_time = np.zeros((_BLOCKS, len(courses), 2, 2 * most + 1))
+    by_joint = np.zeros_like(by_time)
     for p, course in enumerate(courses):
         begin, end = _in_common(course)
         for lag in range(-most, most + 1):
             i = course.instants(lag, stride)
             block = np.clip((i - begin) * _BLOCKS // (end - begin), 0, _BLOCKS - 1)
             for k, values in enumerate(course.rays(lag, i)):
-                sums[p, k, :, lag + most] = np.bincount(block, values.sum(axis=1), _BLOCKS)
-    pairs = np.array([(course.pair.a, course.pair.b) for course in courses])
-
-    def best(kept: np.ndarray) -> np.ndarray:
-        above, below = sums[:, :, kept].sum(axis=2).transpose(1, 0, 2)
-        usable = (below > 0.0).all(axis=1)
-        if not usable.any():
-            return np.zeros(count)
-        table = above[usable] / below[usable]
-        return Lags(pairs[usable, 0], pairs[usable, 1], table, most).best(count, held) / _PARTS
-
-    every = np.arange(_BLOCKS)
-    without = np.array([best(every != block) for block in every])
-    spread = np.square(without - without.mean(axis=0)).sum(axis=0)
-    return best(every >= 0), np.sqrt((_BLOCKS - 1) / _BLOCKS * spread)
+                joint = np.arange(values.shape[1]) * _BLOCKS // values.shape[1]
+                by_time[:, p, k, lag + most] = np.bincount(block, values.sum(axis=1), _BLOCKS)
+                by_joint[:, p, k, lag + most] = np.bincount(joint, values.sum(axis=0), _BLOCKS)
+    return by_time, by_joint
 
 
 def _in_common(course: _Course) -> tuple[int, int]:
