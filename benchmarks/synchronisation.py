@@ -61,11 +61,11 @@ class Views:
         told = synchronised(self.cameras, self.pixels, self.times)
         frame = max(float(np.median(np.diff(of))) for of in self.times)
         truth = self.begins - self.begins[0]
+        errors = (told.offsets - truth) / frame
         return [
-            Clock(*(float(v) for v in ((told.offsets[c] - truth[c]) / frame,)), bool(told.sure[c]),
-                  float(told.margin[c]), float(told.errors[c] / frame), float(truth[c]))
+            Clock(float(errors[c]), bool(told.sure[c]), float(told.margin[c]), float(told.errors[c]) / frame, truth[c])
             for c in range(1, len(self.cameras))
-        ]  # fmt: skip
+        ]
 
 
 def shifts(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -47,6 +47,9 @@ class InputOptions:
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
         below for one that started early. What it shows at its own time t belongs to t + SECONDS.
+    sync
+        auto finds the offsets of cameras that none is given for, from what moves in their keypoints, up to 10 s, and
+        says how sure they are; what is not sure is refused.
     start
         Begin here, in seconds; frames before it are left out. Or `index`: the first pose comes from an index of
         examples, without keypoints; that takes depth.
@@ -64,6 +67,7 @@ class InputOptions:
     keypoint_size: Files = None
     fps: Files = None
     offset: Files = None
+    sync: Literal["off", "auto"] = "off"
     start: float | Literal["index"] | None = None
     end: float | None = None
 

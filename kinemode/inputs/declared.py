@@ -18,6 +18,8 @@ Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, in
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
 Offsets = str | Iterable[str] | Mapping[str, float] | None
 BY_INDEX = "index"
+OFF, SYNC = "off", "auto"
+SYNC_CHOICES = (OFF, SYNC)
 _SECONDS = "a number of seconds"
 _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 
@@ -31,6 +33,7 @@ class Declared:
     offset: by camera, seconds that its first frame was taken after the moment 0 of the common clock.
     keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
     start, end: of the part that is tracked, on the common clock [s].
+    sync: "auto" finds the offsets of cameras that none is given for, "off" takes them for 0.
     """
 
     keypoint_size: Sizes = None
@@ -38,6 +41,7 @@ class Declared:
     offset: Offsets = None
     start: float | str | None = None
     end: float | None = None
+    sync: str = OFF
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""

@@ -23,12 +23,13 @@ from estimator.sequences.timing import CameraClock, Timeline, timeline
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
-from kinemode.inputs.declared import Declared
+from kinemode.inputs.declared import SYNC, Declared
 from kinemode.inputs.depth import check_depths, check_together, pairs_of
 from kinemode.inputs.doubts import checked_agreement
 from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, InputFiles
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
+from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
@@ -96,6 +97,11 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
         _, used, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)
+    if told.sync == SYNC:
+        clocks, of_motion = synchronised_clocks(
+            body.landmark_names, people, _as_detected(outlines, used, told), clocks, persons, told
+        )
+        clock_notes += of_motion
     times = {name: clock.offset + clock.keypoints for name, clock in clocks.items()}
     tracks, choice_notes = outlines, tuple[str, ...]()
     if people:

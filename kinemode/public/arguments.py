@@ -168,6 +168,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "trackers": (_texts, 'a text such as "css,single-mode", or a list of texts'),
     "tracker": (_text, "a text"),
     "fit": (_text, "a text"),
+    "sync": (_text, "a text"),
     "person": (_persons, '"auto", a number, the id of a person, or a mapping of camera names to them'),
     "modes": (_or_none(_whole), "a whole number"),
     "seed": _WHOLE,

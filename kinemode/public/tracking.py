@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes, moment
+from kinemode.inputs.declared import SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
@@ -49,6 +49,7 @@ def track(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
+    sync: str = "off",
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -89,6 +90,9 @@ def track(
         not the clip's: (540, 960), or by name.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
     offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
+    sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
+        where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
+        have offsets.
     start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
         comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
         search.start.)
@@ -111,9 +115,10 @@ def track(
         progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
+    choice("sync", sync, SYNC_CHOICES)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = Declared(keypoint_size, fps, offset, begin, end)
+    told = Declared(keypoint_size, fps, offset, begin, end, sync)
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings, index)
@@ -145,6 +150,7 @@ def fit(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
+    sync: str = "off",
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
@@ -159,7 +165,8 @@ def fit(
         background=background, stereo=stereo, depth=depth, person=person, out=out,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    told = Declared(keypoint_size, fps, offset, start, end)
+    choice("sync", sync, SYNC_CHOICES)
+    told = Declared(keypoint_size, fps, offset, start, end, sync)
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     if out is not None:
@@ -193,6 +200,7 @@ def compare(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
+    sync: str = "off",
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -223,9 +231,10 @@ def compare(
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
+    choice("sync", sync, SYNC_CHOICES)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = Declared(keypoint_size, fps, offset, begin, end)
+    told = Declared(keypoint_size, fps, offset, begin, end, sync)
     files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings, index)
