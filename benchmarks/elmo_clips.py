@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -146,4 +146,4 @@ def _nearer(camera: Camera) -> Camera:
     K = camera.K.copy()
     K[0, 0] *= _CLOSE
     K[1, 1] *= _CLOSE
-    return Camera(camera.name, camera.image_size, K, camera.distortion, camera.R_camera_world, camera.t_camera_world)
+    return replace(camera, K=K)

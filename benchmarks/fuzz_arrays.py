@@ -45,6 +45,14 @@ def mutated_npz(data: bytes, random: Random, others: Sequence[bytes]) -> bytes:
     return file.getvalue()
 
 
+def mutated_npy(data: bytes, random: Random, others: Sequence[bytes]) -> bytes:
+    """An .npy with damaged bytes or head, or of other values, type or shape."""
+    what = random.randrange(3)
+    if what < 2:
+        return mutated(data, ("text", "binary")[what], random, others)
+    return _npy(other_array(np.load(io.BytesIO(data)), random))
+
+
 def _npy(array: np.ndarray) -> bytes:
     file = io.BytesIO()
     np.save(file, array, allow_pickle=True)

@@ -19,7 +19,7 @@ from benchmarks.fuzz_cases import Case, Verdict
 from benchmarks.fuzz_corpus import QUICK, Files, facing
 from benchmarks.fuzz_judge import timed, write
 from benchmarks.fuzz_mutations import mutated
-from estimator.formats.cameras import camera_to_json
+from estimator.formats.cameras_json import camera_to_json
 from humanoid.support.errors import LONGEST
 from kinemode.__main__ import BAD_INPUT, main
 
@@ -69,6 +69,11 @@ COMMANDS = {
     "export csv": Command("export {}/a.run {}/a.csv", _run_files, ("a.run",)),
     "export trc": Command("export {}/a.run {}/a.trc", _run_files, ("a.run",)),
     "export mot": Command("export {}/a.run {}/a.mot", _run_files, ("a.run",)),
+    "export bvh": Command("export {}/a.run {}/a.bvh", _run_files, ("a.run",)),
+    "export glb": Command("export {}/a.run {}/a.glb", _run_files, ("a.run",)),
+    "export osim": Command("export {}/a.run {}/a.osim", _run_files, ("a.run",)),
+    "export gait": Command("export {}/a.run {}/a.mot --format rajagopal-mot", _run_files, ("a.run",)),
+    "gait": Command("gait {}/a.run --out {}/a.csv", _run_files, ("a.run",)),
     "view html": Command("view {}/a.run --html {}/a.html", _run_files, ("a.run",)),
     "explain": Command("explain {}/a.run --frame 1", _run_files, ("a.run",)),
     "explain pictures": Command("explain {}/a.run --frame 1 --out {}/pictures", _run_files, ("a.run",)),

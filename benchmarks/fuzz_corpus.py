@@ -70,8 +70,12 @@ def _keypoints() -> dict[str, list[Files]]:
     folders = [
         {f"walk_{t:012d}_keypoints.json": _json({"version": 1.3, "people": [pose[t], pose[0]]}) for t in range(FRAMES)}
     ]
-    whole = [_own("coco17"), _own("mediapipe33"), named, alpha, cmu, frames, {"meta_info": {}, "instance_info": frames},
-             {"people": pose}]  # fmt: skip
+    others = _other_programs()
+    people = {**_own("coco17"), "frames": [
+        {"people": [{"id": who, "keypoints": points("coco17", t).tolist()} for who in range(2)]} for t in range(FRAMES)
+    ]}  # fmt: skip
+    whole = [_own("coco17"), _own("mediapipe33"), people, named, alpha, cmu, frames,
+             {"meta_info": {}, "instance_info": frames}, {"people": pose}]  # fmt: skip
     landmarks = [mark.name for mark in load_subject("human34").landmarks]
     values = np.round(np.random.default_rng(0).uniform(0, 40, (FRAMES, len(landmarks), 2)), 2)
     clicks = {
@@ -85,7 +89,43 @@ def _keypoints() -> dict[str, list[Files]]:
         "keypoint folder": list(folders),
         "clicks": [{"clicks.json": _json(clicks)}],
         "page": [{"page.json": _json(page)}],
+        **others,
     }
+
+
+def _other_programs() -> dict[str, list[Files]]:
+    """Keypoints as DeepLabCut, annotation tools, rtmlib and NumPy write them."""
+    p = np.array([points("coco17", t) for t in range(FRAMES)])
+    ids = [{"id": t + 5, "file_name": f"{t:06d}.png", "width": SIZE[0], "height": SIZE[1]} for t in range(FRAMES)]
+    shown = [{"image_id": t + 5, "category_id": 1, "keypoints": p[t].ravel().tolist()} for t in range(FRAMES)]
+    category = {"id": 1, "name": "person", "keypoints": list(FORMATS["coco17"])}
+    frames = [{"keypoints": 2 * [xyc[:, :2].tolist()], "scores": 2 * [xyc[:, 2].tolist()]} for xyc in p]
+    whole = {key: [frame[key] for frame in frames] for key in ("keypoints", "scores")}
+    arrays = {"keypoints": p[..., :2], "scores": p[..., 2], "names": np.array(FORMATS["coco17"]), "fps": np.array(30.0)}
+    alone = io.BytesIO()
+    np.save(alone, p)
+    renamed = _json({"snout": "nose", "left_eye": "left_eye"})
+    return {
+        "deeplabcut": [
+            {"walk.csv": _deeplabcut(p, ("",)), "walk.names.json": renamed},
+            {"walk.csv": _deeplabcut(p, ("ann", "bob"))},
+        ],
+        "coco": [{"coco.json": _json({"images": ids, "annotations": shown, "categories": [category]})}],
+        "rtmlib": [{"people.json": _json(content)} for content in (frames, whole)],
+        "keypoint arrays": [{"points.npz": npz(arrays)}, {"points.npz": npz({"keypoints": p[:, None]})}],
+        "keypoint array": [{"points.npy": alone.getvalue(), "points.names.json": _json(FORMATS["coco17"])}],
+    }
+
+
+def _deeplabcut(p: np.ndarray, who: Sequence[str]) -> bytes:
+    """A csv of DeepLabCut's, of the same points (T, 17, 3) for everybody."""
+    parts = ["snout", *map(str, FORMATS["coco17"][1:])]
+    columns = [(animal, part, kind) for animal in who for part in parts for kind in ("x", "y", "likelihood")]
+    heads = [["scorer", *["DLC"] * len(columns)], ["individuals", *(animal for animal, _, _ in columns)]]
+    heads += [["bodyparts", *(part for _, part, _ in columns)], ["coords", *(kind for _, _, kind in columns)]]
+    rows = [[str(t), *(f"{v:g}" for _ in who for v in xyc.ravel())] for t, xyc in enumerate(p)]
+    lines = [*(heads if len(who) > 1 else [heads[0], *heads[2:]]), *rows]
+    return "\n".join(map(",".join, lines)).encode()
 
 
 @contextmanager
@@ -128,11 +168,34 @@ def _texts() -> dict[str, list[Files]]:
     arrays = {"points": where, "names": np.array(["nose", "left_hip", "right_hip", "neck"]), "fps": np.array(30.0)}
     ours = {"landmarks": where, "landmark_names": arrays["names"], "time": time}
     return {
+        "camera text": _camera_texts(),
         "cameras": [{"cameras.json": _json({"cameras": some})} for some in (entries, [alone])],
         "bvh": [{"motion.bvh": text.encode()} for text in (BVH_PLAIN, BVH_CMU)],
         "settings": [{"settings.toml": text.encode()} for text in (bare, some, describe_settings("css-paper"))],
         "reference": [{"reference.npz": npz(arrays)}, {"reference.npz": npz(ours)}],
     }
+
+
+def _camera_texts() -> list[Files]:
+    """Camera files of other tools, none with more than one file."""
+    lists = "size = [64.0, 48.0]\nmatrix = [[80.0, 0.0, 31.5], [0.0, 80.0, 23.5], [0.0, 0.0, 1.0]]\n"
+    placed = "distortions = [0.1, -0.1, 0.0, 0.0]\nrotation = [1.2, 0.1, -0.1]\ntranslation = [0.{}, 0.2, 3.0]\n"
+    toml = "".join(f"[cam_{i}]\nname = 'c{i}'\n{lists}{placed.format(i)}fisheye = false\n\n" for i in range(2))
+    yaml = (
+        "%YAML:1.0\n---\nimage_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n"
+        "   rows: 3\n   cols: 3\n   dt: d\n   data: [ 80., 0., 31.5, 0., 80., 23.5, 0., 0., 1. ]\n"
+        "distortion_coefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n"
+        "   data: [ 0.1, -0.1, 0., 0., 0. ]\n"
+    )
+    qualisys = (
+        '<calibration><cameras><camera active="1" serial="c1" model="none" viewrotation="0">'
+        '<fov_video left="0" top="0" right="63" bottom="47"/><transform x="100" y="200" z="3000" r11="1" r12="0"'
+        ' r13="0" r21="0" r22="0" r23="1" r31="0" r32="-1" r33="0"/><intrinsic focalLengthU="5120" focalLengthV="5120"'
+        ' centerPointU="2016" centerPointV="1504" skew="0" sensorMaxU="4095" sensorMaxV="3071"'
+        ' radialDistortion1="0.1"/>'
+        "</camera></cameras></calibration>"
+    )
+    return [{"a.toml": toml.encode()}, {"a.yml": yaml.encode()}, {"a.qca.txt": qualisys.encode()}]
 
 
 def npz(arrays: Mapping[str, np.ndarray]) -> bytes:
@@ -183,6 +246,8 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
     runs: list[Files] = []
     unfinished: list[Files] = []
     seen: list[Files] = []
+    tables: list[Files] = []
+    arrays: list[Files] = []
     for name in subjects:
         keypoints = _seen(folder, name)
         seen.append({keypoints.name: keypoints.read_bytes()})
@@ -193,11 +258,16 @@ def _runs(folder: Path, subjects: Sequence[str]) -> dict[str, list[Files]]:
         unfinished.append({f"{name}.run": (folder / "stopped.run").read_bytes()})
         runs.append({f"{name}.run": run.file.read_bytes()})
         export(run, folder / "a.trc")
+        tables.append({"motion.csv": export(run, folder / "a.csv").read_bytes()})
+        arrays.append({"motion.npz": export(run, folder / "a.npz").read_bytes()})
     with suppress(KeyboardInterrupt):  # particles, and extra arrays of several axes
         km.track(name, None, **how | ANNEALED, out=folder / "stopped.run", overwrite=True, progress=_stopping)
     particles = {f"{name}.run": (folder / "stopped.run").read_bytes()}
     trc: list[Files] = [{"reference.trc": (folder / "a.trc").read_bytes()}]
-    return {"run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc}
+    return {
+        "run": [*runs, particles], "unfinished run": [*unfinished, particles], "seen": seen, "trc": trc,
+        "motion csv": tables, "motion npz": arrays,
+    }  # fmt: skip
 
 
 def _seen(folder: Path, name: str) -> Path:

@@ -11,19 +11,21 @@ from random import Random
 
 import numpy as np
 
-from benchmarks.fuzz_arrays import mutated_npz, mutated_run
+from benchmarks.fuzz_arrays import mutated_npy, mutated_npz, mutated_run
 from benchmarks.fuzz_corpus import FRAMES, SIZE, Files
 from benchmarks.fuzz_mutations import mutated
 from estimator.cameras.camera import guessed_camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.checked_json import read_json
 from estimator.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.formats.motion_table import read_motion_table
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.media.clip import Clip
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import stored_state
 from humanoid.kinematics.body import Body
@@ -60,6 +62,10 @@ def _damage(kind: str, name: str) -> Callable[[bytes, Random, list[bytes]], byte
         return mutated_npz
     if kind == "run":
         return mutated_run
+    if name.endswith(".names.json"):
+        kind = "json"
+    if kind == "npy":
+        return mutated_npy
     if name.endswith((".stl", ".png", ".jpg", ".bmp", ".mp4")):
         kind = "binary"
     return lambda data, random, others: mutated(data, kind, random, others)
@@ -68,6 +74,13 @@ def _damage(kind: str, name: str) -> Callable[[bytes, Random, list[bytes]], byte
 def _bvh(path: Path) -> object:
     mocap = load_mocap(path)
     return mocap.at(np.linspace(0.0, mocap.seconds, 4))
+
+
+def _motion(path: Path) -> object:
+    """A table of joints, on the subject of its columns."""
+    table = read_motion_table(path)
+    name = "arm8" if "left_wrist_flexion" in " ".join(table.names) else "upper13"
+    return motion_of(Body(load_subject(name)), table, np.linspace(0.0, 0.1, 4))
 
 
 def _body(path: Path) -> object:
@@ -117,12 +130,20 @@ def _clicked() -> KeypointTrack:
 
 
 READERS = {
-    "keypoints": Reader("json", load_keypoints, 0.36),
+    "keypoints": Reader("json", load_keypoints, 0.2),
     "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
+    "deeplabcut": Reader("text", load_keypoints, 0.03),
+    "coco": Reader("json", load_keypoints, 0.03),
+    "rtmlib": Reader("json", load_keypoints, 0.02),
+    "keypoint arrays": Reader("npz", load_keypoints, 0.02),
+    "keypoint array": Reader("npy", load_keypoints, 0.02),
     "clicks": Reader("json", lambda path: load_clicks(path, _clicked()), 0.06),
     "page": Reader("json", lambda path: clicks_from_page(read_json(path), _clicked()), 0.06),
     "cameras": Reader("json", load_cameras, 0.17),
+    "camera text": Reader("text", load_cameras, 0.06),
     "bvh": Reader("text", _bvh, 0.06),
+    "motion csv": Reader("text", _motion, 0.02),
+    "motion npz": Reader("npz", _motion, 0.02),
     "settings": Reader("text", lambda path: read_settings("css", path), 0.06),
     "reference": Reader("npz", Reference.load, 0.04),
     "trc": Reader("text", Reference.load, 0.05),

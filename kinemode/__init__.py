@@ -27,9 +27,14 @@ if TYPE_CHECKING:
     from humanoid.subject.subject import Subject, load_subject
     from humanoid.support.errors import InputError
     from kinemode.notices import FindingWarning, InputWarning
+    from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
+    from kinemode.public.detection import detect
     from kinemode.public.indexing import train_index
-    from kinemode.public.results import evaluate, export, open_run, overlay, view
+    from kinemode.public.landmarks import landmark_start
+    from kinemode.public.live import live
+    from kinemode.public.results import evaluate, export, gait, open_run, overlay, report, view
+    from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -47,18 +52,25 @@ _MODULES = {
     "Run": "estimator.results.run_file",
     "SceneSettings": "estimator.synthesis.settings",
     "Subject": "humanoid.subject.subject",
+    "Tracker": "kinemode.public.stepping",
     "ViewSettings": "estimator.synthesis.settings",
     "annotate": "kinemode.public.clips",
+    "calibrate": "kinemode.public.cameras",
     "compare": "kinemode.public.tracking",
+    "detect": "kinemode.public.detection",
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
+    "gait": "kinemode.public.results",
+    "landmark_start": "kinemode.public.landmarks",
+    "live": "kinemode.public.live",
     "load_cameras": "estimator.formats.cameras",
     "load_keypoints": "estimator.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
     "render": "kinemode.public.clips",
+    "report": "kinemode.public.results",
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
     "train_index": "kinemode.public.indexing",
@@ -80,19 +92,26 @@ __all__ = [
     "Run",
     "SceneSettings",
     "Subject",
+    "Tracker",
     "ViewSettings",
     "__version__",
     "annotate",
+    "calibrate",
     "compare",
+    "detect",
     "evaluate",
     "export",
     "fit",
+    "gait",
+    "landmark_start",
+    "live",
     "load_cameras",
     "load_keypoints",
     "load_subject",
     "open_run",
     "overlay",
     "render",
+    "report",
     "reported",
     "track",
     "train_index",

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
-import tempfile
 import warnings
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +21,7 @@ from humanoid.support.errors import InputError
 from kinemode import __version__
 from kinemode.notices import InputWarning
 from kinemode.settings import Chosen
-from kinemode.target import check_absent, check_folder, made_folder
+from kinemode.target import cache_folder, check_absent, check_folder, made_folder
 from kinemode.terminal.interruption import kept_if_interrupted
 from kinemode.terminal.progress import Reporter
 
@@ -113,12 +110,4 @@ def _cached(subject: Subject, progress: Reporter) -> Path:
     minutes = painting_seconds(recipe) / 60.0
     said = f"there is no index of {known.source} yet: {recipe.examples} examples are painted, once"
     warnings.warn(f"{said}, in about {minutes:.0f} minutes (kinemode train-index)", InputWarning, stacklevel=4)
-    folder = next(filter(_takes_files, cache_roots()), None) or Path(tempfile.mkdtemp(prefix="kinemode-"))
-    return write_index(known, recipe, folder / name, workers=1, overwrite=True, progress=progress)
-
-
-def _takes_files(folder: Path) -> bool:
-    """Whether files can be written to a folder, which is made if it is not there."""
-    with suppress(InputError):
-        return os.access(made_folder(folder), os.W_OK)
-    return False
+    return write_index(known, recipe, cache_folder() / name, workers=1, overwrite=True, progress=progress)

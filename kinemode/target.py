@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from humanoid.support.compiled_folder import cache_roots
 from humanoid.support.errors import InputError
 
 
@@ -55,3 +59,15 @@ def made_folder(folder: Path) -> Path:
     except OSError as error:
         raise InputError(folder, f"cannot be made: {error.strerror}", remedy="name a folder of your own") from None
     return folder
+
+
+def cache_folder() -> Path:
+    """The user's cache folder, made if it is not there; a temporary folder where none can be written to."""
+    return next(filter(_takes_files, cache_roots()), None) or Path(tempfile.mkdtemp(prefix="kinemode-"))
+
+
+def _takes_files(folder: Path) -> bool:
+    """Whether files can be written to a folder, which is made if it is not there."""
+    with suppress(InputError):
+        return os.access(made_folder(folder), os.W_OK)
+    return False

@@ -11,18 +11,59 @@ import pinocchio as pin
 from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from humanoid.kinematics.body import Body
-from humanoid.subject.subject import load_subject
+from humanoid.subject.subject import load_subject, subject_from_text
 from kinemode.testing import slope
 
-__all__ = ["BROWN", "SUBJECTS", "bent", "body_of", "camera_at", "inside", "observe", "random_pose", "slope"]
+__all__ = [
+    "BROWN",
+    "MULTIPLIER",
+    "OFFSET",
+    "SUBJECTS",
+    "bent",
+    "body_of",
+    "camera_at",
+    "gripper",
+    "inside",
+    "observe",
+    "random_pose",
+    "slope",
+]
 
 SUBJECTS = ("human34", "arm8", "upper13")
 BROWN = (-0.11, 0.05, 0.002, -0.003, 0.01)
 
 
+MULTIPLIER, OFFSET = -0.5, 0.2
+"""Of the gripper's finger that follows the other [1, rad]."""
+
+
+def gripper(*, master: str = "drive", follower: str = "inner", kind: str = "revolute", extra: str = "") -> str:
+    """A free hand with two fingers; by its name the follower comes before or after its master."""
+    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    limit = '<limit lower="-1" upper="0.9" effort="1" velocity="1"/>'
+    follows = f'<mimic joint="{master}" multiplier="{MULTIPLIER}" offset="{OFFSET}"/>'
+    return f"""<robot name="gripper">
+      <link name="hand">{ball}</link><link name="wrist">{ball}</link><link name="a">{ball}</link>
+      <link name="b">{ball}</link><link name="tip">{ball}</link>
+      <joint name="bend" type="revolute"><parent link="hand"/><child link="wrist"/><origin xyz="0.3 0 0"/>
+        <axis xyz="0 1 0"/>{limit}</joint>
+      <joint name="{master}" type="revolute"><parent link="wrist"/><child link="a"/><origin xyz="0.2 0.15 0"/>
+        <axis xyz="0 0.6 0.8"/>{limit}</joint>
+      <joint name="{follower}" type="{kind}"><parent link="wrist"/><child link="b"/><axis xyz="0 -0.8 0.6"/>
+        <origin xyz="0.2 -0.15 0" rpy="0.1 0.2 0.3"/>{"" if kind == "continuous" else limit}{follows}</joint>
+      <joint name="outer" type="revolute"><parent link="b"/><child link="tip"/><origin xyz="0.25 0 0.02"/>
+        <axis xyz="0 0 1"/>{limit}</joint>{extra}
+      <landmark name="a" link="a" xyz="0.2 0.1 0"/><landmark name="b" link="b" xyz="0.1 0 0.1"/>
+      <landmark name="tip" link="tip" xyz="0.2 0 0"/><landmark name="hand" link="hand" xyz="0 0.1 0"/>
+      <proportion joint="outer" scale_min="0.8" scale_max="1.2" mean="1" std="0.1"/>
+      <subject base="free"/></robot>"""
+
+
 @cache
 def body_of(name: str) -> Body:
-    """A built-in subject's body; one object for all tests."""
+    """A built-in subject's body, or the gripper's; one object for all tests."""
+    if name == "gripper":
+        return Body(subject_from_text(gripper(), source=name))
     return Body(load_subject(name))
 
 

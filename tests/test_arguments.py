@@ -16,8 +16,8 @@ from humanoid.support.errors import InputError
 ARGUMENTS: dict[str, tuple[dict[str, Any], str]] = {
     "a model": ({"subject": "MODEL"}, "subject: cannot be of type pinocchio.Model .give a subject from load_subject"),
     "no subject": ({"subject": None}, "subject: cannot be None"),
-    "frames": ({"clips": np.zeros((2, 4, 4, 3))}, "clips: cannot be of type numpy.ndarray .give a path"),
-    "keypoints": ({"keypoints": np.zeros((2, 17, 3))}, "keypoints: cannot be of type numpy.ndarray"),
+    "frames": ({"clips": np.zeros((2, 4, 4, 3))}, "clips: frame 0: has the shape .4, 4, 3. and type float64"),
+    "keypoints": ({"keypoints": np.zeros((2, 17, 3))}, "keypoints: has no person in any frame"),
     "a number among files": ({"keypoints": ["a.json", 3]}, "keypoints: cannot be of type list"),
     "numbers by name": ({"masks": {"a": 1.5}}, "masks: cannot be of type dict"),
     "intrinsics": ({"cameras": np.eye(3)}, "cameras: cannot be of type numpy.ndarray .give the path of a camera file"),

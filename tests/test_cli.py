@@ -23,8 +23,8 @@ from kinemode.public import results
 from kinemode.terminal.progress import reported
 
 COMMANDS = (
-    "demo", "annotate", "render", "track", "compare", "fit", "settings", "subjects", "trackers", "cues", "view",
-    "overlay", "explain", "export", "evaluate", "train-index", "version",
+    "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
+    "trackers", "cues", "view", "report", "overlay", "explain", "export", "evaluate", "gait", "train-index", "version",
 )  # fmt: skip
 FRAMES = 6
 
@@ -113,6 +113,7 @@ BAD = {
     "not a number": (["track", "--modes", "many", "--keypoints", "{left}", "--out", "{out}"], "modes"),
     "no such clip": (["track", "nothing.mp4", "--keypoints", "{left}", "--out", "{out}"], "nothing.mp4"),
     "no keypoints": (["track", "--out", "{out}"], "keypoints: are needed"),
+    "model not named": (["detect", "{clip}", "--detector", "onnx", "--out", "{out}"], "--model FILE"),
     "clip without keypoints": (["track", "{clip}", "--out", "{out}"], "kinemode annotate"),
     "unknown cue": (["track", "--keypoints", "{left}", "--cues", "edge", "--out", "{out}"], "edges, flow, silhouette"),
     "cues without clips": (["track", "--keypoints", "{left}", "--cues", "flow", "--out", "{out}"], "give the clips"),
@@ -233,7 +234,7 @@ def test_a_run_is_not_replaced_without_overwrite(
 
 
 def test_export_and_evaluate(folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for suffix in ("npz", "csv", "trc", "mot"):
+    for suffix in ("npz", "csv", "trc", "mot", "osim"):
         assert front.main(["export", str(tracked), "--format", suffix, str(folder / f"o.{suffix}")]) == 0
         assert (folder / f"o.{suffix}").stat().st_size > 0
     capsys.readouterr()

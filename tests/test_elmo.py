@@ -25,7 +25,7 @@ from estimator.likelihood.settings import cue_settings
 from estimator.modes.mixture import Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
-from estimator.search.examples.lookup import Looked
+from estimator.search.examples.lookup import Looked, either_way
 from estimator.search.frame_search import FrameCase
 from estimator.search.from_examples import example_starts
 from estimator.search.hypothesis import Hypothesis
@@ -435,3 +435,13 @@ def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:
     assert [h.prior_score for h in example_starts(body, [look, look], 3.0)] == [0.0] * 4
     arm = body_of("arm8")  # whose root is fixed
     assert [h.prior_score for h in example_starts(arm, [look._replace(q=arm.neutral[None])], 3.0)] == [0.0]
+
+
+def test_both_ways_to_turn_are_looked_at_in_the_order_of_likeness(index: ExampleIndex) -> None:
+    none = index.nearest(np.zeros(bin_count(), np.uint16), 8)
+    look = Looked(0, ViewFrame(np.zeros(3), np.eye(3)), np.zeros(0), np.zeros(0), none, np.arange(8.0)[:, None])
+    away = np.array([True, True, True, True, True, False, True, False])
+    assert either_way(look, away, 4).q[:, 0].tolist() == [0.0, 1.0, 5.0, 7.0]
+    assert either_way(look, away, 6).q[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0]  # as far as there are
+    assert either_way(look, ~away & False, 3).q[:, 0].tolist() == [0.0, 1.0, 2.0]
+    assert either_way(look, away, 4).neighbours.numbers.tolist() == none.numbers[[0, 1, 5, 7]].tolist()

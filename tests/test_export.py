@@ -153,8 +153,12 @@ def test_nothing_half_written(run: Run, tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_no_frames_export(tmp_path: Path) -> None:
     RunWriter.create(tmp_path / "a.run", header(5)).close()
-    for format in FORMATS:
-        assert export(Run.open(tmp_path / "a.run"), tmp_path / f"a.{format}").stat().st_size > 0
+    run = Run.open(tmp_path / "a.run")
+    for format in ("c3d", "bvh"):  # in which there has to be a frame
+        with pytest.raises(InputError, match=r"a\.run: holds no frame"):
+            export(run, tmp_path / f"a.{format}")
+    for format in set(FORMATS) - {"c3d", "bvh"}:
+        assert export(run, tmp_path / f"a.{format}").stat().st_size > 0
 
 
 def test_references(tmp_path: Path, shared_data: Path) -> None:

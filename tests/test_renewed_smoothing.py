@@ -41,7 +41,7 @@ def followed(body: Body, q: np.ndarray, moved: np.ndarray) -> AssignedPoints:
     return AssignedPoints(body, camera, joint, local, [group])
 
 
-@pytest.mark.parametrize("name", ["human34", "arm8"])
+@pytest.mark.parametrize("name", ["human34", "arm8", "gripper"])
 def test_flow_between_two_poses(name: str) -> None:
     """With the earlier pose where flow was followed from it is the term of the later one; its derivatives by both poses
     are those of differences; of the movement that the flow saw, from the same place, it costs nothing."""

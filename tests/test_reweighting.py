@@ -69,6 +69,17 @@ def test_it_comes_to_the_exact_product_as_the_diffusion_widens() -> None:
     assert worst[2] < 2e-3
 
 
+def test_with_covariances_it_is_the_exact_product_however_wide_modes_are() -> None:
+    rng = np.random.default_rng(6)
+    std = rng.uniform(0.1, 0.4, ARM.nv)
+    for size in (0.5, 0.05):
+        x, prior = mixture(rng, 5, size), mixture(rng, 4, size)
+        modes, wide = [m.q for m in x.modes], [m.covariance for m in x.modes]
+        scores = reweighted(ARM, modes, np.log(x.weights), prior, std, covariance=wide).log_scores
+        weights = np.exp(scores - logsumexp(scores))
+        np.testing.assert_allclose(weights, exact(x, prior, np.diag(std**2)), rtol=1e-9)
+
+
 def test_a_wide_prior_leaves_the_likelihood() -> None:
     rng = np.random.default_rng(1)
     likelihood, prior = mixture(rng, 5, 0.05), mixture(rng, 4, 0.05)

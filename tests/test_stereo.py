@@ -43,9 +43,19 @@ def wall(seen_by: Camera, normal: np.ndarray, offset: float) -> tuple[np.ndarray
 NORMAL = np.array([0.2, 0.1, 1.0]) / np.linalg.norm([0.2, 0.1, 1.0])
 
 
-@pytest.mark.parametrize(("turn", "distortion"), [(0.0, STRAIGHT), (4.0, BENT)])
+RATIONAL = np.array([0.3, -0.1, 0.001, -0.002, 0.04, 0.45, -0.1, 0.02])
+TILTED = np.array([*BENT, 0.0, 0.0, 0.0, 0.004, -0.002, 0.003, 0.001, 0.02, -0.03])
+FISHEYE = np.array([0.05, -0.02, 0.008, -0.002])
+
+
+@pytest.mark.parametrize(
+    ("turn", "distortion"), [(0.0, STRAIGHT), (4.0, BENT), (4.0, RATIONAL), (4.0, TILTED), (4.0, FISHEYE)]
+)
 def test_a_slanting_wall_is_where_it_is(turn: float, distortion: np.ndarray) -> None:
-    left, right = camera("left", 0.0, 0.5 * turn, distortion), camera("right", BASELINE, -turn, distortion)
+    left, right = (
+        replace(camera(name, x, angle, distortion), fisheye=distortion is FISHEYE)
+        for name, x, angle in (("left", 0.0, 0.5 * turn), ("right", BASELINE, -turn))
+    )
     pair = StereoPair(left, right)
     assert pair.baseline == pytest.approx(BASELINE)
     depth = pair.depth(wall(left, NORMAL, 2.5)[0], wall(right, NORMAL, 2.5)[0])

@@ -103,6 +103,13 @@ class LocalHandler(BaseHTTPRequestHandler):
         """Answer with JSON."""
         self.send(status, "application/json", json.dumps(value, allow_nan=False).encode("utf-8"))
 
+    def start_stream(self, kind: str) -> None:
+        """Begin an answer of a content type that goes on until this connection is closed; `wfile` takes it."""
+        self.send_response(HTTPStatus.OK)
+        for name, value in {"Content-Type": kind, **_HEADERS}.items():
+            self.send_header(name, value)
+        self.end_headers()
+
     def send(
         self, status: HTTPStatus, kind: str = "", body: bytes = b"", headers: dict[str, str] | None = None
     ) -> None:

@@ -1,12 +1,14 @@
-"""Pinhole camera with Brown distortion."""
+"""A calibrated camera: pinhole and lens, or fisheye."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
+
+from estimator.cameras.lens import distorted, lens_array, undistorted
+from humanoid.support.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -16,8 +18,10 @@ class Camera:
     name: how clips and keypoints refer to it.
     image_size: width, height [px].
     K (3, 3): intrinsic matrix [px].
-    distortion (5,): k1, k2, p1, p2, k3 (Brown).
+    distortion: OpenCV's coefficients of the lens, (5,) k1, k2, p1, p2, k3 (Brown), also (8,), (12,) or (14,); of a
+        fisheye (4,). See `estimator.cameras.lens.lens_array`.
     R_camera_world (3, 3), t_camera_world (3,) [m]: x_camera = R_camera_world @ x_world + t_camera_world.
+    fisheye: whether the lens is a fisheye (OpenCV's `cv2.fisheye`), seen up to 90 degrees from the optical axis.
     """
 
     name: str
@@ -26,6 +30,7 @@ class Camera:
     distortion: np.ndarray
     R_camera_world: np.ndarray
     t_camera_world: np.ndarray
+    fisheye: bool = False
 
     @property
     def centre_world(self) -> np.ndarray:
@@ -35,10 +40,22 @@ class Camera:
     @cached_property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """What the kernels of `estimator.cameras.projection` take: intrinsics (5,) fx, fy, cx, cy, skew [px],
-        distortion (5,), R (3, 3) and t (3,) camera from world."""
+        lens (5,) or (1, 22), R (3, 3) and t (3,) camera from world."""
         K = self.K
         intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]])
-        return intrinsics, self.distortion, self.R_camera_world, self.t_camera_world
+        return intrinsics, self.lens, self.R_camera_world, self.t_camera_world
+
+    @cached_property
+    def lens(self) -> np.ndarray:
+        """The lens as the functions of `estimator.cameras.lens` take it, (5,) or (1, 22).
+
+        Raises InputError: a number of coefficients that no model has.
+        """
+        try:
+            return lens_array(np.asarray(self.distortion), fisheye=self.fisheye)
+        except ValueError as error:
+            remedy = "a fisheye has 4" if self.fisheye else "4, 5, 8, 12 or 14 are taken, in OpenCV's order"
+            raise InputError(f"camera {self.name!r}", f"has {error}", place="distortion", remedy=remedy) from None
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera.
@@ -49,7 +66,7 @@ class Camera:
         x = points @ self.R_camera_world.T + self.t_camera_world
         depth = np.where(x[..., 2] > 1e-6, x[..., 2], np.nan)
         u, v = x[..., 0] / depth, x[..., 1] / depth
-        ud, vd = distorted(u, v, self.distortion)
+        ud, vd = distorted(u, v, self.lens)
         return np.stack(
             [self.K[0, 0] * ud + self.K[0, 1] * vd + self.K[0, 2], self.K[1, 1] * vd + self.K[1, 2]], axis=-1
         )
@@ -57,28 +74,16 @@ class Camera:
     def directions(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (..., 2) -> directions of their rays in the camera (..., 3), undistorted, with z = 1; NaN stays NaN.
 
-        The inverse of `project` up to depth.
+        The inverse of `project` up to depth. Where no direction leads to a pixel, as outside a fisheye's circle, NaN;
+        with Brown's five coefficients OpenCV's five iterations are taken as they are.
         """
         flat = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1) @ np.linalg.inv(self.K).T
         seen = np.isfinite(flat).all(axis=-1)
-        if seen.any() and np.any(self.distortion):
-            bent = np.ascontiguousarray(flat[seen][:, None, :2])
-            flat[seen, :2] = cv2.undistortPoints(bent, np.eye(3), self.distortion)[:, 0]
+        if seen.any() and (self.fisheye or np.any(self.distortion)):
+            flat[seen, :2] = undistorted(flat[seen, :2], self.lens)
+            seen &= np.isfinite(flat).all(axis=-1)
         flat[~seen] = np.nan
         return np.asarray(flat)
-
-
-def distorted(a: np.ndarray, b: np.ndarray, distortion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the lens puts directions (a, b, 1), in the plane z = 1 (Brown 1966): numbers, or arrays of one shape.
-
-    The only place of the formula: `estimator.cameras.projection` compiles it. distortion (5,): k1, k2, p1, p2, k3.
-    """
-    k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
-    r2 = a * a + b * b
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    ad = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a)
-    bd = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b
-    return ad, bd
 
 
 def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:

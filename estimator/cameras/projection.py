@@ -1,7 +1,8 @@
-"""The projection as compiled kernels: pinhole with Brown's distortion (Brown 1966), OpenCV's conventions.
+"""The projection as compiled kernels: pinhole and lens, OpenCV's conventions.
 
-A camera is four arrays, see `Camera.arrays`: intrinsics (5,) fx, fy, cx, cy, skew [px]; distortion (5,) k1, k2, p1, p2,
-k3; R (3, 3) and t (3,) [m] camera from world.
+A camera is four arrays, see `Camera.arrays`: intrinsics (5,) fx, fy, cx, cy, skew [px]; distortion, the lens as
+`estimator.cameras.lens` has it: (5,) k1, k2, p1, p2, k3 (Brown 1966), (1, 22) of any other model; R (3, 3) and t (3,)
+[m] camera from world. Brown's derivatives stand here, those of the other models with their lens.
 """
 
 from __future__ import annotations
@@ -10,16 +11,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cameras.camera import Camera, distorted
+from estimator.cameras.camera import Camera
+from estimator.cameras.lens import bent_curvatures, bent_slopes, distorted, of_one_size
 from humanoid.support.compiled import jit
 
 MIN_DEPTH = 0.05  # m in front of a camera; nearer landmarks have no projection: their derivatives grow without bound
 
 
 def pack_cameras(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The arrays of several cameras: intrinsics, distortion (C, 5), R (C, 3, 3), t (C, 3)."""
-    intrinsics, distortion, R, t = (np.array(each) for each in zip(*(c.arrays for c in cameras), strict=True))
-    return intrinsics, distortion, R, t
+    """The arrays of several cameras: intrinsics (C, 5), distortion (C, 5) or (C, 1, 22), R (C, 3, 3), t (C, 3)."""
+    intrinsics, lenses, R, t = zip(*(c.arrays for c in cameras), strict=True)
+    return np.array(intrinsics), of_one_size(list(lenses)), np.array(R), np.array(t)
 
 
 _distorted = jit(distorted)
@@ -38,7 +40,7 @@ def in_camera(p, R, t):  # type: ignore[no-untyped-def]
 def project_point(p, intrinsics, distortion, R, t):  # type: ignore[no-untyped-def]
     """World point p (3,) -> u, v [px] and whether it is in front of the camera; zeros where it is not.
 
-    The camera: intrinsics (5,), distortion (5,), R (3, 3), t (3,).
+    The camera: intrinsics (5,), distortion (5,) or (1, 22), R (3, 3), t (3,).
     """
     x, y, z = in_camera(p, R, t)
     if z < MIN_DEPTH:
@@ -55,16 +57,20 @@ def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # t
         return 0.0, 0.0, False
     a, b = x / z, y / z
     ad, bd = _distorted(a, b, distortion)
-    k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
-    r2 = a * a + b * b
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
-    ad_a = radial + 2.0 * a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a
-    ad_b = 2.0 * a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
-    bd_b = radial + 2.0 * b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a
+    if distortion.ndim == 2:
+        ad_a, ad_b, bd_a, bd_b = bent_slopes(a, b, distortion[0])
+    else:
+        k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
+        r2 = a * a + b * b
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
+        ad_a = radial + 2.0 * a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a
+        ad_b = 2.0 * a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
+        bd_a = ad_b
+        bd_b = radial + 2.0 * b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a
     fx, fy, skew = intrinsics[0], intrinsics[1], intrinsics[4]
-    u_a, u_b = fx * ad_a + skew * ad_b, fx * ad_b + skew * bd_b
-    v_a, v_b = fy * ad_b, fy * bd_b
+    u_a, u_b = fx * ad_a + skew * bd_a, fx * ad_b + skew * bd_b
+    v_a, v_b = fy * bd_a, fy * bd_b
     for k in range(3):
         da = (R[0, k] - a * R[2, k]) / z
         db = (R[1, k] - b * R[2, k]) / z
@@ -81,22 +87,26 @@ def add_projection_curvature(p, intrinsics, distortion, R, t, gu, gv, weight):  
     """
     x, y, z = in_camera(p, R, t)
     a, b = x / z, y / z
-    k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
-    r2 = a * a + b * b
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
-    bend = 2.0 * k2 + 6.0 * r2 * k3
     ga, gb = gu * intrinsics[0], gu * intrinsics[4] + gv * intrinsics[1]  # by the distorted ray
-    mixed = 2.0 * a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
-    by_a = ga * (radial + 2.0 * a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a) + gb * mixed
-    by_b = ga * mixed + gb * (radial + 2.0 * b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a)
-    aab, abb = (
-        2.0 * b * slope + 4.0 * a * a * b * bend + 2.0 * p1,
-        2.0 * a * slope + 4.0 * a * b * b * bend + 2.0 * p2,
-    )
-    by_aa = ga * (6.0 * a * slope + 4.0 * a * a * a * bend + 6.0 * p2) + gb * aab
-    by_ab = ga * aab + gb * abb
-    by_bb = ga * abb + gb * (6.0 * b * slope + 4.0 * b * b * b * bend + 6.0 * p1)
+    if distortion.ndim == 2:
+        ad_a, ad_b, bd_a, bd_b = bent_slopes(a, b, distortion[0])
+        ad_aa, ad_ab, ad_bb, bd_aa, bd_ab, bd_bb = bent_curvatures(a, b, distortion[0])
+        by_a, by_b = ga * ad_a + gb * bd_a, ga * ad_b + gb * bd_b
+        by_aa, by_ab, by_bb = ga * ad_aa + gb * bd_aa, ga * ad_ab + gb * bd_ab, ga * ad_bb + gb * bd_bb
+    else:
+        k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
+        r2 = a * a + b * b
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3)  # d radial / d r2
+        bend = 2.0 * k2 + 6.0 * r2 * k3
+        mixed = 2.0 * a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
+        by_a = ga * (radial + 2.0 * a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a) + gb * mixed
+        by_b = ga * mixed + gb * (radial + 2.0 * b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a)
+        aab = 2.0 * b * slope + 4.0 * a * a * b * bend + 2.0 * p1
+        abb = 2.0 * a * slope + 4.0 * a * b * b * bend + 2.0 * p2
+        by_aa = ga * (6.0 * a * slope + 4.0 * a * a * a * bend + 6.0 * p2) + gb * aab
+        by_ab = ga * aab + gb * abb
+        by_bb = ga * abb + gb * (6.0 * b * slope + 4.0 * b * b * b * bend + 6.0 * p1)
     for i in range(3):
         da_i, db_i = (R[0, i] - a * R[2, i]) / z, (R[1, i] - b * R[2, i]) / z
         for k in range(i + 1):

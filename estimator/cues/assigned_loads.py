@@ -18,10 +18,10 @@ def assigned_loads(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Value of assigned image points of one camera, 1/2 sum weight rho(e' W e) with e = target - projection.
 
-    placements (njoints, 12); joints (N,), local (N, 3): points on joints. The camera: intrinsics, distortion (5,), R
-    (3, 3), t (3,). first (N + 1,): point n has the assignments first[n] to first[n + 1] - 1. target (A, 2) [px],
-    precision (A, 3) the entries xx, xy, yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the world (N, 3),
-    and gradient `force` (N, 3) and Hessian `load` (N, 3, 3) of the value with respect to them.
+    placements (njoints, 12); joints (N,), local (N, 3): points on joints. The camera: intrinsics (5,), distortion
+    (5,) or (1, 22), R (3, 3), t (3,). first (N + 1,): point n has the assignments first[n] to first[n + 1] - 1. target
+    (A, 2) [px], precision (A, 3) the entries xx, xy, yy of W, weight (A,), kind (A,), nu (A,). Fills the points in the
+    world (N, 3), and gradient `force` (N, 3) and Hessian `load` (N, 3, 3) of the value with respect to them.
     """
     value = 0.0
     J = np.zeros((2, 3))

@@ -135,9 +135,8 @@ def _assigned(camera: CameraLikelihood, posed: PosedBody) -> ContourPoints:
 def _gathered(body: Body, posed: PosedBody, joint: np.ndarray, loads: PointLoads, own: np.ndarray) -> Expansion:
     """Loads of points on joints (N,), by the pose and by what else moves them in the world, own (N, 3, K)."""
     linear, angular = posed.spatial_jacobian[:, :3], posed.spatial_jacobian[:, 3:]
-    moves = np.array([body.support(j) for j in range(body.njoints)])[joint]
-    by_pose = (linear + np.cross(angular, loads.points[:, None])) * moves[..., None]
-    J = np.concatenate([by_pose.transpose(0, 2, 1), own], axis=2).reshape(-1, body.nv + own.shape[2])
+    by_column = (linear + np.cross(angular, loads.points[:, None])) * body.column_support[joint][..., None]
+    J = np.concatenate([body.collected(by_column.transpose(0, 2, 1)), own], axis=2).reshape(-1, body.nv + own.shape[2])
     weighted = (loads.load @ J.reshape(len(joint), 3, -1)).reshape(J.shape)
     return Expansion(loads.value, J.T @ loads.force.ravel(), J.T @ weighted)
 

@@ -19,7 +19,8 @@ from humanoid.support.files import read_bytes
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 _MOST_JOINTS, _DEEPEST = 2000, 200  # of a skeleton; deeper ones are damage
 _LARGEST = 1e7  # of a length in the file's unit, or of an angle [deg]
-_END = "_end"  # what is added to a joint's name for its end site
+END_SITE = "_end"
+"""What is added to a joint's name for its end site."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ def _read_joint(lines: _Lines, skeleton: _Skeleton, parent: int, name: str, dept
             _read_joint(lines, skeleton, joint, words[1], depth + 1)
         elif words == ["End", "Site"]:
             lines.expect("{")
-            skeleton.add(name + _END, joint, lines.numbers("OFFSET", 3), lines)
+            skeleton.add(name + END_SITE, joint, lines.numbers("OFFSET", 3), lines)
             lines.expect("}")
         else:
             raise lines.error(f"JOINT NAME, End Site or }} is needed, found {' '.join(words)[:40]!r}")

@@ -1,10 +1,7 @@
-"""Camera files: intrinsics, Brown distortion and placement of each camera, as JSON.
+"""Camera files of every format that is read, told apart by what they hold; kinemode's own JSON is written.
 
-    {"cameras": [{"name": "cam01", "image_size": [w, h], "K": 3 x 3, "distortion": [k1, k2, p1, p2, k3],
-                  "R": 3 x 3, "t": [x, y, z]}, ...]}
-
-x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates.
-Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels, coefficients up to 1e4.
+Formats: `cameras_json` (our own), `cameras_toml` (Pose2Sim, Anipose), `cameras_opencv` (YAML, JSON, XML),
+`cameras_qualisys` (QTM's calibration).
 """
 
 from __future__ import annotations
@@ -12,121 +9,91 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from estimator.cameras.camera import Camera, guessed_camera
-from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
+from estimator.cameras.camera import Camera
+from estimator.formats.cameras_json import camera_to_json, cameras_from_json
+from estimator.formats.cameras_opencv import cameras_from_opencv, is_opencv, opencv_xml, opencv_yaml
+from estimator.formats.cameras_qualisys import cameras_from_qualisys
+from estimator.formats.cameras_toml import cameras_from_toml
+from estimator.formats.checked_json import mapping, read_json
+from humanoid.subject.urdf_document import read_document
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.files import read_bytes
 
-_TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
-_MOST_PIXELS = 16384  # on a side of an image
-_FOCAL = (1.0, 1e6)  # px
-_COEFFICIENT = 1e4
+FORMATS = "kinemode JSON, Pose2Sim and Anipose TOML, OpenCV YAML, JSON and XML, Qualisys .qca.txt and .xml"
+_PICKLES = (".pickle", ".pkl")
+_PICKLED = b"\x80"  # the first byte of a pickle since protocol 2
 
 
 def load_cameras(path: str | Path) -> dict[str, Camera]:
-    """Cameras of a file by name, in its order.
+    """Cameras of a file by name, in its order: kinemode's own JSON, Pose2Sim or Anipose TOML, OpenCV YAML, JSON or XML,
+    Qualisys .qca.txt or .xml.
 
-    R and t may be left out where the file has a single camera, which then stands as a guessed one does.
+    R and t may be left out where the file has a single camera, which then stands as a guessed one does. No pickle is
+    ever loaded.
 
     Raises
     ------
-    InputError: naming the place, like `cameras[2].K`.
+    InputError: naming the format and the place, like `Pose2Sim TOML, [cam01].matrix`; of our own JSON the place alone,
+        like `cameras[2].K`. Where translations cannot be metres it says so, and how to tell the unit.
     """
-    root = mapping(read_json(path), path)
-    entries = sequence(member(root, "cameras", path, ""), path, "cameras")
-    if not entries:
+    path = Path(path)
+    content = read_bytes(path)
+    if path.suffix.lower() in _PICKLES or content.startswith(_PICKLED):
+        remedy = "convert it with Pose2Sim (calibration_type 'convert', convert_from 'opencap') and give the .toml"
+        problem = "is a pickle, as OpenCap writes; pickles can run any program, so none is loaded"
+        raise InputError(path, problem, remedy=remedy)
+    loaded = _cameras(content, path)
+    if not loaded:
         raise InputError(path, "has no camera", place="cameras")
     cameras: dict[str, Camera] = {}
-    for i, entry in enumerate(entries):
-        place = f"cameras[{i}]"
-        camera = camera_from_json(entry, path, place, alone=len(entries) == 1)
+    for i, camera in enumerate(loaded):
         if camera.name in cameras:
-            raise InputError(path, f"the name {camera.name!r} is used twice", place=f"{place}.name")
+            raise InputError(path, f"the name {camera.name!r} is used twice", place=f"cameras[{i}].name")
         cameras[camera.name] = camera
     return cameras
 
 
+def _cameras(content: bytes, path: Path) -> list[Camera]:
+    """The cameras of a file of any format."""
+    start = content.removeprefix(b"\xef\xbb\xbf").lstrip()[:200]
+    if not start:
+        raise InputError(path, "is empty", remedy=f"read are {FORMATS}")
+    ending = path.suffix.lower()
+    if start.startswith(b"<"):
+        return _from_xml(content, path)
+    if start.startswith(b"%YAML") or ending in (".yml", ".yaml"):
+        return cameras_from_opencv(opencv_yaml(content, path), path, "OpenCV YAML")
+    if ending == ".toml" or (start.startswith(b"[") and ending != ".json"):
+        return cameras_from_toml(content, path)
+    if start.startswith(b"{") or ending == ".json":
+        root = mapping(read_json(path), path)
+        if "cameras" in root:
+            return cameras_from_json(root, path)
+        if is_opencv(root):
+            return cameras_from_opencv(root, path, "OpenCV JSON")
+    raise InputError(path, "has no cameras in a format that is read", remedy=f"read are {FORMATS}")
+
+
+def _from_xml(content: bytes, path: Path) -> list[Camera]:
+    try:
+        document = read_document(content, str(path))
+    except InputError as error:  # its remedies are about subjects
+        raise InputError(path, error.problem, place=error.place, remedy=f"read are {FORMATS}") from None
+    tag = document.root.tag
+    if tag == "opencv_storage":
+        return cameras_from_opencv(opencv_xml(document), path, "OpenCV XML")
+    if tag == "calibration":
+        return cameras_from_qualisys(document)
+    hint = "a Vicon .xcp; convert it with Pose2Sim to .toml" if tag.lower() == "cameras" else f"read are {FORMATS}"
+    raise InputError(path, f"<{tag[:60]}> holds no cameras in a format that is read", remedy=hint)
+
+
 def write_cameras(path: str | Path, cameras: Iterable[Camera]) -> None:
-    """Write cameras so that `load_cameras` gives the same numbers back to the last bit."""
+    """Write cameras as kinemode's JSON, so that `load_cameras` gives the same numbers back to the last bit."""
+    given = list(cameras)
+    kind = "pinhole_brown5" if all(camera.lens.ndim == 1 for camera in given) else "opencv"
     with replacing(path) as temporary:
-        text = json.dumps({"format": "pinhole_brown5", "cameras": [camera_to_json(c) for c in cameras]}, indent=1)
+        text = json.dumps({"format": kind, "cameras": [camera_to_json(c) for c in given]}, indent=1)
         temporary.write_text(text + "\n", encoding="utf-8")
-
-
-def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """One camera as the file has it."""
-    return {
-        "name": camera.name,
-        "image_size": [int(n) for n in camera.image_size],
-        "K": camera.K.tolist(),
-        "distortion": camera.distortion.tolist(),
-        "R": camera.R_camera_world.tolist(),
-        "t": camera.t_camera_world.tolist(),
-    }
-
-
-def camera_from_json(value: Any, source: str | Path, place: str, *, alone: bool = False) -> Camera:
-    """One camera of a file, checked; `alone` allows R and t to be missing."""
-    entry = mapping(value, source, place)
-    name = member(entry, "name", source, place)
-    if not isinstance(name, str) or not name:
-        raise InputError(source, "a name is needed", place=f"{place}.name")
-    size = image_size(member(entry, "image_size", source, place), source, f"{place}.image_size")
-    K = _intrinsics(member(entry, "K", source, place), source, f"{place}.K")
-    distortion = _distortion(entry.get("distortion", [0.0] * 5), source, f"{place}.distortion")
-    if alone and entry.get("R") is None and entry.get("t") is None:
-        guess = guessed_camera(name, size)
-        R, t = guess.R_camera_world, guess.t_camera_world
-    else:
-        R = _rotation(member(entry, "R", source, place), source, f"{place}.R")
-        t = shaped(member(entry, "t", source, place), (3,), source, f"{place}.t")
-    for array in (K, distortion, R, t):
-        array.flags.writeable = False
-    return Camera(name, size, K, distortion, R, t)
-
-
-def image_size(value: Any, source: str | Path, place: str) -> tuple[int, int]:
-    """Width and height [px] of a JSON pair."""
-    size = shaped(value, (2,), source, place)
-    if not ((size >= 1) & (size <= _MOST_PIXELS) & (size == np.round(size))).all():
-        problem = "width and height in whole pixels are needed"
-        raise InputError(source, problem, place=place, remedy=f"1 to {_MOST_PIXELS}")
-    return int(size[0]), int(size[1])
-
-
-def _intrinsics(value: Any, source: str | Path, place: str) -> np.ndarray:
-    K = shaped(value, (3, 3), source, place)
-    if K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
-        raise InputError(source, "a focal length is not positive", place=place)
-    for focal in (K[0, 0], K[1, 1]):
-        if not _FOCAL[0] <= focal <= _FOCAL[1]:
-            low, high = _FOCAL
-            problem = f"a focal length of {focal:g} pixels cannot be"
-            raise InputError(source, problem, place=place, remedy=f"{low:g} to {high:g} are taken")
-    if K[1, 0] != 0.0 or not np.array_equal(K[2], [0.0, 0.0, 1.0]):
-        raise InputError(source, "is not of the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]", place=place)
-    return K
-
-
-def _distortion(value: Any, source: str | Path, place: str) -> np.ndarray:
-    coefficients = numbers(value, source, place)
-    if coefficients.ndim != 1 or coefficients.size not in (4, 5):
-        shape = "x".join(map(str, coefficients.shape))
-        remedy = "k1, k2, p1, p2 and k3: calibrate with the 5-coefficient model (cv2.calibrateCamera's default)"
-        raise InputError(source, f"4 or 5 coefficients are needed, found {shape}", place=place, remedy=remedy)
-    if (np.abs(coefficients) > _COEFFICIENT).any():
-        raise InputError(source, "has a coefficient beyond all measure", place=place, remedy=f"up to {_COEFFICIENT:g}")
-    return np.concatenate([coefficients, np.zeros(5 - coefficients.size)])
-
-
-def _rotation(value: Any, source: str | Path, place: str) -> np.ndarray:
-    R = shaped(value, (3, 3), source, place)
-    if np.abs(R.T @ R - np.eye(3)).max() > _TOLERANCE:
-        raise InputError(source, "is not a rotation: its columns are not orthonormal", place=place)
-    if np.linalg.det(R) < 0.0:
-        raise InputError(source, "is a reflection, not a rotation: its determinant is -1", place=place)
-    return R

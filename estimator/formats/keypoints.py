@@ -96,7 +96,8 @@ def load_people(path: str | Path, *, layout: str = "auto") -> PeopleFile:
 def load_keypoints(
     path: str | Path, *, layout: str = "auto", person: str | int = AUTO, first: int = 0
 ) -> KeypointTrack:
-    """Read keypoints: kinemode's JSON, OpenPose folders, Pose2Sim, Sports2D, AlphaPose, MMPose.
+    """Read keypoints: kinemode's JSON, OpenPose folders, Pose2Sim, Sports2D, AlphaPose, MMPose, rtmlib, COCO data sets,
+    DeepLabCut's csv, npy and npz.
 
     Parameters
     ----------

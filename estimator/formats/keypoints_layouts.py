@@ -1,84 +1,37 @@
 """The file layouts 2D keypoints come in. Each reader gives the people of every frame.
 
 own: {"format", "image_size", "fps", "names", "frames": [{"keypoints": [[x, y, confidence], ...] or null}, ...]}
+    with several people {"people": [{"id", "keypoints"}, ...]} for a frame
 OpenPose folders, also written by Pose2Sim and Sports2D: a file `<video>_<frame number>_keypoints.json` (or
     `..._000012.json`) a frame, {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, c, ...]}, ...]}
 AlphaPose: a list of {"image_id": "12.jpg", "keypoints": [x, y, c, ...], "score", "idx", "box"}; with its options `cmu`
     and `open` an object of frames with "bodies" or "people" instead.
 MMPose (RTMPose): a list of {"frame_id", "instances": [{"keypoints": [[x, y], ...], "keypoint_scores": [...]}]}, also
     inside {"meta_info", "instance_info": [...]}.
+DeepLabCut's csv, COCO data sets, arrays of NumPy and of rtmlib: the files keypoints_*.py beside this one.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator.formats.cameras import image_size
+from estimator.formats.cameras_json import image_size
 from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
-from estimator.formats.keypoints_people import LAYOUT_BY_COUNT, Notes, Person, cleaned
+from estimator.formats.keypoints_arrays import read_arrays
+from estimator.formats.keypoints_coco import is_coco, read_coco
+from estimator.formats.keypoints_deeplabcut import read_deeplabcut
+from estimator.formats.keypoints_people import Person
+from estimator.formats.keypoints_reading import MOST_FRAMES, Reading, as_landmarks, frame_numbers
+from estimator.formats.keypoints_rtmlib import is_rtmlib, read_rtmlib
 from estimator.media.clip import FPS_RANGE, listed
-from humanoid.subject.landmarks import FORMATS, landmark_name
+from humanoid.subject.landmarks import FORMATS
 from humanoid.support.errors import InputError
 
-_MOST_FRAMES = 2_000_000
-_LARGEST_ID = 1e15  # a float is exact up to there
-_FRAME_NUMBER = re.compile(r"([0-9]+)(?:_keypoints)?$")
-
-
-@dataclass
-class Reading:
-    """What a file says: people by frame number, and what else it knows."""
-
-    source: Path
-    layout: str
-    frames: dict[int, list[Person]] = field(default_factory=dict)
-    names: tuple[str | None, ...] = ()
-    count: int | None = None
-    image_size: tuple[int, int] | None = None
-    fps: float | None = None
-    notes: Notes = field(default_factory=Notes)
-
-    def person(self, flat: Any, id: Any, source: str | Path, place: str) -> Person | None:
-        """One person from a flat list of x, y, confidence; None from an empty list."""
-        values = numbers(flat, source, place, finite=False)
-        if values.size == 0:
-            return None
-        if values.ndim == 2 and values.shape[1] == 3:
-            values = values.ravel()
-        if self.layout == "auto":
-            if values.ndim != 1 or values.size not in LAYOUT_BY_COUNT:
-                raise InputError(source, f"{values.size} numbers fit no layout", place=place, remedy=_counts())
-            self.layout = LAYOUT_BY_COUNT[values.size]
-        if not self.names:
-            self.names = FORMATS[self.layout]
-        if values.ndim != 1 or values.size != 3 * len(self.names):
-            problem = f"{self.layout} has {3 * len(self.names)} numbers, found {values.size}"
-            raise InputError(source, problem, place=place, remedy=_counts())
-        return Person(cleaned(values.reshape(-1, 3), self.notes, source, place), _person_id(id))
-
-    def add(self, frame: int, people: Sequence[Person | None]) -> None:
-        """Add people to a frame; the frame counts as read even without people."""
-        self.frames.setdefault(frame, []).extend(p for p in people if p is not None)
-
-
-def _counts() -> str:
-    return "layouts: " + ", ".join(f"{layout} = {count}" for count, layout in sorted(LAYOUT_BY_COUNT.items()))
-
-
-def _person_id(value: Any) -> str | None:
-    while isinstance(value, list) and value:
-        value = value[0]
-    if isinstance(value, str):
-        return value or None
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < _LARGEST_ID:
-        return str(int(value)) if value == int(value) else str(value)
-    return None  # OpenPose writes [-1] where it knows none
+KINDS = "kinemode's JSON, OpenPose, Pose2Sim, Sports2D, AlphaPose, MMPose, rtmlib, COCO, DeepLabCut csv, npy and npz"
 
 
 def read_layout(path: Path, layout: str) -> Reading:
@@ -89,9 +42,44 @@ def read_layout(path: Path, layout: str) -> Reading:
         raise InputError(path, "no such file or folder")
     if path.is_dir():
         return _folder(path, layout)
-    value = read_json(path)
     reading = Reading(path, layout)
-    if isinstance(value, list):
+    kind = _kind_of(path)
+    if kind == "arrays":
+        read_arrays(reading)
+    elif kind == "DeepLabCut":
+        read_deeplabcut(reading)
+    else:
+        _json_of(read_json(path), reading)
+    return reading
+
+
+def _kind_of(path: Path) -> str:
+    """One of "arrays", "DeepLabCut" and "JSON", by how a file begins; raises InputError for what is none."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(64)
+    except (OSError, ValueError):
+        return "JSON"  # whose reader says why it cannot be read
+    if start.startswith((b"\x93NUMPY", b"PK\x03\x04", b"PK\x05\x06")):
+        return "arrays"
+    if start.removeprefix(b"\xef\xbb\xbf").startswith(b"scorer,"):
+        return "DeepLabCut"
+    if start.startswith(b"\x89HDF"):
+        remedy = "DeepLabCut writes csv with analyze_videos(..., save_as_csv=True): give that"
+        raise InputError(path, "is an HDF5 file, which is not read", remedy=remedy)
+    if path.suffix.lower() in (".csv", ".npy", ".npz"):
+        problem = "does not begin as DeepLabCut's csv does, with 'scorer,'" if path.suffix.lower() == ".csv" else ""
+        raise InputError(path, problem or "does not begin as NumPy's files do", remedy=f"read are {KINDS}")
+    return "JSON"
+
+
+def _json_of(value: Any, reading: Reading) -> None:
+    path = reading.source
+    if is_coco(value):
+        read_coco(value, reading)
+    elif is_rtmlib(value):
+        read_rtmlib(value, reading)
+    elif isinstance(value, list):
         _listed_frames(value, reading)
     elif isinstance(value, dict) and "frames" in value:
         _own(value, reading)
@@ -102,10 +90,7 @@ def read_layout(path: Path, layout: str) -> Reading:
     elif isinstance(value, dict) and value and all(isinstance(v, dict) for v in value.values()):
         _frames_by_name(value, reading)
     else:
-        raise InputError(
-            path, "is no keypoint file of a known layout", remedy="OpenPose, Pose2Sim, AlphaPose, MMPose or kinemode"
-        )
-    return reading
+        raise InputError(path, "is no keypoint file of a known layout", remedy=f"read are {KINDS}")
 
 
 def _own(value: Mapping[str, Any], reading: Reading) -> None:
@@ -115,9 +100,23 @@ def _own(value: Mapping[str, Any], reading: Reading) -> None:
     reading.count = len(frames)
     for i, frame in enumerate(frames):
         place = f"frame {i}"
-        keypoints = None if frame is None else member(mapping(frame, path, place), "keypoints", path, place)
+        told = {"keypoints": None} if frame is None else mapping(frame, path, place)
+        if "people" in told:
+            reading.add(i, _own_people(told["people"], reading, place))
+            continue
+        keypoints = member(told, "keypoints", path, place)
         people = [] if keypoints is None else [reading.person(keypoints, None, path, f"{place}, person 0")]
         reading.add(i, people)
+
+
+def _own_people(value: Any, reading: Reading, place: str) -> list[Person | None]:
+    path = reading.source
+    people: list[Person | None] = []
+    for k, person in enumerate(sequence(value, path, f"{place} people")):
+        where = f"{place}, person {k}"
+        told = mapping(person, path, where)
+        people.append(reading.person(member(told, "keypoints", path, where), told.get("id"), path, where))
+    return people
 
 
 def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
@@ -137,7 +136,7 @@ def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
             raise InputError(path, "a list of names is needed, one for each keypoint", place="names")
         reading.layout = declared or "named"
         exact = declared == "landmarks"  # a subject's own names, which may differ from every detector's
-        reading.names = tuple(name if exact else landmark_name(name) or name for name in names)
+        reading.names = tuple(names) if exact else as_landmarks(names)
 
 
 def _listed_frames(value: list[Any], reading: Reading) -> None:
@@ -150,7 +149,7 @@ def _listed_frames(value: list[Any], reading: Reading) -> None:
         return
     entries = [mapping(v, path, f"entry {i}") for i, v in enumerate(value)]
     keys = [str(member(e, "image_id", path, f"entry {i}")) for i, e in enumerate(entries)]
-    numbering = _numbering(keys, path)
+    numbering = frame_numbers(keys, path)
     for i, (entry, key) in enumerate(zip(entries, keys, strict=True)):
         frame = numbering[key]
         place = f"entry {i} (frame {frame})"
@@ -163,7 +162,7 @@ def _mmpose(frames: list[Any], reading: Reading, where: str) -> None:
     path = reading.source
     entries = [mapping(f, path, f"{where}[{i}]") for i, f in enumerate(frames)]
     ids = [e.get("frame_id", i) for i, e in enumerate(entries)]
-    if not all(isinstance(i, int) and 0 <= i < _MOST_FRAMES for i in ids):
+    if not all(isinstance(i, int) and 0 <= i < MOST_FRAMES for i in ids):
         raise InputError(path, "a frame_id is no frame number", place=where)
     first = 1 if where and ids and min(ids) == 1 else 0  # the top-down demo counts its frames from 1
     for number, entry in zip(ids, entries, strict=True):
@@ -181,7 +180,7 @@ def _mmpose(frames: list[Any], reading: Reading, where: str) -> None:
 
 
 def _frames_by_name(value: Mapping[str, Any], reading: Reading) -> None:
-    numbering = _numbering(list(value), reading.source)
+    numbering = frame_numbers(list(value), reading.source)
     for name, frame in value.items():
         reading.add(numbering[name], _people(frame, reading, reading.source, name))
 
@@ -206,7 +205,7 @@ def _folder(path: Path, layout: str) -> Reading:
             path, "has no .json file", remedy="a folder has one JSON file a frame, as OpenPose writes them"
         )
     reading = Reading(path, layout)
-    numbering = _numbering([f.stem for f in files], path)
+    numbering = frame_numbers([f.stem for f in files], path)
     seen: dict[int, Path] = {}
     for file in files:
         number = numbering[file.stem]
@@ -215,21 +214,3 @@ def _folder(path: Path, layout: str) -> Reading:
         seen[number] = file
         reading.add(number, _people(read_json(file), reading, file, f"frame {number}"))
     return reading
-
-
-def _numbering(names: Sequence[str], source: Path) -> dict[str, int]:
-    """Frame number of each file or image name: the number it ends with; without any, the order of the names."""
-    unique = list(dict.fromkeys(names))
-    digits_of: dict[str, str] = {}
-    for name in unique:
-        match = _FRAME_NUMBER.search(re.sub(r"\.[A-Za-z]{1,4}[0-9]?$", "", name))
-        if match:
-            digits_of[name] = match.group(1).lstrip("0") or "0"
-    if not digits_of:
-        return {name: i for i, name in enumerate(sorted(unique))}
-    for name in unique:
-        if name not in digits_of:
-            raise InputError(source, "has no frame number at its end", place=name)
-        if len(digits_of[name]) > len(str(_MOST_FRAMES)) or int(digits_of[name]) > _MOST_FRAMES:
-            raise InputError(source, f"{digits_of[name]} is no likely frame number", place=name)
-    return {name: int(digits) for name, digits in digits_of.items()}

@@ -45,10 +45,14 @@ class Notes:
         if count:
             self.counts[what] = self.counts.get(what, 0) + count
 
+    def say(self, what: str) -> None:
+        """Say `what` once."""
+        self.counts.setdefault(what, 0)
+
     @property
     def texts(self) -> tuple[str, ...]:
         """One line for each kind."""
-        return tuple(f"{what} ({count} times)" for what, count in self.counts.items())
+        return tuple(f"{what} ({count} times)" if count else what for what, count in self.counts.items())
 
 
 def cleaned(points: np.ndarray, notes: Notes, source: str | Path, place: str) -> np.ndarray:

@@ -30,9 +30,31 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     except InputError:
         raise
     except Exception as error:  # zipfile, zlib and numpy's header parser let errors of any kind through
-        what = str(error) or type(error).__name__
-        raise InputError(path, f"cannot be read: {what}", remedy="an .npz of plain arrays is needed") from None
+        raise _unreadable(path, error) from None
     for name, array in arrays.items():
         if not valid_text(array):
             raise InputError(path, "has characters that are none", place=name)
     return arrays
+
+
+def read_npy(path: Path) -> np.ndarray:
+    """The array of an .npy file; nothing in the file is run.
+
+    Raises
+    ------
+    InputError: it is no .npy, is cut short, has objects in it, or has more than 400 MB.
+    """
+    try:
+        size = path.stat().st_size
+        if size > _MOST_BYTES:
+            raise InputError(path, f"is larger than {_MOST_BYTES // 1_000_000} MB", remedy="give a smaller file")
+        return np.array(np.load(path, mmap_mode="r", allow_pickle=False))  # mapped: a size that lies takes no memory
+    except InputError:
+        raise
+    except Exception as error:  # as above
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    what = str(error) or type(error).__name__
+    return InputError(path, f"cannot be read: {what}", remedy="plain arrays of NumPy are needed")

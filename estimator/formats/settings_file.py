@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 import textwrap
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -13,14 +12,9 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from humanoid.support.errors import InputError
+from estimator.formats.checked_toml import parsed_toml
 from humanoid.support.files import read_bytes
 from humanoid.support.settings import declared, is_group, members
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _WIDTH = 110
 _UNITS = r"(?: \[[^\]]*\])?"  # "turn_speed [rad/s]"
@@ -33,22 +27,7 @@ def load_settings(path: str | Path) -> dict[str, Any]:
     ------
     InputError: the file cannot be read or is not TOML, with the line.
     """
-    content = read_bytes(Path(path))
-    try:
-        return tomllib.loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise InputError(path, "is not text") from None
-    except (ValueError, RecursionError) as error:  # ValueError: also of a number of over 4300 digits
-        problem, place = _parted(str(error))
-        raise InputError(
-            path, f"is not TOML: {problem}", place=place, remedy="`kinemode settings` writes one"
-        ) from None
-
-
-def _parted(message: str) -> tuple[str, str]:
-    """The parser's problem and where it is."""
-    match = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", message, re.DOTALL)
-    return (match[1], match[2]) if match else (message, "")
+    return parsed_toml(read_bytes(Path(path)), path, remedy="`kinemode settings` writes one")
 
 
 def settings_text(settings: Any, title: str) -> str:

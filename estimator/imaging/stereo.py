@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.imaging.undistortion import undistortion_maps
 from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
@@ -64,8 +65,10 @@ class StereoPair:
         R = right.R_camera_world @ left.R_camera_world.T
         t = (right.t_camera_world - R @ left.t_camera_world)[:, None]
         size = left.image_size
+        # a fisheye is rectified as the pinhole camera of its K, which shows the middle of its picture
+        bent = [np.zeros(5) if c.fisheye else c.distortion for c in (left, right)]
         R_left, R_right, P_left, P_right, *_ = cv2.stereoRectify(
-            left.K, left.distortion, right.K, right.distortion, size, R, t, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0.0
+            left.K, bent[0], right.K, bent[1], size, R, t, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0.0
         )
         if abs(P_right[1, 3]) > abs(P_right[0, 3]):
             raise _refused(left, right, "the cameras stand one above the other", "a pair side by side")
@@ -78,7 +81,7 @@ class StereoPair:
         )
         self._factor = max(1, round(self.settings.enlarged / size[0]))
         self._maps = [
-            cv2.initUndistortRectifyMap(c.K, c.distortion, turn, P[:, :3], size, cv2.CV_16SC2)
+            undistortion_maps(c, P[:, :3], size, turn)
             for c, turn, P in ((left, R_left, P_left), (right, R_right, P_right))
         ]
         self._matcher = self._made_matcher()

@@ -43,7 +43,7 @@ class ImageModel:
     def predictor(self, cues: ImageCues) -> Predictor:
         """The predictor of a camera at the cues' resolution, made once."""
         c = cues.camera
-        key = c.image_size, *(a.tobytes() for a in (c.K, c.distortion, c.R_camera_world, c.t_camera_world))
+        key = c.image_size, *(a.tobytes() for a in (c.K, c.lens, c.R_camera_world, c.t_camera_world))
         if key not in self._predictors:
             self._predictors[key] = Predictor(self.surface, c, self.settings.fineness)
         return self._predictors[key]

@@ -64,9 +64,8 @@ def _theirs(entry: JointEntry, coordinates: Coordinates) -> np.ndarray | None:
 
 def _difference(body: Body, entry: JointEntry, q: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """Ours less theirs (N,), of a joint that turns without limits the shorter way round."""
-    ours = q[:, entry.start]
-    if entry.kind == "endless":
-        ours = np.arctan2(q[:, entry.start + 1], q[:, entry.start])
+    own = entry.of(q)
+    ours = np.arctan2(own[:, 1], own[:, 0]) if entry.kind == "endless" else own[:, 0]
     difference = ours - theirs
     if entry.kind == "endless" or (entry.kind == "turn" and entry.start not in body.bounded_q):
         difference = np.mod(difference + np.pi, 2.0 * np.pi) - np.pi

@@ -1,4 +1,6 @@
-"""Runs as files for other programs: npz, csv, trc, mot.
+"""Runs as files for other programs: npz, csv, trc, mot, osim, mot in the coordinates of gait models, c3d, bvh.
+
+npz has all hypotheses; of the others each has the best path alone.
 
 A run that is not finished is exported as far as it goes.
 """
@@ -6,23 +8,37 @@ A run that is not finished is exported as far as it goes.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from estimator.formats.bvh_text import write_bvh
+from estimator.formats.c3d import Channels, write_c3d
 from estimator.formats.opensim import write_mot, write_trc
-from estimator.results.coordinates import opensim_coordinates, q_columns
+from estimator.formats.osim import write_osim
+from estimator.results.bvh_skeleton import bvh_motion
+from estimator.results.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
+from estimator.results.gait_coordinates import GAIT_MODELS, gait_coordinates
+from estimator.results.opensim_model import opensim_model
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
-from humanoid.subject.joint_names import joint_names
+from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
+Writer = Callable[[Run, Path, str], None]
+"""Writes a run into a file: the run, the file to write, the name it will have."""
 
-def export(run: Run, path: str | Path, format: str | None = None) -> Path:
-    """Write a run in a format of `FORMATS`, by default the one the file's ending names. The file is there whole or not.
+
+def export(
+    run: Run, path: str | Path, format: str | None = None, *, more: Mapping[str, Writer] = MappingProxyType({})
+) -> Path:
+    """Write a run in a format of `FORMATS` or of `more`, by default the one the file's ending names. The file is there
+    whole or not.
 
     Raises
     ------
@@ -30,10 +46,11 @@ def export(run: Run, path: str | Path, format: str | None = None) -> Path:
     """
     path = Path(path)
     chosen = (format or path.suffix.lstrip(".")).lower()
-    if chosen not in FORMATS:
-        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(FORMATS)}")
+    writers = {**FORMATS, **more}
+    if chosen not in writers:
+        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(writers)}")
     with replacing(path) as temporary:
-        FORMATS[chosen](run, temporary, path.name)
+        writers[chosen](run, temporary, path.name)
     return path
 
 
@@ -72,13 +89,15 @@ def _npz(run: Run, path: Path, name: str) -> None:
 
 
 def _csv(run: Run, path: Path, name: str) -> None:
-    """time_s, the entries of q with their units, landmarks `nose_x_m` ..., weight, energy, status."""
+    """time_s, the entries of q with their units, joints that follow others, landmarks `nose_x_m` ..., weight, energy,
+    status."""
+    followers, following = follower_columns(run.body, run.q)
     points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
     landmarks = run.landmarks.reshape(run.frame_count, len(points))
-    values = np.column_stack([run.time, run.q, landmarks, run.weight, run.energy])
+    values = np.column_stack([run.time, run.q, following, landmarks, run.weight, run.energy])
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["time_s", *q_columns(run.body), *points, "weight", "energy", "status"])
+        rows.writerow(["time_s", *q_columns(run.body), *followers, *points, "weight", "energy", "status"])
         for row, status in zip(values, run.status, strict=True):
             rows.writerow([*("" if np.isnan(v) else f"{v:.9g}" for v in row), status])
 
@@ -92,5 +111,45 @@ def _mot(run: Run, path: Path, name: str) -> None:
     write_mot(path, names, values, run.time, title=Path(name).stem)
 
 
-FORMATS: dict[str, Callable[[Run, Path, str], None]] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot}
+def _c3d(run: Run, path: Path, name: str) -> None:
+    """Landmarks as points, the angles of mot as POINT:ANGLES, sliding joints as POINT:SCALARS; where nothing was seen
+    they are missing."""
+    _need_frames(run)
+    names, values = opensim_coordinates(run.body, run.q)
+    kinds = {entry.name: entry.kind for entry in joint_entries(run.body)}
+    seen = (run.status != "unobserved")[:, None]
+    turns = [i for i, n in enumerate(names) if n in ROOT_TURNS or kinds.get(n) in ("turn", "endless")]
+    slides = [i for i, n in enumerate(names) if kinds.get(n) == "slide"]
+    angles = Channels([names[i] for i in turns], np.where(seen, values[:, turns], np.nan), "deg")
+    scalars = Channels([names[i] for i in slides], np.where(seen, 1e3 * values[:, slides], np.nan), "mm")
+    landmarks = np.where(seen[..., None], run.landmarks, np.nan)
+    write_c3d(path, run.body.landmark_names, landmarks, run.time, angles, scalars)
+
+
+def _bvh(run: Run, path: Path, name: str) -> None:
+    _need_frames(run)
+    write_bvh(path, bvh_motion(run.body, run.q, run.time))
+
+
+def _need_frames(run: Run) -> None:
+    if not run.frame_count:
+        raise InputError(run.file, "holds no frame", remedy="track with --resume first")
+
+
+def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
+    title = GAIT_MODELS[model].title
+    names, values = gait_coordinates(run.body, run.q, GAIT_MODELS[model])
+    note = f"Coordinates of the OpenSim model {title}; what was not measured is 0."
+    write_mot(path, names, values, run.time, title=Path(name).stem, note=note)
+
+
+def _osim(run: Run, path: Path, name: str) -> None:
+    write_osim(path, opensim_model(run.body, Path(name).stem))
+
+
+FORMATS: dict[str, Writer] = {
+    "npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "osim": _osim,
+    **{f"{model}-mot": partial(_gait_mot, model) for model in GAIT_MODELS},
+    "c3d": _c3d, "bvh": _bvh,
+}  # fmt: skip
 """Writers by format name: run, file to write, name the file will have."""

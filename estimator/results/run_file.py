@@ -136,6 +136,22 @@ class RunWriter:
                 raise
         self._position += 1
 
+    def settle(self) -> int:
+        """After an interruption, which lands anywhere: undo what is half stored; how many frames the file has."""
+        with run_store.translated(self.path, kept=True):
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            (self._position,) = self._connection.execute("SELECT count(*) FROM frame").fetchone()
+        return self._position
+
+    def put_header(self, header: RunHeader) -> None:
+        """Replace what the run was made from: how long a live one is, is known when it is over."""
+        execute = self._connection.execute
+        with run_store.translated(self.path):
+            execute("BEGIN IMMEDIATE")
+            execute("UPDATE header SET json = ?", (header.to_json(),))
+            execute("COMMIT")
+
     def put_smoothed(self, q: np.ndarray) -> None:
         """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, in place of any other."""
         execute = self._connection.execute

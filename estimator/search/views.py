@@ -39,7 +39,11 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
 
 
 def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Pixels (N, 2) -> x/z, y/z in the camera's frame; distortion is small enough to leave out of a first guess."""
+    """Pixels (N, 2) -> x/z, y/z in the camera's frame, for a first guess: Brown's distortion is small enough to leave
+    out. Others are not, least of all a fisheye's, outside whose circle all is far aside.
+    """
+    if camera.lens.ndim == 2:
+        return np.nan_to_num(camera.directions(pixels)[:, :2], nan=10.0)
     y = (pixels[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
     x = (pixels[:, 0] - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
     return np.stack([x, y], axis=1)

@@ -32,17 +32,21 @@ class FlowTie:
         self._features = features[1:]
         self._from = np.empty((len(self._joint), 2))
         _pixels(past.placements, self._joint, self._local, *self._camera, self._from)
-        self._support = np.array([body.support(int(j)) for j in range(body.njoints)])
 
     def accumulate_pair(self, before: PosedBody, after: PosedBody, gradient: np.ndarray, hessian: np.ndarray) -> float:
         """Add gradient (2 nv,) and Gauss-Newton Hessian (2 nv, 2 nv) in the tangent spaces at both poses, the earlier
         one first; return the value."""
-        count, nv = len(self._joint), self._body.nv
-        rows, weighted, pull = np.zeros((2 * count, 2 * nv)), np.zeros((2 * count, 2 * nv)), np.zeros(2 * count)
+        count, columns = len(self._joint), len(before.spatial_jacobian)
+        rows, weighted = np.zeros((2 * count, 2 * columns)), np.zeros((2 * count, 2 * columns))
+        pull = np.zeros(2 * count)
         value: float = _rows(
-            before.placements, after.placements, before.spatial_jacobian, after.spatial_jacobian, self._support,
-            self._joint, self._local, *self._camera, self._from, *self._features, rows, weighted, pull,
+            before.placements, after.placements, before.spatial_jacobian, after.spatial_jacobian,
+            self._body.column_support, self._joint, self._local, *self._camera, self._from, *self._features, rows,
+            weighted, pull,
         )  # fmt: skip
+        rows, weighted = (
+            self._body.collected(array.reshape(-1, 2, columns)).reshape(2 * count, -1) for array in (rows, weighted)
+        )
         gradient += rows.T @ pull
         hessian += rows.T @ weighted
         return value
@@ -98,8 +102,8 @@ def _rows(  # type: ignore[no-untyped-def]
 
     before, after (njoints, 12), spatial_before, spatial_after (nv, 6): the two poses, see `PosedBody`. support
     (njoints, nv): the degrees of freedom that move each joint. joints (A,), local (A, 3): the points. intrinsics,
-    distortion (5,), R (3, 3), t (3,): the camera. start (A, 2): where they were followed from [px]. target (A, 2),
-    kind, nu (A,): as in `assigned_loads`.
+    distortion (5,) or (1, 22), R (3, 3), t (3,): the camera. start (A, 2): where they were followed from [px]. target
+    (A, 2), kind, nu (A,): as in `assigned_loads`.
     """
     value, nv = 0.0, spatial_before.shape[0]
     p, J = np.empty(3), np.zeros((2, 3))

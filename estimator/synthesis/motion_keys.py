@@ -186,8 +186,11 @@ MOTIONS = MappingProxyType({motion.name: motion for motion in (REACH, ARM, PIVOT
 """The authored motions by name."""
 
 
+_ALL = ", ".join((*MOTIONS, "random"))
+
+
 def motion_named(name: str) -> KeyedMotion:
     """The authored motion of a name; raises InputError where there is none."""
     if name not in MOTIONS:
-        raise InputError("motion", f"there is no {name!r}", remedy=f"one of {', '.join(MOTIONS)}, or a BVH file")
+        raise InputError("motion", f"there is no {name!r}", remedy=f"one of {_ALL}, or a .bvh, .csv or .npz file")
     return MOTIONS[name]

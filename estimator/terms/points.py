@@ -42,10 +42,16 @@ def accumulate_points(
     With `exact` the curvature of the kinematics, sum f . d2p, is added too.
     """
     tree = body.tree
+    by_column = gradient, hessian
+    if body.follows:
+        by_column = np.zeros(len(tree.column_dof)), np.zeros((len(tree.column_dof),) * 2)
     _accumulate(
-        posed.spatial_jacobian, tree.joint_parent, tree.dof_joint, tree.dof_parent, loaded.joints, loaded.points,
-        loaded.force, loaded.weight, gradient, hessian, exact,
+        posed.spatial_jacobian, tree.joint_parent, tree.column_joint, tree.column_parent, loaded.joints, loaded.points,
+        loaded.force, loaded.weight, *by_column, exact,
     )  # fmt: skip
+    if body.follows:
+        gradient += body.collected(by_column[0])
+        hessian += body.collected_hessian(by_column[1])
 
 
 @jit

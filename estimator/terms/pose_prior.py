@@ -121,7 +121,7 @@ def joint_axes(body: Body, joints: Sequence[str]) -> np.ndarray:
     """Unit vectors (D, 3) about which joints of one angle turn, in the root's frame with all angles at zero."""
     moving = _moving(body)
     rows = [body.model.idx_vs[moving[name]] for name in joints]
-    return np.asarray(body.at(pin.neutral(body.model)).spatial_jacobian[rows, 3:])
+    return np.asarray(body.dof_jacobian(body.at(pin.neutral(body.model)))[rows, 3:])
 
 
 def _moving(body: Body) -> dict[str, int]:

@@ -97,8 +97,8 @@ def point_loads(  # type: ignore[no-untyped-def]
     """Value of the term; fills landmarks in the world `points` (L, 3), and the gradient `force` (L, 3) and Hessian
     `weight` (L, 3, 3) of the value with respect to them.
 
-    placements (njoints, 12); joints (L,), local (L, 3): of the landmarks. Cameras: intrinsics, distortion (C, 5), R
-    (C, 3, 3), t (C, 3). pixels (C, L, 2); confidence, precision (C, L).
+    placements (njoints, 12); joints (L,), local (L, 3): of the landmarks. Cameras: intrinsics (C, 5), distortion (C, 5)
+    or (C, 1, 22), R (C, 3, 3), t (C, 3). pixels (C, L, 2); confidence, precision (C, L).
     """
     value = 0.0
     image_jacobian = np.zeros((2, 3))
@@ -158,8 +158,8 @@ def keypoint_values(  # type: ignore[no-untyped-def]
 def whitened_distances(points, intrinsics, distortion, R, t, pixels, confidence, precision, out):  # type: ignore[no-untyped-def]
     """Fill `out` (C, L) with the distances of keypoints from projected points (L, 3) in standard deviations.
 
-    intrinsics, distortion (C, 5), R (C, 3, 3), t (C, 3): of the cameras. pixels (C, L, 2) [px], confidence (C, L),
-    precision (C, L) [1/px^2]: of the keypoints.
+    intrinsics (C, 5), distortion (C, 5) or (C, 1, 22), R (C, 3, 3), t (C, 3): of the cameras. pixels (C, L, 2) [px],
+    confidence (C, L), precision (C, L) [1/px^2]: of the keypoints.
     """
     for c in range(pixels.shape[0]):
         for n in range(pixels.shape[1]):

@@ -25,7 +25,7 @@ from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
-from estimator.search.from_examples import Descent, descended, example_starts
+from estimator.search.from_examples import Descent, descended, descended_anew, example_starts
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
@@ -55,9 +55,10 @@ class ElmoSettings:
     are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
     beside those of the neighbours. away: what a pose pays [nats] in the first frame that turns its back to the only
     camera: most people are filmed from in front, and depth hardly tells. jump: no pose pays more than this [nats] for
-    being far from all modes of the frame before, which may be lost; the paper has no such bound. settle: search on from
-    every kept mode with the transition since the mode that it continues in the energy: the mode of the product of the
-    two, which eq. 5 has at the likelihood's own mode, as it is where this is off. turn_floor, root_turn_floor [rad],
+    being far from all modes of the frame before, which may be lost; the paper has no such bound. settle: the product
+    of likelihood and prior as it is: modes are weighed with their covariances, and searched on from with the transition
+    since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the likelihood has them
+    and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
     root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
     C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
     """
@@ -170,13 +171,17 @@ class Elmo(Begins):
         s = self.settings
         return self.search.examples.looked(observation, s.neighbours, s.votes) if s.neighbours else []
 
+    def _looked_anew(self, observation: Observation) -> list[Looked]:
+        s = self.settings
+        return self.search.examples.looked_anew(observation, s.neighbours, s.votes) if s.neighbours else []
+
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
-        looks = self.looked(observation)
+        looks = self.looked(observation) if state is not None else self._looked_anew(observation)
         starts = self._starts(looks, state)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
-        mixture = self._modes(starts, looks, observation, case)  # 3
+        mixture = self._modes(starts, looks, observation, case, state is None)  # 3
         if state is not None:
             mixture = self._weighed(mixture, state, observation.time)  # 6
             if self.settings.settle:
@@ -192,12 +197,18 @@ class Elmo(Begins):
         return starts
 
     def _modes(
-        self, starts: Sequence[Hypothesis], looks: Sequence[Looked], observation: Observation, case: FrameCase
+        self,
+        starts: Sequence[Hypothesis],
+        looks: Sequence[Looked],
+        observation: Observation,
+        case: FrameCase,
+        anew: bool,
     ) -> Mixture:
         """The best distinct modes of the likelihood that are reached from the starts."""
         if self.settings.rounds == 0:
             return self._likeliest(starts, case)
-        candidates = descended(self.search, starts, looks, observation, case, self.settings.descent)
+        search = descended_anew if anew else descended
+        candidates = search(self.search, starts, looks, observation, case, self.settings.descent)
         return self.search.best_of(candidates, case, self.settings.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
@@ -217,7 +228,8 @@ class Elmo(Begins):
         """Modes of the likelihood, weighed by the past (eq. 6)."""
         std = diffusion_std(self.search.model.transition_std(1.0), time - state.seen, self._floor)
         modes, jump = [m.q for m in likely.modes], self.settings.jump
-        weighed = reweighted(self.body, modes, likely.log_scores, state.mixture, std, jump)
+        wide = [m.covariance for m in likely.modes] if self.settings.settle else None
+        weighed = reweighted(self.body, modes, likely.log_scores, state.mixture, std, jump, wide)
         continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
         return mixture_of(tuple(continued), weighed.log_scores)
 

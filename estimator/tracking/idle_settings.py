@@ -75,8 +75,13 @@ def idle_with_input(
 
 def changed_names(tracker: str, settings: Settings) -> list[str]:
     """Names, with their groups in front, of the settings that differ from the tracker's own."""
+    return [name for name, _, _ in changed_values(tracker, settings)]
+
+
+def changed_values(tracker: str, settings: Settings) -> list[tuple[str, Any, Any]]:
+    """The same with their values, and those that the tracker has of its own."""
     own = _values(settings_for(tracker))
-    return [name for name, value in _values(settings).items() if value != own[name]]
+    return [(name, value, own[name]) for name, value in _values(settings).items() if value != own[name]]
 
 
 def without(changes: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:

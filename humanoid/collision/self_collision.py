@@ -123,20 +123,23 @@ class SelfCollision:
         point_a, point_b = buffers.point_a[:count].copy(), buffers.point_b[:count].copy()
         tree = self._body.tree
         gradient = witness.gradients(
-            posed.spatial_jacobian, tree.dof_parent, self._pair_dof[pair], point_a, point_b, normal
+            posed.spatial_jacobian, tree.column_parent, self._pair_column[pair], point_a, point_b, normal
         )
-        return Contacts(pair, distance, point_a, point_b, normal, gradient)
+        return Contacts(pair, distance, point_a, point_b, normal, self._body.collected(gradient))
 
     def add_curvature(self, posed: PosedBody, contacts: Contacts, factor: np.ndarray, hessian: np.ndarray) -> None:
         """Add the second derivatives of the contacts' distances, times factor (M,), to hessian (nv, nv), in the tangent
         space at the pose that the contacts are of. Those of hulls are left out, see `curvature.add_curvature`."""
         broad_phase.place(posed.placements, self._joint, self._local, self._core, self._world, self._segment)
-        tree = self._body.tree
+        tree, follows = self._body.tree, self._body.follows
+        by_column = np.zeros((len(tree.column_dof),) * 2) if follows else hessian
         curvature.add_curvature(
-            posed.spatial_jacobian, tree.dof_joint, tree.dof_parent, self._pair_dof[contacts.pair],
+            posed.spatial_jacobian, tree.column_joint, tree.column_parent, self._pair_column[contacts.pair],
             self._solid_pairs[contacts.pair], self._kind, self._world, self._segment, self._radius, self._radii,
-            contacts.point_a, contacts.point_b, contacts.normal, contacts.distance, factor, hessian,
+            contacts.point_a, contacts.point_b, contacts.normal, contacts.distance, factor, by_column,
         )  # fmt: skip
+        if follows:
+            hessian += self._body.collected_hessian(by_column)
 
     def distances(self, placed: PlacedBodies) -> tuple[np.ndarray, np.ndarray]:
         """The signed distances of `near` alone, of N poses: where those of each pose begin, (N + 1,), and they, (M,).
@@ -223,8 +226,8 @@ class SelfCollision:
         solids, count = self.solids, len(pairs)
         self.pairs: tuple[LinkPair, ...] = tuple((solids[i].link, solids[j].link) for i, j in pairs)
         self._solid_pairs = np.array(pairs, dtype=np.int64).reshape(count, 2)
-        last_dof = np.array([self._body.last_dof(s.joint) for s in solids], dtype=np.int64)
-        self._pair_dof = last_dof[self._solid_pairs]
+        last_column = np.array([self._body.last_column(s.joint) for s in solids], dtype=np.int64)
+        self._pair_column = last_column[self._solid_pairs]
         self._requests = _request(*_HULL_TOLERANCES), _request(*_ELLIPSOID_TOLERANCES)
         self._queries: list[_Query | None] = [None] * count  # each takes 4 kB: made when the pair first comes near
         self._candidates, self._contacts = np.zeros(count, dtype=np.int64), _Buffers.of(count)

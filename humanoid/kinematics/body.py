@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from humanoid.kinematics.placements import kinematics_of
+from humanoid.kinematics.placements import columns_of, kinematics_of
 from humanoid.subject.joint_names import q_names, v_names
 from humanoid.subject.subject import Subject
 from humanoid.support.compiled import jit
@@ -30,8 +30,10 @@ class PosedBody(NamedTuple):
 
     q (nq,): configuration, Pinocchio order.
     placements (njoints, 12): T_world_joint of every joint: the rotation column by column, then the translation [m].
-    spatial_jacobian (nv, 6): column of each degree of freedom of the spatial Jacobian in the world frame, as a row:
-        (linear at the world origin, angular); a point p fixed to the body moves with linear + angular x p.
+    spatial_jacobian (nc, 6): column of each degree of freedom of the spatial Jacobian in the world frame, as a row:
+        (linear at the world origin, angular); a point p fixed to the body moves with linear + angular x p. Joints that
+        follow others have columns of their own, per unit of the degree of freedom they follow: see `Tree`. Without such
+        joints nc = nv.
     """
 
     q: np.ndarray
@@ -76,35 +78,47 @@ class Tree:
     dof_joint (nv,): joint of each degree of freedom.
     dof_parent (nv,): the degree of freedom before it on the way to the root, -1 at the root; within a joint of
         several degrees of freedom the previous one.
+    column_joint, column_parent (nc,): the same of the columns of the spatial Jacobian, one for each degree of freedom
+        and one for each joint that follows another, parents first.
+    column_dof (nc,): the degree of freedom that drives each column. What moves with several columns moves with their
+        sum: `Body.collected`.
+    dof_column (nv,): the column of the joint that a degree of freedom is named after.
     """
 
     joint_parent: np.ndarray
     dof_joint: np.ndarray
     dof_parent: np.ndarray
+    column_joint: np.ndarray
+    column_parent: np.ndarray
+    column_dof: np.ndarray
+    dof_column: np.ndarray
 
 
 def _tree(model: pin.Model) -> Tree:
     joint_parent = np.array(list(model.parents), dtype=np.int64)
-    dof_joint = np.zeros(model.nv, dtype=np.int64)
-    dof_parent = np.full(model.nv, -1, dtype=np.int64)
-    last_dof = np.full(model.njoints, -1, dtype=np.int64)
+    column_joint = np.zeros(model.nvExtended, dtype=np.int64)
+    column_parent = np.full(model.nvExtended, -1, dtype=np.int64)
+    column_dof, dof_column = np.zeros(model.nvExtended, dtype=np.int64), np.zeros(model.nv, dtype=np.int64)
+    last_column = np.full(model.njoints, -1, dtype=np.int64)
     for j in range(1, model.njoints):
-        first, count = model.idx_vs[j], model.nvs[j]
-        previous = last_dof[joint_parent[j]]
-        for k in range(first, first + count):
-            dof_joint[k], dof_parent[k] = j, previous
+        previous = last_column[joint_parent[j]]
+        for i, k in enumerate(columns_of(model, j)):
+            column_joint[k], column_parent[k], column_dof[k] = j, previous, model.idx_vs[j] + i
+            if model.nvs[j] > 0:
+                dof_column[model.idx_vs[j] + i] = k
             previous = k
-        last_dof[j] = previous
-    return Tree(joint_parent, dof_joint, dof_parent)
+        last_column[j] = previous
+    parent = column_parent[dof_column]
+    dof_parent = np.where(parent >= 0, column_dof[parent], -1)
+    return Tree(joint_parent, column_joint[dof_column], dof_parent, column_joint, column_parent, column_dof, dof_column)
 
 
 def _supports(model: pin.Model) -> np.ndarray:
-    """Which degrees of freedom move each joint, (njoints, nv) bool."""
-    moved = np.zeros((model.njoints, model.nv), dtype=bool)
-    for j, (parent, first, count) in enumerate(zip(model.parents, model.idx_vs, model.nvs, strict=True)):
-        if j > 0:
-            moved[j] = moved[parent]
-            moved[j, first : first + count] = True
+    """Which columns of the spatial Jacobian move each joint, (njoints, nc) bool."""
+    moved = np.zeros((model.njoints, model.nvExtended), dtype=bool)
+    for j in range(1, model.njoints):
+        moved[j] = moved[model.parents[j]]
+        moved[j, columns_of(model, j)] = True
     return moved
 
 
@@ -120,6 +134,8 @@ class Body:
     tree: see `Tree`.
     landmark_names (L), landmark_joint (L,), landmark_local (L, 3): points in the frames of their joints [m].
     landmark_support (L, nv) bool: which degrees of freedom move each landmark.
+    column_support (njoints, nc) bool: which columns of the spatial Jacobian move each joint. follows: whether joints
+    follow others, so that nc > nv.
     lower, upper (nq,): hard limits of q (infinite where there are none).
     neutral (nq,): root at the origin, joints at their rest positions, inside the limits.
     bounded_v, bounded_q: the degrees of freedom with limits and their places in q.
@@ -136,7 +152,11 @@ class Body:
         self.landmark_joint, self.landmark_local = points_on_links(
             model, [(landmark.link, landmark.xyz) for landmark in subject.landmarks]
         )
-        self._support = _supports(model)
+        self.column_support = _supports(model)
+        more = set(range(model.nvExtended)) - set(self.tree.dof_column.tolist())
+        self._more_columns = [(k, int(self.tree.column_dof[k])) for k in sorted(more)]
+        self.follows = bool(more)
+        self._support = self.collected(self.column_support)
         self.landmark_support = self._support[self.landmark_joint]
         self._limits(model)
         self._kinematics = kinematics_of(model)
@@ -222,19 +242,47 @@ class Body:
         """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
         linear, angular = posed.spatial_jacobian[:, :3], posed.spatial_jacobian[:, 3:]
         velocity = linear[None] + np.cross(angular[None], self.landmarks(posed)[:, None])
-        return np.where(self.landmark_support[:, None, :], velocity.transpose(0, 2, 1), 0.0)
+        moved = self.column_support[self.landmark_joint]
+        return self.collected(np.where(moved[:, None, :], velocity.transpose(0, 2, 1), 0.0))
 
-    def last_dof(self, joint: int) -> int:
-        """Last degree of freedom on the way from the root to (and with) a joint, -1 if none."""
-        return int(self.model.idx_vs[joint] + self.model.nvs[joint] - 1) if joint > 0 else -1
+    def collected(self, columns: np.ndarray) -> np.ndarray:
+        """What belongs to the columns of the spatial Jacobian (..., nc) by degree of freedom, (..., nv): sums, of
+        booleans whether any is true. Itself where no joint follows another."""
+        if not self.follows:
+            return columns
+        first = self.tree.dof_column
+        out = columns[..., first].copy()
+        for k, dof in self._more_columns:
+            out[..., dof] += columns[..., k]
+        return out
+
+    def collected_hessian(self, hessian: np.ndarray) -> np.ndarray:
+        """A Hessian by the columns (nc, nc) as one by degrees of freedom (nv, nv)."""
+        return self.collected(self.collected(hessian).T).T
+
+    def dof_jacobian(self, posed: PosedBody) -> np.ndarray:
+        """The columns of the joints that the degrees of freedom are named after, (nv, 6): their axes."""
+        return posed.spatial_jacobian[self.tree.dof_column] if self.follows else posed.spatial_jacobian
+
+    def drives_several(self, dof: int) -> bool:
+        """Whether other joints follow a degree of freedom, so that no single axis says what it moves."""
+        return int(np.count_nonzero(self.tree.column_dof == dof)) > 1
+
+    def last_column(self, joint: int) -> int:
+        """Last column of the spatial Jacobian on the way from the root to (and with) a joint, -1 if none."""
+        return int(columns_of(self.model, joint)[-1]) if joint > 0 else -1
 
     def support(self, joint: int) -> np.ndarray:
         """Which degrees of freedom move a joint, (nv,) bool."""
         return self._support[joint].copy()
 
-    def __reduce__(self) -> tuple[type[Body], tuple[Subject, pin.Model]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Made anew when it is sent to another process: its views look into this process' memory."""
-        return Body, (self.subject, self.model)
+        if not self.follows:
+            return Body, (self.subject, self.model)
+        model = self.model  # Pinocchio cannot send it; it differs from the subject's by lengths and limits alone
+        placements = np.array([placement.homogeneous for placement in model.jointPlacements])
+        return _remade, (self.subject, placements, model.lowerPositionLimit, model.upperPositionLimit)
 
     @property
     def q_names(self) -> tuple[str, ...]:
@@ -245,6 +293,14 @@ class Body:
     def v_names(self) -> tuple[str, ...]:
         """A name for every degree of freedom (nv), see `humanoid.subject.joint_names`."""
         return v_names(self.model)
+
+
+def _remade(subject: Subject, placements: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Body:
+    model = pin.Model(subject.model)
+    for j, placement in enumerate(placements):
+        model.jointPlacements[j] = pin.SE3(placement)
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
+    return Body(subject, model)
 
 
 @jit

@@ -13,11 +13,17 @@ each, that kinematics never looks at: 108 MB here, 2 GB at 400."""
 _SE3_DOUBLES = 12  # Pinocchio keeps an SE3 as its rotation, column by column, then its translation
 
 
+def columns_of(model: pin.Model, joint: int) -> range:
+    """The columns of the spatial Jacobian that are a joint's."""
+    first = int(model.idx_vExtendeds[joint])
+    return range(first, first + int(model.nvExtendeds[joint]))
+
+
 class Kinematics(Protocol):
     """Forward kinematics and Jacobians of one model."""
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Placements (njoints, 12) and spatial Jacobian (nv, 6) at q (nq,), see `PosedBody`; the caller owns them."""
+        """Placements (njoints, 12) and spatial Jacobian (nc, 6) at q (nq,), see `PosedBody`; the caller owns them."""
         ...
 
     def placed(self, q: np.ndarray) -> np.ndarray:
@@ -64,7 +70,7 @@ class JointKinematics:
         self._joints = [(joint, joint.createData()) for joint in list(model.joints)[1:]]
         self._parents = list(model.parents)[1:]
         self._offsets = list(model.jointPlacements)[1:]
-        self._dof_joint = np.repeat(np.arange(model.njoints), list(model.nvs))
+        self._column_joint = np.repeat(np.arange(model.njoints), list(model.nvExtendeds))
 
     def placed(self, q: np.ndarray) -> np.ndarray:
         """See `Kinematics`."""
@@ -73,18 +79,18 @@ class JointKinematics:
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Kinematics`."""
         T_world_joint = [pin.SE3.Identity()]
-        subspace = np.zeros((self._model.nv, 6))  # of each degree of freedom, in its joint's frame
+        subspace = np.zeros((self._model.nvExtended, 6))  # of each column, in its joint's frame
         first = 0
         for (joint, data), parent, T_parent_joint in zip(self._joints, self._parents, self._offsets, strict=True):
             joint.calc(data, q)
             T_world_joint.append(T_world_joint[parent] * T_parent_joint * data.M)
-            subspace[first : first + joint.nv] = data.S.T
-            first += joint.nv
+            subspace[first : first + joint.nvExtended] = data.S.T
+            first += joint.nvExtended
         placements = _as_rows(T_world_joint)
-        rotation = placements[self._dof_joint, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
+        rotation = placements[self._column_joint, :9].reshape(-1, 3, 3).transpose(0, 2, 1)
         angular = np.einsum("vij,vj->vi", rotation, subspace[:, 3:])
         linear = np.einsum("vij,vj->vi", rotation, subspace[:, :3])
-        linear += np.cross(placements[self._dof_joint, 9:], angular)
+        linear += np.cross(placements[self._column_joint, 9:], angular)
         return placements, np.concatenate([linear, angular], axis=1)
 
 

@@ -21,6 +21,7 @@ import pinocchio as pin
 from humanoid.kinematics.body import Body
 from humanoid.shape.collada_check import check_collada
 from humanoid.subject.subject import Flesh
+from humanoid.subject.urdf_elements import parse
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.support.errors import InputError
 from humanoid.support.quiet import quiet
@@ -90,9 +91,10 @@ def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
     for mesh in collada_meshes(subject.urdf, tag):
         check_collada(mesh)
+    plain = parse(subject.urdf, subject.source).plain_urdf  # with all that Pinocchio's reader asks for
     try:
         with quiet():  # Eigen complains of vertices that are not finite, which are refused below
-            geometries = pin.buildGeomFromUrdfString(model, subject.urdf, kind)
+            geometries = pin.buildGeomFromUrdfString(model, plain, kind)
     except ValueError as error:
         raise _unreadable(subject.source, str(error)) from error
     return tuple(
@@ -159,6 +161,17 @@ def _solid(link: str, joint: int, shape: Any, placement: pin.SE3) -> Solid:
         centre, half, radius = _capsule_around_points(_hull_points(shape))
     rotation, translation = np.array(placement.rotation), np.array(placement.translation)
     return Solid(link, int(joint), shape, rotation, translation, centre, half, radius, radii)
+
+
+def farthest(solid: Solid, direction: np.ndarray) -> float:
+    """How far a solid reaches along a unit vector (3,) from its joint's origin, in the joint's frame [m]."""
+    along = solid.rotation.T @ direction
+    offset = float(solid.translation @ direction)
+    if solid.radii.any():
+        return offset + float(np.linalg.norm(solid.radii * along))
+    if isinstance(solid.geometry, (coal.Capsule, coal.Sphere)):
+        return offset + abs(float(solid.core_half @ along)) + solid.core_radius
+    return offset + float((_hull_points(solid.geometry) @ along).max())
 
 
 def _capsule_around_ellipsoid(radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pinocchio as pin
 
 from humanoid.subject import example_robots, urdf_elements
 from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
+from humanoid.subject.mimic_model import with_mimics
+from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, natural_base
 from humanoid.subject.urdf_document import Document, nearest, read_document
-from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, drop_mimic, lock_joints, resolve_meshes, set_base
+from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
 from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, Upright
 from humanoid.subject.urdf_flesh import Flesh
+from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
 from humanoid.subject.yourdfpy_check import check_with_yourdfpy
 from humanoid.support.atomic import replacing
@@ -62,6 +65,7 @@ class Subject:
     base: "free" (root xyz + quaternion xyzw lead q) or "fixed".
     model: Pinocchio model; shared, never changed.
     landmarks, flesh, stabilisers, proportions, upright: the extra elements (see `humanoid.subject.urdf_elements`).
+    mimics: joints that follow others; they are joints of the model, but have no entries in q and in the tangent space.
     notes: what was done to the file that a user should know, one sentence each.
     """
 
@@ -76,6 +80,13 @@ class Subject:
     proportions: tuple[Proportion, ...] = ()
     upright: Upright | None = None
     notes: tuple[str, ...] = ()
+    mimics: tuple[Mimic, ...] = ()
+
+    def __reduce_ex__(self, protocol: Any) -> str | tuple[Any, ...]:
+        """Made anew from its text in another process where joints follow others: Pinocchio cannot send such models."""
+        if not self.mimics:
+            return super().__reduce_ex__(protocol)
+        return _remade, (self.urdf, self.source, self.base, self.notes)
 
     def scaled(self, scales: Mapping[str, float]) -> Subject:
         """This subject with some proportions changed.
@@ -127,7 +138,14 @@ def subject_from_text(text: str, *, source: str, base: Base = "auto", notes: tup
     """
     document = read_document(text, source)
     check_urdf(document)
+    if read_mimics(document):
+        settle_mimics(document)
+        text = document.text()
     return _subject(document, text, source, base, notes)
+
+
+def _remade(text: str, source: str, base: Base, notes: tuple[str, ...]) -> Subject:
+    return subject_from_text(text, source=source, base=base, notes=notes)
 
 
 def _base_of(document: Document, base: Base) -> Literal["free", "fixed"]:
@@ -141,7 +159,7 @@ def _base_of(document: Document, base: Base) -> Literal["free", "fixed"]:
 def _subject(document: Document, text: str, source: str, base: Base, notes: tuple[str, ...]) -> Subject:
     read = urdf_elements.read_elements(document)
     floating = _base_of(document, base)
-    model = _build_model(read.plain_urdf, source, free=floating == "free")
+    model = with_mimics(_build_model(read.plain_urdf, source, free=floating == "free"), read.mimics, source)
     return Subject(
         name=model.name,
         source=source,
@@ -154,6 +172,7 @@ def _subject(document: Document, text: str, source: str, base: Base, notes: tupl
         proportions=read.proportions,
         upright=read.upright,
         notes=notes,
+        mimics=read.mimics,
     )
 
 
@@ -224,9 +243,10 @@ def load_subject(
         landmark_file = Path(landmarks)
     elif landmark_file is None:
         landmark_file = _beside(document, path)
-    notes = resolve_meshes(document, path.resolve().parent, packages, meshes) + drop_mimic(document)
+    notes = resolve_meshes(document, path.resolve().parent, packages, meshes)
     if landmark_file is not None:
         merge_landmark_file(document, landmark_file)
+    notes += settle_mimics(document)
     if document.root.find("landmark") is None:
         notes += add_link_landmarks(document)
     base = _base_of(document, base)  # of the file as it is, before joints are locked

@@ -6,6 +6,7 @@ import math
 import xml.etree.ElementTree as ET
 
 from humanoid.subject.urdf_document import PLAUSIBLE, Document, elements, nearest
+from humanoid.subject.urdf_mimic import check_mimic
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
 JOINT_TYPES = (*MOVABLE, "fixed")
@@ -135,7 +136,7 @@ def _check_joint(
         _check_limit(document, joint, limit)
     mimic = _only(document, joint, "mimic")
     if mimic is not None:
-        _check_mimic(document, joint, mimic, joints)
+        check_mimic(document, joint, mimic, joints)
 
 
 def _link_named(document: Document, joint: ET.Element, tag: str, links: dict[str, ET.Element]) -> str:
@@ -158,14 +159,6 @@ def _check_limit(document: Document, joint: ET.Element, limit: ET.Element | None
     lower, upper = document.number(limit, "lower"), document.number(limit, "upper")
     if lower > upper:
         raise document.fault(limit, f"lower {lower:g} is above upper {upper:g}", "exchange them")
-
-
-def _check_mimic(document: Document, joint: ET.Element, mimic: ET.Element, joints: dict[str, ET.Element]) -> None:
-    name = mimic.get("joint", "")
-    if name not in joints or name == joint.get("name"):
-        raise document.fault(mimic, f"there is no other joint {name!r}", nearest(name, joints, "joints"))
-    document.number(mimic, "multiplier", "1")
-    document.number(mimic, "offset", "0")
 
 
 def _check_tree(document: Document, links: dict[str, ET.Element], joints: dict[str, ET.Element]) -> None:

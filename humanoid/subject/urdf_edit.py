@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements, nearest
+from humanoid.subject.urdf_mimic import read_mimics
 from humanoid.support.errors import InputError
 
 Meshes = Literal["require", "ignore"]
@@ -48,7 +49,7 @@ def resolve_meshes(document: Document, folder: Path, packages: Sequence[Path], m
                 )
     if not missing:
         return ()
-    return (f"{len(missing)} shapes left out, their meshes are missing: " + _few(sorted(set(missing))),)
+    return (f"{len(missing)} shapes left out, their meshes are missing: " + few(sorted(set(missing))),)
 
 
 def _mesh_remedy(name: str) -> str:
@@ -74,18 +75,8 @@ def _find(name: str, folder: Path, packages: Sequence[Path]) -> Path | None:
         return None
 
 
-def drop_mimic(document: Document) -> tuple[str, ...]:
-    """Remove <mimic>, so that every reader of the text moves the same joints; returns notes."""
-    names = []
-    for joint in elements(document.root, "joint"):
-        for mimic in list(elements(joint, "mimic")):
-            joint.remove(mimic)
-            if joint.get("type") != "fixed":
-                names.append(joint.get("name", ""))
-    return (f"<mimic> is not followed, these joints move on their own: {_few(names)}",) if names else ()
-
-
-def _few(names: Sequence[str]) -> str:
+def few(names: Sequence[str]) -> str:
+    """Names for a sentence: the first five of many."""
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
@@ -101,9 +92,11 @@ def lock_joints(document: Document, names: Sequence[str]) -> None:
 
     Raises
     ------
-    InputError: a name is no joint, or the joint is planar or floating.
+    InputError: a name is no joint, or the joint is planar or floating, or follows another.
     """
     joints = {j.get("name", ""): j for j in elements(document.root, "joint")}
+    mimics = read_mimics(document)
+    masters = {m.joint: m.master for m in mimics}
     for name in names:
         if name not in joints:
             raise InputError(
@@ -112,15 +105,22 @@ def lock_joints(document: Document, names: Sequence[str]) -> None:
         joint, kind = joints[name], joints[name].get("type")
         if kind in ("planar", "floating"):
             raise document.fault(joint, f"a {kind} joint has no single rest to lock at", 'make it type="fixed"')
-        if kind != "fixed":
-            _lock(document, joint)
+        if name in masters and masters[name] not in names:
+            raise document.fault(joint, f"it follows {masters[name]!r}", f"lock {masters[name]!r}, and both are fixed")
+        if kind != "fixed" and name not in masters:
+            rest = _rest(document, joint)
+            lock_joint(document, joint, rest)
+            for m in mimics:
+                if m.master == name:
+                    lock_joint(document, joints[m.joint], m.multiplier * rest + m.offset)
     for stabiliser in list(elements(document.root, "stabiliser")):
         if stabiliser.get("joint") in names:
             document.root.remove(stabiliser)
 
 
-def _lock(document: Document, joint: ET.Element) -> None:
-    origin, axis, rest = joint.find("origin"), joint.find("axis"), _rest(document, joint)
+def lock_joint(document: Document, joint: ET.Element, rest: float) -> None:
+    """Make a joint of one degree of freedom fixed, at a position `rest` [rad or m]."""
+    origin, axis = joint.find("origin"), joint.find("axis")
     placement = pin.SE3.Identity()
     if origin is not None:
         rpy = document.triple(origin, "rpy")

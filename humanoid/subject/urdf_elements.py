@@ -13,8 +13,8 @@ A proportion scales the origin of its joint, and of the joints named in `symmetr
 the parent link with it.
 
 What Pinocchio gets is the URDF without these and without what it would act on differently or does not need: materials,
-simulator and transmission elements, <mimic> (a mimicking joint moves on its own here). Missing effort and velocity
-limits, which a kinematic model does not use, are filled in for its parser.
+simulator and transmission elements, <mimic> (`humanoid.subject.mimic_model` ties the joints afterwards). Missing effort
+and velocity limits, which a kinematic model does not use, are filled in for its parser.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ import numpy as np
 from humanoid.subject.urdf_check import ends_of
 from humanoid.subject.urdf_document import Document, elements, nearest, read_document
 from humanoid.subject.urdf_flesh import Flesh, numbers_text, read_flesh, stretched, write_flesh
+from humanoid.subject.urdf_mimic import Mimic, mimic_of, read_mimics
 from humanoid.support.errors import InputError
 
 T = TypeVar("T")
@@ -99,6 +100,7 @@ class Elements:
     stabilisers: tuple[Stabiliser, ...]
     proportions: tuple[Proportion, ...]
     upright: Upright | None
+    mimics: tuple[Mimic, ...] = ()
 
 
 def parse(text: str, source: str) -> Elements:
@@ -130,6 +132,7 @@ def read_elements(document: Document) -> Elements:
         stabilisers=_each(document, "stabiliser", "joint", lambda e: _stabiliser(document, e, joints)),
         proportions=proportions,
         upright=_upright(document, links - {ends_of(j)[1] for j in joints.values()}),
+        mimics=read_mimics(document),
     )
 
 
@@ -193,7 +196,11 @@ def _joint_named(document: Document, e: ET.Element, name: str, joints: Mapping[s
 
 def _stabiliser(document: Document, e: ET.Element, joints: Mapping[str, ET.Element]) -> Stabiliser:
     name = document.attribute(e, "joint")
-    kind = _joint_named(document, e, name, joints).get("type")
+    joint = _joint_named(document, e, name, joints)
+    kind, mimic = joint.get("type"), mimic_of(joint)
+    if mimic is not None:
+        master = mimic.get("joint")
+        raise document.fault(e, f"joint {name!r} follows {master!r}", f"give the stabiliser to {master!r}")
     if kind not in ("revolute", "prismatic"):
         movable = [n for n, j in joints.items() if j.get("type") in ("revolute", "prismatic")]
         raise document.fault(e, f"joint {name!r} is {kind} and has no rest position", nearest(name, movable, "joints"))

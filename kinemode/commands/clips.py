@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from kinemode.commands.options import Files, Flag
+from kinemode.commands.options import MEDIAPIPE, DetectorOptions, Files, Flag, PictureArgument
 
 
 def demo(*, out: Path = Path("demo-out"), seed: int = 0, occlusion: Flag = False, index: Path | None = None) -> None:
@@ -69,12 +69,15 @@ def render(
 
     kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
 
+    kinemode render --motion random --subject arm8 --seconds 3 --out arm
+
     kinemode render --motion reach --background textured --stereo 0.12 --depth --hidden 1.0:2.0 --out pair
 
     Parameters
     ----------
     motion
-        reach, arm, pivot, turn_reach, or a BVH file of a person.
+        reach, arm, pivot, turn_reach; random, for any subject; a BVH file of a person; or a csv or npz of the
+        subject's joints over time (columns time and JOINT_deg, JOINT_rad or JOINT_m, or as exported).
     out
         Folder for the files.
     subject
@@ -90,9 +93,9 @@ def render(
     fps
         Frames per second.
     seconds
-        Only so much of the motion.
+        Only so much of the motion; 4 of a random one unless given.
     seed
-        Of the scene, the clothes, the sensor's noise and the keypoints' errors.
+        Of a random motion, the scene, the clothes, the sensor's noise and the keypoints' errors.
     occluder
         What stands between the first camera and the person.
     hidden
@@ -146,6 +149,33 @@ def render(
         progress=km.reported,
     )
     print(out)
+
+
+def detect(*clips: PictureArgument, how: DetectorOptions = MEDIAPIPE, out: Path, overwrite: Flag = False) -> None:
+    """Find the keypoints of all people in clips, and write them as keypoint files.
+
+    The detector gets an environment of its own in the cache folder when it is first needed, by uv or by pip with a
+    fitting Python; that takes a network. Where the command was interrupted the same command goes on.
+
+    Examples:
+
+    kinemode detect walk.mp4 --out walk.json
+
+    kinemode detect cam01.mp4 cam02.mp4 --out keypoints
+
+    kinemode detect walk.mp4 --detector onnx --model rtmpose.onnx --out walk.json
+
+    Parameters
+    ----------
+    out
+        The file of one clip; of several clips, or where it is a folder, the folder for NAME.json.
+    overwrite
+        Replace files that are there.
+    """
+    import kinemode as km
+
+    for path in km.detect(clips, out=out, **how.arguments(), overwrite=overwrite, progress=km.reported).values():
+        print(path)
 
 
 def annotate(

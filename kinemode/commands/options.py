@@ -11,6 +11,7 @@ from cyclopts import Parameter
 ClipArgument = Annotated[
     str, Parameter(name="clip", help="Video files or folders of images; none where the keypoints are enough.")
 ]
+PictureArgument = Annotated[str, Parameter(name="clip", help="Video files or folders of images.")]
 SubjectOption = Annotated[str, Parameter(help="A built-in name (see `kinemode subjects`) or a URDF file.")]
 Files = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Ids = Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative="")]
@@ -25,9 +26,12 @@ class InputOptions:
     Parameters
     ----------
     cameras
-        JSON with K, distortion, R, t of each camera; one camera without it is guessed.
+        Calibration of each camera: kinemode's JSON (K, distortion, R, t; `calibrate` writes it), Pose2Sim or Anipose
+        TOML, OpenCV YAML, JSON or XML, Qualisys .qca.txt or .xml; one camera without it is guessed.
     keypoints
-        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s.
+        2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s;
+        AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv, npy and npz. Names that the file does not have, or
+        has in its own words, stand beside it: WALK.names.json for WALK.csv.
     mask
         Videos or folders of masks, white on the person; the background is then not needed.
     background
@@ -39,7 +43,7 @@ class InputOptions:
     person
         Which of several people: auto (one camera: the largest, then continuity; several: the person they see
         together), an id of the keypoint files, or CAMERA=ID for some cameras; the others then take the person that
-        fits them.
+        fits them. With `track` also all: everybody, matched across cameras, into OUT.person1.run, ...
     keypoint_size
         [NAME=]WxH of the pictures that the detector saw, as 960x540, where the keypoint files do not say it.
     fps
@@ -121,3 +125,36 @@ class TrackerOptions:
 
 
 USUAL = TrackerOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class DetectorOptions:
+    """What finds the keypoints.
+
+    Parameters
+    ----------
+    detector
+        mediapipe (33 keypoints, its models come with it) or onnx (by the file of --model).
+    model
+        An ONNX file: RTMPose, or another model with a line and a column for each keypoint of one person's picture.
+    boxes
+        An ONNX file that finds people in a picture, for --detector onnx; without it one person is followed.
+    people
+        At most so many are followed.
+    python
+        An interpreter to make the detector's environment with; one that has the packages is taken as it is.
+    """
+
+    detector: str = "mediapipe"
+    model: Path | None = None
+    boxes: Path | None = None
+    people: int = 6
+    python: Path | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The options as `kinemode.detect` takes them."""
+        return dict(vars(self))
+
+
+MEDIAPIPE = DetectorOptions()

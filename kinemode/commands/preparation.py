@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from kinemode.commands.options import NO_INPUT, ClipArgument, Flag, InputOptions, SubjectOption
 
@@ -45,6 +48,79 @@ def fit(
     from kinemode.terminal import report
 
     report.print_fit(fitted, out)
+
+
+PicturesArgument = Annotated[
+    str,
+    Parameter(
+        name="pictures", help="[NAME=]PATH: a video or a folder of each camera; or picture files, all of one camera."
+    ),
+]
+
+
+def calibrate(
+    *pictures: PicturesArgument,
+    board: Literal["chessboard", "charuco"] = "chessboard",
+    size: str = "9x6",
+    square: float,
+    marker: float | None = None,
+    dictionary: str = "4X4_50",
+    lens: Literal["brown", "rational", "fisheye"] = "brown",
+    origin: int | None = None,
+    out: Path,
+    picture: Path | None = None,
+) -> None:
+    """Calibrate cameras from pictures of a board: their lenses, and of several that see it at once where they stand.
+
+    Examples:
+
+    kinemode calibrate board.mp4 --size 9x6 --square 0.025 --out cameras.json
+
+    kinemode calibrate left=left/ right=right/ --square 0.04 --origin 0 --out cameras.json --picture board.png
+
+    kinemode calibrate a=a.mp4 b=b.mp4 --board charuco --size 8x6 --square 0.03 --marker 0.022 --out cameras.json
+
+    Parameters
+    ----------
+    board
+        What it is.
+    size
+        Columns by rows: inner corners of a chessboard, squares of a ChArUco board.
+    square
+        Side of a square in metres.
+    marker
+        Side of a ChArUco marker in metres; three quarters of the square unless given.
+    dictionary
+        Of the ChArUco markers, as OpenCV calls it without DICT_.
+    lens
+        brown has OpenCV's 5 coefficients, rational 8, fisheye the 4 of its fisheye model.
+    origin
+        Number of the pictures, from 0, in which the board makes the world: origin at its first inner corner (of a
+        ChArUco board at its outer one), x along the columns, z out of its face, so up where it lies on the floor. Of
+        several cameras the pictures in which most see it unless given.
+    out
+        The camera file to write.
+    picture
+        Also write a PNG with the corners and how far they are from where they should be.
+    """
+    import kinemode as km
+
+    calibration = km.calibrate(
+        pictures,
+        board=board,
+        size=size,
+        square=square,
+        marker=marker,
+        dictionary=dictionary,
+        lens=lens,
+        origin=origin,
+        out=out,
+        picture=picture,
+        progress=km.reported,
+    )
+    from kinemode.terminal import board_report
+
+    board_report.print_calibration(calibration, out, picture)
 
 
 def train_index(
@@ -123,11 +199,32 @@ def settings(*, tracker: str = "css", out: Path | None = None) -> None:
         print(write_settings(out, tracker))
 
 
-def subjects() -> None:
-    """List the subjects that have a name.
+def subjects(*, landmarks: str | None = None, out: Path | None = None) -> None:
+    """List the subjects that have a name, or begin a landmark file for a URDF.
 
-    Any other URDF is loaded by its path.
+    Any other URDF is loaded by its path; its landmarks stand in NAME.landmarks.toml next to NAME.urdf. The file that is
+    begun loads as it is: a landmark at every joint, under COCO's names where the links' names tell a person's joints,
+    the tips of the last links, and in comments what else there is.
+
+    Examples:
+
+    kinemode subjects
+
+    kinemode subjects --landmarks robot.urdf --out robot.landmarks.toml
+
+    Parameters
+    ----------
+    landmarks
+        A URDF, by path or by name: print the beginning of its landmark file.
+    out
+        Write it here instead; a file that is there is left alone.
     """
+    if landmarks is not None:
+        import kinemode as km
+
+        text = km.landmark_start(landmarks, out=out)
+        print(out if out is not None else text, end="\n" if out is not None else "")
+        return
     from kinemode.terminal import report
 
     report.print_subjects()

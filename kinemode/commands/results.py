@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-Format = Literal["npz", "csv", "trc", "mot"]
+Format = Literal["npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "glb", "rrd"]
 
 
 def view(run: Path, /, *, html: Path | None = None) -> None:
@@ -50,6 +50,25 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
     print(km.overlay(run, out, camera=camera, progress=km.reported))
 
 
+def report(run: Path, /, *, out: Path) -> None:
+    """Write a page about a run to read, print and send on: film, joint angles, ranges of motion, doubts, settings.
+
+    It is one file that needs no network.
+
+    Example: kinemode report walk.run --out walk.html
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        A file ending in .html.
+    """
+    import kinemode as km
+
+    print(km.report(run, out, progress=km.reported))
+
+
 def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: int | None = None) -> None:
     """Show what a frame's energy is made of, term by term and camera by camera.
 
@@ -88,9 +107,19 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
 def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     """Write a run for other programs.
 
-    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim.
+    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim, and osim the model
+    that they drive; gait2392-mot and rajagopal-mot the joint angles of a whole person as those gait models of OpenSim
+    name and measure them; c3d landmarks and joint angles; bvh a skeleton in centimetres and its turns; glb the moving
+    body; rrd all of it for rerun, with hypotheses, cameras and keypoints. npz and rrd have all hypotheses, the others
+    the best path.
 
-    Example: kinemode export walk.run --format csv walk.csv
+    Examples:
+
+    kinemode export walk.run walk.csv
+
+    kinemode export walk.run walk.osim
+
+    kinemode export walk.run walk-gait.mot --format rajagopal-mot
 
     Parameters
     ----------
@@ -99,11 +128,36 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
     file
         Where to write.
     format
-        npz, csv, trc or mot; the file's ending unless given.
+        One of these; the file's ending unless given.
     """
     import kinemode as km
 
     print(km.export(run, file, format=format))
+
+
+def gait(run: Path, /, *, out: Path | None = None) -> None:
+    """Tell heel strikes, toe-offs and strides of a person who walks.
+
+    By where the feet are relative to the hips (Zeni et al. 2008), of the best hypothesis. Where nobody walks, or the
+    clip is too short for a stride, it says so.
+
+    Example: kinemode gait walk.run --out strides.csv
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        Write the strides as csv there.
+    """
+    import kinemode as km
+
+    walked = km.gait(run)
+    from kinemode.terminal import report
+
+    report.print_gait(walked)
+    if out is not None:
+        print(walked.write(out))
 
 
 def evaluate(run: Path, /, *, reference: Path) -> None:

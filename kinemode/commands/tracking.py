@@ -8,13 +8,25 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from kinemode.commands.options import NO_INPUT, USUAL, ClipArgument, Flag, InputOptions, TrackerOptions
+from kinemode.commands.options import (
+    MEDIAPIPE,
+    NO_INPUT,
+    USUAL,
+    ClipArgument,
+    DetectorOptions,
+    Flag,
+    InputOptions,
+    SubjectOption,
+    TrackerOptions,
+)
 
 
 def track(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
     how: TrackerOptions = USUAL,
+    detect: Flag = False,
+    by: DetectorOptions = MEDIAPIPE,
     tracker: str = "css",
     workers: int = 1,
     out: Path,
@@ -34,8 +46,15 @@ def track(
 
     kinemode track walk.mp4 --keypoints clicks.json --cues edges,flow --out clicked.run
 
+    kinemode track walk.mp4 --detect --out walk.run
+
+    kinemode track --cameras calibration.json --keypoints cam01.json cam02.json --person all --out them.run
+
     Parameters
     ----------
+    detect
+        Find the keypoints of clips without a keypoint file first, as `kinemode detect` does, into OUT.keypoints beside
+        the run; they are taken from there as long as clip and detector are the same.
     tracker
         Its name, see `kinemode trackers`.
     workers
@@ -56,6 +75,7 @@ def track(
         clips,
         **files.arguments(),
         **how.arguments(),
+        detect=by.arguments() if detect else False,
         tracker=tracker,
         out=out,
         resume=resume,
@@ -65,7 +85,8 @@ def track(
     )
     from kinemode.terminal import report
 
-    report.print_run(run)
+    for tracked in run.values() if isinstance(run, dict) else [run]:
+        report.print_run(tracked)
 
 
 def compare(
@@ -118,3 +139,91 @@ def compare(
     from kinemode.comparison.report import print_comparison
 
     print_comparison(compared)
+
+
+def live(
+    source: str = "0",
+    /,
+    *,
+    keypoints: Path | None = None,
+    finder: DetectorOptions = MEDIAPIPE,
+    subject: SubjectOption = "human34",
+    cameras: Path | None = None,
+    camera: str | None = None,
+    cues: str = "off",
+    background: Path | None = None,
+    tracker: str = "css",
+    modes: int | None = None,
+    settings: Path | None = None,
+    seed: int = 0,
+    lag: int = 0,
+    index: Path | None = None,
+    realtime: bool = True,
+    out: Path | None = None,
+    overwrite: Flag = False,
+    show: bool = True,
+    port: int = 0,
+    browser: bool = True,
+) -> None:
+    """Track a camera, or a file as if it were one, with a preview that moves; Ctrl-C ends it.
+
+    The subject is taken as it is: fit it beforehand, with `kinemode fit`. Pictures that come while another is tracked
+    are dropped, all but the newest.
+
+    Examples:
+
+    kinemode live 0 --subject me.urdf
+
+    kinemode live walk.mp4 --keypoints walk.json --subject me.urdf
+
+    kinemode live walk.mp4 --keypoints walk.json --no-realtime --no-show --out walk.run
+
+    Parameters
+    ----------
+    source
+        The number of a camera of this machine, or a clip, which is played at its own rate.
+    keypoints
+        A keypoint file of the clip, which is played back; a detector finds them unless given.
+    cameras
+        JSON with K, distortion, R, t; guessed without it.
+    camera
+        The name of the camera in it, where it is not the clip's.
+    cues
+        What the pictures are looked at for: off, or some of what `kinemode cues` lists, with commas between them.
+    background
+        A picture of the empty scene, for the silhouette.
+    tracker
+        Its name, see `kinemode trackers`.
+    modes
+        How many hypotheses are kept, by trackers that keep several.
+    settings
+        A TOML file of settings, see `kinemode settings`.
+    seed
+        Seed of the tracker's random numbers.
+    lag
+        Show every frame so many frames later, smoothed with those that came since.
+    index
+        Index of examples in which poses are looked up, see `train-index`.
+    realtime
+        --no-realtime tracks every picture of a clip, however long that takes.
+    out
+        A run file, there when it is over.
+    overwrite
+        Replace the run file if there is one.
+    show
+        --no-show goes without a preview.
+    port
+        Of the preview, on this machine alone; 0 takes a free one.
+    browser
+        --no-browser prints the preview's address and opens nothing.
+    """
+    import kinemode as km
+
+    session = km.live(
+        source, keypoints=keypoints, detect=finder.arguments(), subject=subject, cameras=cameras, camera=camera,
+        cues=cues, background=background, tracker=tracker, modes=modes, settings=settings, seed=seed, lag=lag,
+        index=index, realtime=realtime, out=out, overwrite=overwrite, show=show, port=port, open_browser=browser,
+    )  # fmt: skip
+    print(session.summary())
+    if out is not None:
+        print(f"run file: {out}")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from humanoid.support.errors import InputError, misplaced, shown
+from kinemode.inputs.arrays import are_pictures, is_array
 
 _MOST = 2**63 - 1
 
@@ -83,6 +84,19 @@ def _paths(value: Any) -> bool:
     return _several(value, _path)
 
 
+def _clips(value: Any) -> bool:
+    """What `kinemode.inputs.arrays.Spool` takes."""
+    if isinstance(value, Mapping):
+        return all(_path(v) or are_pictures(v) or hasattr(v, "__next__") for v in value.values())
+    return _paths(value) or are_pictures(value)
+
+
+def _keypoints(value: Any) -> bool:
+    if isinstance(value, Mapping):
+        return all(_path(v) or is_array(v) for v in value.values())
+    return _paths(value) or is_array(value)
+
+
 def _pairs(value: Any) -> bool:
     named = isinstance(value, Mapping) and all(map(_text, (*value, *value.values())))
     return value is None or named or _texts(value)
@@ -127,8 +141,20 @@ def _cameras(value: Any) -> bool:
     return value is None or _path(value) or named
 
 
+def _pair(value: Any) -> bool:
+    return _text(value) or (isinstance(value, (list, tuple)) and len(value) == 2 and all(map(_whole, value)))
+
+
 def _number(value: Any) -> bool:
     return isinstance(value, float) or _whole(value) or _of("numpy", "floating")(value)
+
+
+def _size(value: Any) -> bool:
+    return isinstance(value, (tuple, list)) and len(value) == 2 and all(_whole(side) and side > 0 for side in value)
+
+
+def _jitter(value: Any) -> bool:
+    return _number(value) or (isinstance(value, Mapping) and all(map(_number, value.values())))
 
 
 def _factors(value: Any) -> bool:
@@ -153,8 +179,11 @@ _RUN = _either(_of("estimator.results.run_reader", "Run"), _to_open)
 _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "subject": (_SUBJECT, _SUBJECT_TAKEN),
     "subject or none": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
-    "clips": _FILES,
-    "keypoints": _FILES,
+    "clips": (
+        _clips,
+        "a path, a list of paths, an array (T, H, W, 3), an iterator of pictures, or a mapping of names to such",
+    ),
+    "keypoints": (_keypoints, "a path, a list of paths, an array (T, K, 3), or a mapping of names to such"),
     "masks": _FILES,
     "background": _FILES,
     "depth": _FILES,
@@ -167,12 +196,22 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "cues": (_texts, 'a text such as "edges,flow", or a list of texts'),
     "trackers": (_texts, 'a text such as "css,single-mode", or a list of texts'),
     "tracker": (_text, "a text"),
+    "layout": (_texts, 'the name of a layout such as "mediapipe33", or a list of names'),
+    "image_size": (_or_none(_size), "(width, height) in pixels"),
+    "jitter": (_or_none(_jitter), "a number of pixels, or a mapping of camera names to numbers"),
+    "lag": _WHOLE,
+    "time": (_number, "a number of seconds"),
     "fit": (_text, "a text"),
     "sync": (_text, "a text"),
     "person": (_persons, '"auto", a number, the id of a person, or a mapping of camera names to them'),
     "modes": (_or_none(_whole), "a whole number"),
     "seed": _WHOLE,
     "workers": _WHOLE,
+    "people": _WHOLE,
+    "detect": (
+        _either(_flag, _text, lambda value: isinstance(value, Mapping)),
+        "True, the name of a detector, or a mapping of kinemode.detect's arguments",
+    ),
     "examples": _WHOLE,
     "index": (_or_none(_path), "the path of an index that train_index wrote"),
     "frame": _WHOLE,
@@ -190,10 +229,20 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "folder": (_to_open, "the path of a folder to write into"),
     "clip": (_path, "the path of a video or of a folder of images"),
     "keypoint file": (_or_none(_path), "the path of a keypoint file"),
+    "one file": (_or_none(_path), "the path of a file"),
+    "source": (_whole, "the number of a camera, or the path of a video or of a folder of images"),
+    "realtime": _FLAG,
+    "show": _FLAG,
     "camera": (_or_none(_text), "the name of a camera"),
+    "pictures": _FILES,
+    "square": (_number, "a number"),
+    "marker": _MAYBE_NUMBER,
+    "size": (_pair, 'a text such as "9x6", or two whole numbers'),
+    "board": (_text, "a text"),
+    "lens": (_text, "a text"),
     "format": (_or_none(_text), "a text"),
     "joints": (_or_none(_texts), "names of landmarks"),
-    "motion": (_path, "the name of a motion, or the path of a BVH file"),
+    "motion": (_path, "the name of a motion, or the path of a BVH, csv or npz file"),
     "proportions": (_or_none(_factors), "a mapping of joints to scales"),
     "shape": (_or_none(_factors), "a mapping of parts to nine parameters each"),
     "girth": (_number, "a number"),

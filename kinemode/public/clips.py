@@ -42,15 +42,17 @@ def render(
 
     Parameters
     ----------
-    motion: "reach", "arm", "pivot", "turn_reach" or a BVH file.
+    motion: "reach", "arm", "pivot", "turn_reach"; "random", smooth, within the limits of any subject and without
+        overlaps; a BVH file; or a csv or npz of the subject's joints over time, as `export` and `render` write them or
+        with columns time and JOINT_rad, JOINT_deg, JOINT_m (see `estimator.synthesis.motion_file.motion_of`).
     subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
     proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
     girth: factor on the cross-sections of its limbs, after all that.
     scene, view, detector: looks, cameras and keypoint errors (`kinemode.SceneSettings`, `ViewSettings`,
         `DetectorSettings`); unless given those that suit the motion.
-    fps: frames per second. seconds: only so much of the motion.
+    fps: frames per second. seconds: only so much of the motion; of a random one 4 unless given.
     unit: metres in one unit of a BVH file, where it is known (see `estimator.synthesis.mocap.load_mocap`).
-    seed: of the scene, the clothes, the sensor's noise and the keypoints' errors.
+    seed: of a random motion, the scene, the clothes, the sensor's noise and the keypoints' errors.
     videos: False leaves the pictures out. masks: also write the body's exact silhouettes. depths: also write the exact
         depth of every pixel.
     progress: opens a progress report, such as `kinemode.reported`; none by default.
@@ -69,7 +71,7 @@ def render(
     check_as("videos", masks=masks)
     check_as("videos", depths=depths)
     seed = whole("seed", seed, 0)
-    if Path(motion).suffix.lower() == ".bvh":
+    if Path(motion).suffix.lower() in (".bvh", ".csv", ".npz"):
         check_exists(motion)
     from kinemode.rendering.clip import render_clip
 

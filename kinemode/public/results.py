@@ -1,4 +1,4 @@
-"""`open_run`, and what is done with a run: looked at, drawn over the video, exported, measured."""
+"""`open_run`, and what is done with a run: looked at, drawn over the video, reported, exported, measured."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
@@ -16,6 +17,7 @@ from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from estimator.results.evaluation import Evaluation
+    from estimator.results.gait.gait import Gait
     from estimator.results.reference_motion import Reference
     from estimator.results.run_reader import Run
 
@@ -81,6 +83,34 @@ def overlay(run: RunLike, file: PathLike, *, camera: str | None = None, progress
         return write_overlay(opened, Path(file), camera=camera, progress=report)
 
 
+def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) -> Path:
+    """Write one self-contained page about a run, to read, print and send on, and return its path.
+
+    It has the film with the body drawn over it, the joint angles with 90 % bands, a table of ranges of motion, the
+    frames not to be trusted with their pictures, what was assumed, and what repeats the run.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file, finished or still being written.
+    file: ending in .html or .htm; one that is there is replaced.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    Raises
+    ------
+    InputError: no run, one without a tracked frame, another ending, a file that cannot be written.
+    """
+    check_arguments(run=run, file=file, progress=progress)
+    if Path(file).suffix.lower() not in (".html", ".htm"):
+        raise InputError(file, "is no name of a page", remedy="let it end in .html")
+    opened = _opened(run)
+    _note_how_it_is_drawn(opened)
+    from kinemode.reporting import facts_of
+    from viz.report.page import write_report
+
+    with (progress or unreported)("report") as told:
+        return write_report(opened, Path(file), facts_of(opened), progress=told)
+
+
 def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
     """Write a run for other programs, and return the file's path. The file is there whole or not at all.
 
@@ -88,18 +118,44 @@ def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
     ----------
     run: a run, or the path of its file; one that is not finished is exported as far as it goes.
     format: "npz", everything (see `estimator.results.export.export_arrays` for names, shapes and units); "csv", joint
-        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim. What the
-        file's ending says unless given.
+        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim; "osim", the
+        subject as the OpenSim model that the mot drives; "gait2392-mot" and "rajagopal-mot", joint angles as those
+        models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
+        [cm] and its turns; "glb", the moving body; "rrd", body, hypotheses, cameras, keypoints and angles for rerun.
+        What the file's ending says unless given. npz and rrd have all hypotheses, the others the best path.
 
     Raises
     ------
-    InputError: no run, an unknown format, a file that cannot be written.
+    InputError: no run, an unknown format, a library that is not installed, a file that cannot be written.
     """
     check_arguments(run=run, file=file, format=format)
     opened = _opened(run)
     from estimator.results import export as formats
+    from viz.exports.formats import FORMATS as OF_BODIES
 
-    return formats.export(opened, Path(file), format)
+    return formats.export(opened, Path(file), format, more=OF_BODIES)
+
+
+def gait(run: RunLike) -> Gait:
+    """When the feet of a run's best hypothesis touch and leave the ground, and the strides of walking between.
+
+    Heel strikes and toe-offs by Zeni et al., Gait & Posture 27(4), 2008, from heels, toes and hips in the world, z up;
+    see `estimator.results.gait.events` for the method, `estimator.results.gait.strides.Stride` for what a stride has.
+    Where nobody walks there are no strides, and `remark` says why.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file; one that is not finished is looked at as far as it goes.
+
+    Raises
+    ------
+    InputError: no run, or a subject without heels, toes or hips.
+    """
+    check_arguments(run=run)
+    opened = _opened(run)
+    from estimator.results.gait.gait import gait_of_run
+
+    return gait_of_run(opened)
 
 
 def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[str] | None = None) -> Evaluation:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kinemode.inputs.arrays import Spool
 from kinemode.inputs.declared import SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
+from kinemode.inputs.persons import wants_all
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
+from kinemode.public.detection import with_detected
 from kinemode.target import Target, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -18,9 +21,11 @@ if TYPE_CHECKING:
     from estimator.results.run_file import Run
     from humanoid.subject.subject import Subject
     from kinemode.comparison.compare import Comparison
+    from kinemode.inputs.arrays import Clips, Keypoints
     from kinemode.inputs.depth import Pairs
     from kinemode.inputs.files import Cameras
     from kinemode.inputs.persons import Persons
+    from kinemode.public.detection import Detect
 
     SubjectLike = Subject | PathLike
 
@@ -29,10 +34,11 @@ FIT_CHOICES = ("auto", "proportions", "off")
 
 def track(
     subject: SubjectLike,
-    clips: Named,
+    clips: Clips,
     *,
     cameras: Cameras = None,
-    keypoints: Named = None,
+    keypoints: Keypoints = None,
+    layout: str | Sequence[str] = "auto",
     cues: str | Iterable[str] = "auto",
     masks: Named = None,
     background: Named = None,
@@ -55,8 +61,9 @@ def track(
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
     index: PathLike | None = None,
+    detect: Detect = False,
     progress: Reporter | None = None,
-) -> Run:
+) -> Run | Any:
     """Track a subject through one clip, or several synchronised ones, into a run file.
 
     Parameters
@@ -65,7 +72,13 @@ def track(
     clips: paths or `NAME=PATH` texts of videos or folders of images, or a mapping by name; none where the keypoints
         are enough. The name picks the camera, and is the file's stem by default.
     cameras: camera file, or cameras by name; the one camera of a single clip is guessed without it.
+        Also pictures that a program has: an array (T, H, W, 3) uint8 BGR, an iterator that gives (H, W, 3) and ends, or
+        a mapping of camera names to such. They are kept as files until the call ends, or with the run where `out` is
+        not given.
     keypoints: 2D keypoint files, given as the clips are; with cues those of one frame will do, tracking begins there.
+        Also arrays (T, K, 2) of x, y [px] or (T, K, 3) with confidences, NaN where missing, alone or by name.
+    layout: what the keypoints of arrays are called: "mediapipe33", "coco17", ... or a name for each; "auto" goes by
+        their number. `fps` is their rate, `keypoint_size` the size of the pictures that they were seen in.
     cues: what is taken from the pictures: "off", or some of the cues there are (`kinemode cues` lists them), as names
         or separated by commas; "auto" takes them all where there are clips and less than half of the frames have
         keypoints.
@@ -85,7 +98,10 @@ def track(
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: which of several people in the keypoint files: "auto" or an id, for all cameras, or by camera as a mapping
-        or as CAMERA=ID texts. Cameras left to "auto" take the person that fits the others.
+        or as CAMERA=ID texts. Cameras left to "auto" take the person that fits the others. "all": everybody, each with
+        a fit and a run of their own, from when they are first seen to the last; returned is a dict of the runs by
+        "person1", "person2", ..., the largest first, and `out` "walk.run" becomes "walk.person1.run", ... Who cannot
+        be tracked is missing in it, and told.
     keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
         not the clip's: (540, 960), or by name.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
@@ -102,6 +118,9 @@ def track(
     index: file in which trackers that look poses up do so (`kinemode.train_index`), in the first frame (start="index")
         or in all (elmo, psh); unless given the one their settings name, or that of the subject in the user's cache,
         made when it is first needed. With it css also searches from examples, more after it has lost the person.
+    detect: True, or the name of a detector, or a mapping of arguments of `kinemode.detect`: the keypoints of clips
+        without a keypoint file are found first, into the folder OUT.keypoints beside the run, and taken from there as
+        long as clip and detector are the same.
     progress: opens a progress report for each stage, such as `kinemode.reported`; none by default.
 
     Raises
@@ -109,37 +128,46 @@ def track(
     InputError: anything that is wrong with the input, a changed setting without effect included.
     """
     check_arguments(
-        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, tracker=tracker, modes=modes, out=out,
         resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
-        progress=progress,
+        detect=detect, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     choice("sync", sync, SYNC_CHOICES)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
     told = Declared(keypoint_size, fps, offset, begin, end, sync)
-    files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
+    if out is not None and not wants_all(person):
+        Target(Path(out), resume, overwrite).check()
+    spool = Spool(clips, keypoints, layout)
+    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings, index)
-    if out is not None:
-        Target(Path(out), resume, overwrite).check()
     loaded = loaded_subject(subject)
+    if out is None and spool.folder is not None:
+        out = spool.folder.path / "track.run"  # the run keeps its pictures
     from kinemode import jobs
 
     wanted = jobs.TrackOptions(
         cues, tracker, modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by,
     )  # fmt: skip
-    return jobs.track_subject(loaded, files, wanted)
+    with spool.telling(), with_detected(files, detect, out, progress) as seen:
+        if wants_all(person):
+            from kinemode.everybody import track_everybody
+
+            return track_everybody(loaded, seen, wanted)
+        return jobs.track_subject(loaded, seen, wanted)
 
 
 def fit(
     subject: SubjectLike,
-    clips: Named,
+    clips: Clips,
     *,
     cameras: Cameras = None,
-    keypoints: Named = None,
+    keypoints: Keypoints = None,
+    layout: str | Sequence[str] = "auto",
     cues: str | Iterable[str] = "auto",
     masks: Named = None,
     background: Named = None,
@@ -161,31 +189,33 @@ def fit(
     arguments are those of `track`. Raises InputError as `track` does, and where there is nothing to fit.
     """
     check_arguments(
-        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, cues=cues, masks=masks,
+        subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
         background=background, stereo=stereo, depth=depth, person=person, out=out,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    choice("sync", sync, SYNC_CHOICES)
     told = Declared(keypoint_size, fps, offset, start, end, sync)
-    files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
+    spool = Spool(clips, keypoints, layout)
+    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     if out is not None:
         check_folder(Path(out))
     loaded = loaded_subject(subject)
     from kinemode import jobs
 
-    return jobs.fit_subject(loaded, files, cues, seed, out)
+    with spool.telling():
+        return jobs.fit_subject(loaded, files, cues, seed, out)
 
 
 def compare(
     subject: SubjectLike,
-    clips: Named,
+    clips: Clips,
     *,
     trackers: str | Iterable[str],
     out: PathLike,
     reference: PathLike | None = None,
     cameras: Cameras = None,
-    keypoints: Named = None,
+    keypoints: Keypoints = None,
+    layout: str | Sequence[str] = "auto",
     cues: str | Iterable[str] = "auto",
     masks: Named = None,
     background: Named = None,
@@ -225,8 +255,8 @@ def compare(
     """
     check_arguments(
         subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras,
-        keypoints=keypoints, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
-        resume=resume,
+        keypoints=keypoints, layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth,
+        modes=modes, resume=resume,
         overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, progress=progress,
     )  # fmt: skip
     check_as("folder", out=out)
@@ -235,7 +265,8 @@ def compare(
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
     told = Declared(keypoint_size, fps, offset, begin, end, sync)
-    files = InputFiles(clips, keypoints, cameras, masks, background, person, told, depth, stereo)
+    spool = Spool(clips, keypoints, layout)
+    files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
     _check_settings(settings, index)
     if isinstance(reference, (str, Path)):
@@ -248,7 +279,8 @@ def compare(
         cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by,
     )  # fmt: skip
-    return compare_trackers(loaded, files, trackers, wanted, reference)
+    with spool.telling():
+        return compare_trackers(loaded, files, trackers, wanted, reference)
 
 
 def loaded_subject(subject: SubjectLike) -> Subject:

@@ -11,10 +11,8 @@ import numpy as np
 from estimator import synthesis
 from estimator.cameras.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
-from estimator.synthesis.mocap import load_mocap
-from estimator.synthesis.motion_keys import MOTIONS, KeyedMotion, motion_named
+from estimator.synthesis.motion_keys import KeyedMotion, motion_named
 from estimator.synthesis.plate import Place, place_of
-from estimator.synthesis.retarget import retarget
 from estimator.synthesis.settings import in_range
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
@@ -22,6 +20,7 @@ from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
 from kinemode.rendering.files import RenderedClip, Wanted
+from kinemode.rendering.motions import configurations, is_authored
 from kinemode.rendering.shot import Draws, Shot, write_shot
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -53,9 +52,9 @@ def render_clip(
     """What `kinemode.render` does once its arguments are known to be of the right kinds."""
     in_range("fps", fps, 1.0, 1000.0)
     in_range("girth", girth, *_GIRTHS)
-    keyed = None if _is_file(motion) else motion_named(str(motion))
+    keyed = motion_named(str(motion)) if is_authored(motion) else None
     body = Body(_with_girth(_subject(subject, keyed, proportions, shape), girth))
-    q, times = _configurations(body, keyed, motion, fps, seconds, unit)
+    q, times = configurations(body, motion, fps, seconds, unit, seed)
     scene, view = scene or SceneSettings(), view or ViewSettings()
     scene = replace(scene, background=scene.background or _background_of(motion))
     if keyed and view.azimuth is None:
@@ -74,12 +73,7 @@ def render_clip(
 
 def _background_of(motion: str | Path) -> str:
     """The background that a motion is rendered before unless another is asked for; raises InputError."""
-    return "room" if _is_file(motion) else motion_named(str(motion)).background
-
-
-def _is_file(motion: str | Path) -> bool:
-    """Whether a motion is a file; a name of an authored motion is never one."""
-    return str(motion) not in MOTIONS and (Path(motion).suffix.lower() == ".bvh" or Path(motion).exists())
+    return motion_named(str(motion)).background if is_authored(motion) else "room"
 
 
 def _subject(
@@ -105,21 +99,6 @@ def _with_girth(subject: Subject, girth: float) -> Subject:
     if girth == 1.0:
         return subject
     return subject.reshaped({k: subject.flesh[k].widened(girth) for k in limbs})
-
-
-def _configurations(
-    body: Body, keyed: KeyedMotion | None, motion: str | Path, fps: float, seconds: float | None, unit: float | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """q (T, nq) and its times (T,) [s]."""
-    mocap = None if keyed else load_mocap(motion, unit=unit)
-    longest = keyed.seconds if keyed else mocap.seconds  # type: ignore[union-attr]
-    if seconds is not None:
-        in_range("seconds", seconds, 1.0 / fps, longest)
-    times = np.arange(max(1, round(fps * (seconds or longest)))) / fps
-    if keyed:
-        return synthesis.authored_motion(body, times, keyed), times
-    assert mocap is not None
-    return retarget(body, mocap, times).q, times
 
 
 def _framed(body: Body, q: np.ndarray, fps: float, view: ViewSettings) -> tuple[tuple[Camera, ...], Place]:

@@ -39,14 +39,25 @@ def write_overlay(
     check_film_name(Path(path))
     scene = as_scene(run)
     chosen = chosen_cameras(scene, camera)
-    return write_film(path, _pictures(scene, chosen, hypotheses, progress), scene.rate)
+    return write_film(path, pictures(scene, chosen, hypotheses, progress), scene.rate)
 
 
-def _pictures(scene: Scene, chosen: list[int], hypotheses: bool, progress: Progress | None) -> Iterator[np.ndarray]:
-    """One picture an instant, the chosen cameras side by side."""
-    views = [camera_view(scene.cameras[c], LONGEST) for c in chosen]
+def pictures(
+    scene: Scene,
+    chosen: list[int],
+    hypotheses: bool,
+    progress: Progress | None,
+    *,
+    rows: range | None = None,
+    longest: int = LONGEST,
+) -> Iterator[np.ndarray]:
+    """One picture an instant (H, W, 3) uint8 BGR, the chosen cameras side by side.
+
+    rows: the instants, all unless given. longest: longer side of a camera's picture [px].
+    """
+    views = [camera_view(scene.cameras[c], longest) for c in chosen]
     painter = BodyPainter(scene.body)
-    rows = range(len(scene))
+    rows = range(len(scene)) if rows is None else rows
     streams = [scene.images(c, rows) for c in chosen]
     for t, *images in zip(rows, *streams, strict=True):
         tiles = [
@@ -55,7 +66,7 @@ def _pictures(scene: Scene, chosen: list[int], hypotheses: bool, progress: Progr
         ]
         yield side_by_side(tiles)
         if progress is not None:
-            progress(t + 1, len(scene))
+            progress(t + 1 - rows[0], len(rows))
 
 
 def chosen_cameras(scene: Scene, camera: str | None) -> list[int]:

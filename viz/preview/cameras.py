@@ -7,6 +7,7 @@ are reduced to PICTURE_LONGEST px, freed of lens distortion and JPEG-compressed.
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -15,6 +16,7 @@ import meshcat.geometry as g
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.imaging.undistortion import undistortion_maps
 from viz import palette
 from viz.preview.recorder import TexturedPlane, line_segments
 from viz.scene import Scene, evenly
@@ -84,7 +86,7 @@ def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[in
     for i, image in zip(chosen, scene.images(c, [rows[i] for i in chosen]), strict=True):
         if image is None:
             break
-        pictures.append(_data_address(image, scene.cameras[c]))
+        pictures.append(data_address(image, scene.cameras[c]))
         shown.append(i)
     if not pictures:
         return [], []
@@ -92,16 +94,18 @@ def _pictures(scene: Scene, c: int, rows: list[int]) -> tuple[list[str], list[in
     return pictures, np.maximum(last, 0).tolist()
 
 
-def _data_address(image: np.ndarray, camera: Camera) -> str:
+def data_address(image: np.ndarray, camera: Camera) -> str:
     """The picture reduced, undistorted (so that it fits the flat plane) and compressed."""
     scale = min(1.0, PICTURE_LONGEST / max(camera.image_size))
-    size = tuple(max(1, round(side * scale)) for side in camera.image_size)
+    width, height = (max(1, round(side * scale)) for side in camera.image_size)
+    size = width, height
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    if np.any(camera.distortion):
+    if camera.fisheye or np.any(camera.distortion):
         K = camera.K.copy()
         K[:2, 2] = (K[:2, 2] + 0.5) * scale - 0.5
         K[0, :2] *= scale
         K[1, 1] *= scale
-        small = cv2.undistort(small, K, np.asarray(camera.distortion, dtype=np.float64))
+        maps = undistortion_maps(replace(camera, K=K, image_size=size), K, size)
+        small = cv2.remap(small, *maps, cv2.INTER_LINEAR)
     _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")

@@ -40,8 +40,8 @@ def write_html(run: Run | Scene, path: str | Path) -> Path:
     return Path(path)
 
 
-def page(run: Run | Scene) -> str:
-    """The preview as the text of one HTML page; starts no process."""
+def page(run: Run | Scene, script: str = "") -> str:
+    """The preview as the text of one HTML page; starts no process. script: run after the page's own."""
     scene = as_scene(run)
     rows = evenly(len(scene), KEY_FRAMES)
     recorder = CommandRecorder()
@@ -55,7 +55,9 @@ def page(run: Run | Scene) -> str:
     _add_bodies(root, animation, scene, rows, parts)
     cameras = [add_camera(root, scene, c, rows, stage.points) for c in range(len(scene.cameras))]
     root.set_animation(animation, play=True)
-    return recorder.page(f"{scene.body.subject.name} - kinemode", _player_data(scene, rows, stage, cameras, parts))
+    return recorder.page(
+        f"{scene.body.subject.name} - kinemode", _player_data(scene, rows, stage, cameras, parts), script
+    )
 
 
 class _Stage:
@@ -128,11 +130,11 @@ def _add_body(
 ) -> None:
     """A node per joint below `node`, with its meshes, and a position and a quaternion per instant (a missing one holds
     still)."""
-    names = {part.joint: part.name for part in reversed(parts)}
-    moved = sorted(names)
-    positions, quaternions = _motion(body, q, moved)
+    names = node_names(parts)
+    moved = list(names)
+    positions, quaternions = motion(body, q, moved)
     for j, joint in enumerate(moved):
-        child = node[f"{joint}_{names[joint]}"]
+        child = node[names[joint]]
         for i, part in enumerate(part for part in parts if part.joint == joint):
             child[str(i)].set_object(_mesh(part), _material(part, opacity))
         child.set_transform(_matrix(positions[0, j], quaternions[0, j]))
@@ -141,6 +143,12 @@ def _add_body(
             "quaternion": MotionTrack("quaternion", "quaternion", quaternions[:, j]),
         }
         animation.clips[child.path] = AnimationClip(tracks, fps=animation.default_framerate)
+
+
+def node_names(parts: tuple[Solid, ...]) -> dict[int, str]:
+    """What the node of each joint that moves something is called, in the order of the joints."""
+    names = {part.joint: part.name for part in reversed(parts)}
+    return {joint: f"{joint}_{names[joint]}" for joint in sorted(names)}
 
 
 def _mesh(part: Solid) -> g.Geometry:
@@ -155,7 +163,7 @@ def _material(part: Solid, opacity: float) -> g.Material:
     return g.MeshPhongMaterial(color=paint, opacity=opacity, shininess=18, side=side)
 
 
-def _motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def motion(body: Body, q: np.ndarray, moved: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Positions (T, J, 3) [m] and quaternions xyzw (T, J, 4) of some joints; instants without q repeat the last."""
     positions, quaternions = np.zeros((len(q), len(moved), 3)), np.zeros((len(q), len(moved), 4))
     quaternions[..., 3] = 1.0

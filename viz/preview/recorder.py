@@ -38,8 +38,9 @@ class CommandRecorder:
         """Keep one command, packed as the viewer reads it; single precision is a micrometre at 10 m."""
         self.commands.append(umsgpack.packb(_plain(command.lower()), force_float_precision="single"))
 
-    def page(self, title: str, data: Json) -> str:
-        """An HTML page with the viewer, the recorded scene and the player's data; it loads nothing from elsewhere."""
+    def page(self, title: str, data: Json, own: str = "") -> str:
+        """An HTML page with the viewer, the recorded scene and the player's data; it loads nothing from elsewhere. own:
+        a script that is run last."""
         script = (resources.files("meshcat") / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
         template, curves = (
             (resources.files("viz.preview") / name).read_text(encoding="utf-8") for name in ("page.html", "curves.js")
@@ -51,6 +52,7 @@ class CommandRecorder:
             "CURVES": curves,
             "COMMANDS": json.dumps(commands),
             "DATA": _script_json(data),
+            "SCRIPT": own,
         }
         for name, value in parts.items():
             template = template.replace(f"__{name}__", value, 1)

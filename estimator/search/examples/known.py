@@ -9,12 +9,14 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.limbs import LimbBank
-from estimator.search.examples.lookup import Looked, check_elevation, looked_up
+from estimator.search.examples.lookup import Looked, check_elevation, either_way, looked_up
 from estimator.search.examples.person_seen import Sight, persons
-from estimator.search.examples.votes import Votes
+from estimator.search.examples.votes import Votes, turned_away
 from estimator.search.jumps.anatomy import Limb
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface import Surface
+
+_EITHER_WAY = 4  # times as many examples are looked at where both ways to turn are wanted
 
 
 class Examples:
@@ -28,6 +30,16 @@ class Examples:
         """What the pictures of a frame are looked up by, and the `count` examples that look most like them: chosen by
         all cameras together, or as many by each."""
         return looked_up(self.index, observation, count, self.sight, self._votes if together else None)
+
+    def looked_anew(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
+        """The same of a frame that has no past. Where one camera alone sees the person, which hardly tells front from
+        back, half of the examples face it and half turn away, whichever look a little more like the picture."""
+        looks = self.looked(observation, _EITHER_WAY * count, together)
+        if len(looks) != 1:
+            return self.looked(observation, count, together)
+        (look,) = looks
+        away = turned_away(self._body, self._body.placed(look.q), look.frame) > 90.0
+        return [either_way(look, away, count)]
 
     def check(self, observation: Observation) -> None:
         """Raise InputError where the cameras that see the person look down otherwise than the examples' does: what

@@ -78,6 +78,15 @@ def _looked(index: ExampleIndex, view: PersonView, count: int) -> Looked:
     return Looked(view.camera, view.frame, view.square, view.where, neighbours, q)
 
 
+def either_way(look: Looked, away: np.ndarray, count: int) -> Looked:
+    """`count` of its examples, the first as it ranks them: half that face the camera and half that turn away (K,) bool,
+    as far as there are."""
+    rank = np.empty(len(away), int)
+    for side in (away, ~away):
+        rank[side] = np.arange(np.count_nonzero(side))
+    return _only(look, np.sort(np.argsort(rank, kind="stable")[:count]))
+
+
 def _only(look: Looked, chosen: np.ndarray) -> Looked:
     """The same with some of its examples, by their places among them."""
     numbers, distance = look.neighbours.numbers[chosen], look.neighbours.distance[chosen]

@@ -85,12 +85,13 @@ class _Probe:
         self.points = np.array([body.landmarks(p) for p in self.posed])
         all_dofs = np.arange(body.nv)
         axes, through = (
-            np.array(x) for x in zip(*(axes_of(p.spatial_jacobian, all_dofs) for p in self.posed), strict=True)
+            np.array(x) for x in zip(*(axes_of(body.dof_jacobian(p), all_dofs) for p in self.posed), strict=True)
         )
         self.axes, self.through = axes, through
         self.size = body_size(body)
         kinds = [body.model.joints[int(j)].shortname() for j in body.tree.dof_joint]
-        self.revolute = np.array([k.startswith("JointModelR") for k in kinds])
+        turning = [k.startswith("JointModelR") and not body.drives_several(d) for d, k in enumerate(kinds)]
+        self.revolute = np.array(turning)  # about one axis: what others follow has no closed form
         arms = self.points[:, :, None] - through[:, None]
         self.levers = np.linalg.norm(np.cross(axes[:, None], arms), axis=-1).max(axis=0)  # (L, nv)
         self.moves = body.landmark_support & ((self.levers > NEAR * self.size) | ~self.revolute)  # (L, nv)

@@ -14,7 +14,7 @@ from humanoid.support.compiled import jit
 def axes_of(spatial_jacobian, dofs):  # type: ignore[no-untyped-def]
     """Unit axes and the points of them nearest to the world's origin [m], (n, 3) each, of revolute `dofs` (n,).
 
-    spatial_jacobian (nv, 6): see `PosedBody`.
+    spatial_jacobian (nv, 6): see `Body.dof_jacobian`.
     """
     axes, through = np.empty((dofs.shape[0], 3)), np.empty((dofs.shape[0], 3))
     for k in range(dofs.shape[0]):

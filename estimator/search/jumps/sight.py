@@ -13,8 +13,8 @@ from humanoid.kinematics.body import Body
 class Sight(NamedTuple):
     """A pose and the rays its landmarks are to stay on.
 
-    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `PosedBody`; eye (3,) [m]; rays (L, 3):
-    unit vectors from the eye, of the pose first looked at.
+    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `Body.dof_jacobian`; eye (3,) [m]; rays
+    (L, 3): unit vectors from the eye, of the pose first looked at.
     """
 
     q: np.ndarray
@@ -29,13 +29,13 @@ def sight_of(body: Body, q: np.ndarray, camera: Camera) -> Sight:
     posed = body.at(q)
     points, eye = body.landmarks(posed), camera.centre_world
     rays = points - eye
-    return Sight(q, points, posed.spatial_jacobian, eye, rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None])
+    return Sight(q, points, body.dof_jacobian(posed), eye, rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None])
 
 
 def moved_to(body: Body, sight: Sight, q: np.ndarray) -> Sight:
     """Another pose (nq,) that is to be on the same rays."""
     posed = body.at(q)
-    return sight._replace(q=q, points=body.landmarks(posed), spatial_jacobian=posed.spatial_jacobian)
+    return sight._replace(q=q, points=body.landmarks(posed), spatial_jacobian=body.dof_jacobian(posed))
 
 
 def turned(body: Body, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray) -> np.ndarray:

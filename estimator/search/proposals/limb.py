@@ -24,10 +24,12 @@ class LimbProposal:
         self._behind = [np.flatnonzero([self._moves(d, e) for e in range(body.nv)]) for d in first]
 
     def _moves(self, dof: int, other: int) -> bool:
-        """Whether `other` is `dof` or lies behind it."""
-        while other >= 0 and other != dof:
-            other = int(self.body.tree.dof_parent[other])
-        return other == dof
+        """Whether `other` is `dof` or lies behind it, or behind a joint that follows it."""
+        tree = self.body.tree
+        column = int(tree.dof_column[other])
+        while column >= 0 and tree.column_dof[column] != dof:
+            column = int(tree.column_parent[column])
+        return column >= 0
 
     def sample(self, rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
         """q (nq,) with the joints behind a random one changed by a spread drawn evenly in its logarithm."""

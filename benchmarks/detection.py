@@ -1,0 +1,113 @@
+"""Keypoints that `kinemode detect` finds in beam4cam's videos beside the shipped ones, and what a track from each of
+the two is worth: `kinemode track --detect` against the same track with the shipped keypoints."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+import kinemode as km
+from benchmarks.beam4cam import CAMERAS
+from benchmarks.common import Several, beam_folder, check_known, save, start, tell, work_folder
+from benchmarks.scores import Scores, score
+from benchmarks.tracking import timed_track
+from estimator.formats.keypoints import load_keypoints
+from estimator.results.reference_motion import Reference
+from kinemode.terminal import report
+
+MOST_PX, MOST_RATIO = 3.0, 1.1
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far the keypoints that were found are from the shipped ones.
+
+    median, most: of all keypoints' distances [px], the 95th percentile of them. missing: frames without anybody.
+    """
+
+    median: float
+    most: float
+    missing: int
+
+
+def difference(detected: Path, shipped: Path) -> Difference:
+    ours, theirs = load_keypoints(detected), load_keypoints(shipped)
+    distance = np.linalg.norm(ours.pixels - theirs.pixels, axis=2)
+    seen = distance[np.isfinite(distance)]
+    missing = int(np.isnan(ours.pixels).all(axis=(1, 2)).sum())
+    return Difference(float(np.median(seen)), float(np.percentile(seen, 95)), missing)
+
+
+def main(
+    *,
+    data: Path | None = None,
+    views: Annotated[tuple[str, ...], Several] = ("cam01",),
+    detector: str = "mediapipe",
+    seed: int = 0,
+    work: Path | None = None,
+    json: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Detect in beam4cam's videos, each camera alone, and track from what is found and from what is shipped.
+
+    Parameters
+    ----------
+    data
+        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
+    views
+        Cameras, each alone.
+    detector
+        As in `kinemode detect`.
+    seed
+        Of the tracker.
+    work
+        Folder that keeps keypoints and runs.
+    json
+        Also write the figures here.
+    """
+    folder = beam_folder(data)
+    check_known("--views", views, CAMERAS)
+    rows: dict[str, tuple[Difference, Scores, Scores]] = {}
+    with work_folder(work) as kept:
+        for view in views:
+            rows[view] = measured(view, folder, detector, seed, kept)
+    made = report.table(
+        "beam4cam, one camera: detected and shipped keypoints",
+        "view", "median [px]", "95 %", "missing", "MPJPE [mm]", "shipped", "ratio", "PA [mm]", "shipped ", "ratio ",
+    )  # fmt: skip
+    for view, (apart, ours, theirs) in rows.items():
+        made.add_row(
+            view, f"{apart.median:.2f}", f"{apart.most:.2f}", str(apart.missing),
+            f"{ours.mpjpe:.1f}", f"{theirs.mpjpe:.1f}", f"{ours.mpjpe / theirs.mpjpe:.3f}",
+            f"{ours.pa:.1f}", f"{theirs.pa:.1f}", f"{ours.pa / theirs.pa:.3f}",
+        )  # fmt: skip
+    report.console().print(made)
+    print(f"targets: median at most {MOST_PX:g} px; errors at most {MOST_RATIO:g} times those with the shipped ones")
+    figures = {
+        view: {"keypoints": asdict(apart), "detected": asdict(ours), "shipped": asdict(theirs)}
+        for view, (apart, ours, theirs) in rows.items()
+    }
+    save(json, {"measure": "detection", "detector": detector, "seed": seed, "views": figures})
+
+
+def measured(view: str, folder: Path, detector: str, seed: int, work: Path) -> tuple[Difference, Scores, Scores]:
+    """The keypoints' distances, and the errors with those found and with those shipped."""
+    video, shipped = folder / "videos" / f"{view}.mp4", folder / "keypoints" / f"{view}.json"
+    cameras, reference = folder / "calibration.json", Reference.load(folder / "reference3d.npz")
+    theirs, _ = timed_track({view: shipped}, cameras, work / f"{view}_shipped.run", seed=seed)
+    out = work / f"{view}_detected.run"
+    ours = km.track(
+        "human34", video, cameras=cameras, detect=detector, cues="off", seed=seed, out=out, overwrite=True,
+        progress=km.reported,
+    )  # fmt: skip
+    apart = difference(out.with_suffix(".keypoints") / f"{view}.json", shipped)
+    told = score(ours, reference), score(theirs, reference)
+    tell(f"{view}: {apart.median:.2f} px; {told[0].mpjpe:.1f}, {told[0].pa:.1f} mm")
+    return apart, *told
+
+
+if __name__ == "__main__":
+    start(main)

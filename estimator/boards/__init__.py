@@ -1,0 +1,1 @@
+"""Cameras calibrated from pictures of a board: the board and its corners, lenses, placements."""

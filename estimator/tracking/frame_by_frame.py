@@ -1,0 +1,94 @@
+"""A tracker on its way through a clip, given one frame at a time: what runs and whoever tracks live have in common."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from estimator.imaging.observation import Observation
+from estimator.trackers.base import State, Tracker
+from estimator.trackers.capabilities import LooksAhead, frames_ahead
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.leaps import LastFrame, LeapCheck
+
+S = TypeVar("S", bound=State)
+
+
+class FrameByFrame(Generic[S]):
+    """Takes the frames of a clip in order and gives the result of each, as soon as those that its tracker is shown
+    ahead of it have come.
+
+    Every frame has its own random generator made from the seed and the frame's index, so that a resumed run is the
+    same as an uninterrupted one. Frames before the first that the tracker can start from are "unobserved" and have no
+    hypotheses. A frame in which the root leapt is "hard", see `estimator.tracking.leaps`.
+
+    Attributes
+    ----------
+    state: the tracker's after the last frame that was searched, None before the first. last: what tells leaps from
+    there.
+    """
+
+    def __init__(
+        self, tracker: Tracker[S], seed: int, *, state: S | None = None, last: LastFrame | None = None
+    ) -> None:
+        self.tracker, self.seed = tracker, seed
+        self.state, self.last = state, last
+        self._check = LeapCheck(tracker.body)
+        self._ahead = frames_ahead(tracker)
+        self._waiting: deque[Observation] = deque()
+
+    def push(self, observation: Observation) -> FrameResult | None:
+        """Take the next frame; the result of the one that now has all that follow it, None where there is none yet."""
+        self._waiting.append(observation)
+        return self._next() if len(self._waiting) > self._ahead else None
+
+    def rest(self) -> Iterator[FrameResult]:
+        """The results that are still held back, at the end of a clip."""
+        while self._waiting:
+            yield self._next()
+
+    def stored(self) -> dict[str, np.ndarray]:
+        """What a resumed run needs."""
+        if self.state is None:
+            return {}
+        return self.state.arrays() | ({} if self.last is None else self.last.arrays())
+
+    def _next(self) -> FrameResult:
+        result = self._searched(self._waiting.popleft(), tuple(self._waiting))
+        self.last = LastFrame.after(self.last, result)
+        return result
+
+    def _searched(self, observation: Observation, following: Sequence[Observation]) -> FrameResult:
+        tracker, rng = self.tracker, np.random.default_rng((self.seed, observation.index))
+        if self.state is None:
+            if not tracker.can_start(observation):
+                return _empty(observation, tracker.body.nq, tracker.body.nv)
+            self.state, result = tracker.init(rng, observation)
+            return result
+        if isinstance(tracker, LooksAhead):
+            self.state, result = tracker.step(rng, self.state, observation, following)
+        else:
+            self.state, result = tracker.step(rng, self.state, observation)
+        leapt = result.status == "tracked" and self._check.leapt_since(self.last, result)
+        return replace(result, status="hard") if leapt else result
+
+
+def _empty(observation: Observation, nq: int, nv: int) -> FrameResult:
+    none = np.zeros(0)
+    return FrameResult(
+        index=observation.index,
+        time=observation.time,
+        status="unobserved",
+        q=np.zeros((0, nq)),
+        weight=none,
+        energy=none,
+        covariance=np.zeros((0, nv, nv)),
+        parent=np.zeros(0, dtype=np.int64),
+        kkt_residual=none,
+        penetration=none,
+        association=(),
+    )

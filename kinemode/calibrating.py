@@ -1,0 +1,41 @@
+"""The work behind `calibrate`: pictures in, a camera file and a picture out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from estimator.boards.board import Board
+from estimator.boards.calibrate import Calibration, calibrate
+from estimator.boards.shots import Shots
+from estimator.formats.cameras import write_cameras
+from kinemode.terminal.progress import Reporter
+
+
+def calibrated(
+    sources: Mapping[str, Sequence[Path]],
+    board: Mapping[str, Any],
+    *,
+    lens: str,
+    origin: int | None,
+    out: Path | None,
+    picture: Path | None,
+    progress: Reporter,
+) -> Calibration:
+    """Calibrate, and write what was asked for; board: what `Board` takes."""
+    shots = [Shots(name, paths) for name, paths in sources.items()]
+    try:
+        with progress("corners") as report:
+            calibration = calibrate(shots, Board(**board), lens=lens, origin=origin, progress=report)
+        if out is not None:
+            write_cameras(out, calibration.cameras.values())
+        if picture is not None:
+            from viz.pictures.board_picture import write_board_picture
+
+            by_name = {s.name: s for s in shots}
+            write_board_picture(calibration, lambda view: by_name[view.camera].picture(view.frame), picture)
+    finally:
+        for s in shots:
+            s.close()
+    return calibration

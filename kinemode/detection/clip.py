@@ -1,0 +1,143 @@
+"""A clip's keypoints into a file: frame by frame into one beside it, which a second call goes on with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from estimator.formats.keypoints_people import LAYOUT_BY_COUNT
+from estimator.formats.people_file import write_people
+from estimator.media.clip import Clip
+from humanoid.subject.landmarks import FORMATS
+from humanoid.support.atomic import unwritable
+from humanoid.support.errors import InputError
+from kinemode.detection.detectors import Wanted
+from kinemode.detection.people import Asked, People
+from kinemode.detection.process import DetectorProcess
+from kinemode.terminal.progress import Progress
+
+_PIXELS, _CONFIDENCE = 2, 4  # decimals
+Frame = dict[int, list[list[float]]]
+"""The keypoints [x, y, confidence] of the people in a frame, by their numbers."""
+
+
+@dataclass(frozen=True)
+class _Done:
+    """What was done: the people of the frames, who is followed, and how long the part file is [bytes]."""
+
+    frames: list[Frame]
+    people: People
+    end: int = 0
+
+
+def detect_clip(path: Path, out: Path, wanted: Wanted, progress: Progress) -> Path:
+    """The keypoints of all people in a clip, into a file in MediaPipe's layout or that of the model's keypoints.
+
+    What is done stands in OUT.part, from which the same call goes on.
+
+    Raises
+    ------
+    InputError: a clip that cannot be read, a detector that cannot be had or fails, a file that cannot be written.
+    KeyboardInterrupt: on Ctrl-C, saying what there is by then.
+    """
+    part = out.with_name(f"{out.name}.part")
+    with closing(Clip.open(path)) as clip, DetectorProcess(wanted) as detector:
+        frames = _frames(clip, part, wanted, detector, progress)
+        layout, names = _keypoints_of(detector, frames)
+        rate = clip.fps if clip.rate_known else None
+        if not any(frames):
+            part.unlink(missing_ok=True)
+            raise InputError(path, f"{wanted.name} finds nobody in {len(frames)} frames")
+        write_people(out, layout, names, frames, image_size=clip.image_size, fps=rate, detector=wanted.identity)
+    part.unlink(missing_ok=True)
+    return out
+
+
+def detector_of(file: Path) -> str | None:
+    """The identity of the detector that a keypoint file was written by, None where it does not say."""
+    with suppress(OSError, ValueError, AttributeError):
+        told = json.loads(file.read_text(encoding="utf-8")).get("detector")
+        return told if isinstance(told, str) else None
+    return None
+
+
+def _frames(clip: Clip, part: Path, wanted: Wanted, detector: Asked, progress: Progress) -> list[Frame]:
+    """The people of every frame, each written to the part file at once."""
+    key = {"detector": wanted.identity, "clip": _state_of(clip.path), "image_size": list(clip.image_size)}
+    done = _begun(part, key, wanted.most) or _Done([], People(wanted.most))
+    frames = done.frames
+    with _appended(part, done.end) as file:
+        if not done.end:
+            file.write(_line(key))
+        try:
+            for picture in clip.frames(len(frames)):
+                people = _rounded(done.people.see(detector, picture))
+                file.write(_line({"people": people, "next": done.people.content()}))
+                file.flush()
+                frames.append(people)
+                progress(len(frames), max(len(frames), clip.frame_count or 0))
+        except KeyboardInterrupt as stop:
+            kept = f"{len(frames)} frames are kept in {part}, the same call goes on"
+            raise KeyboardInterrupt(f"interrupted; {kept}") from stop
+    return frames
+
+
+def _keypoints_of(detector: DetectorProcess, frames: list[Frame]) -> tuple[str, list[str]]:
+    """The layout and the names of the keypoints; their count tells it where the detector does not."""
+    count = next((len(points) for frame in frames for points in frame.values()), 0)
+    layout = detector.layout or LAYOUT_BY_COUNT.get(3 * count, "")
+    if count and not layout:
+        remedy = "counts: " + ", ".join(f"{len(names)} ({name})" for name, names in FORMATS.items())
+        raise InputError("model", f"its {count} keypoints are of no known layout", remedy=remedy)
+    labels = FORMATS.get(layout, ())
+    return layout, detector.names or [name or f"keypoint_{j}" for j, name in enumerate(labels)]
+
+
+def _rounded(people: dict[int, np.ndarray]) -> Frame:
+    decimals = (_PIXELS, _PIXELS, _CONFIDENCE)
+    return {
+        number: [[round(v, d) for v, d in zip(row, decimals, strict=True)] for row in points.tolist()]
+        for number, points in people.items()
+    }
+
+
+def _state_of(path: Path) -> list[Any]:
+    about = path.stat()
+    return [str(path.absolute()), about.st_size, about.st_mtime_ns]
+
+
+def _line(content: dict[str, Any]) -> bytes:
+    return json.dumps(content).encode() + b"\n"
+
+
+def _begun(part: Path, key: dict[str, Any], most: int) -> _Done | None:
+    """What the part file has of the same clip by the same detector, without a last line that is not whole."""
+    try:
+        head, *lines = part.read_bytes().splitlines(keepends=True)
+        if json.loads(head) != key:
+            return None
+        whole = [line for line in lines if line.endswith(b"\n")]
+        told = [json.loads(line) for line in whole]
+        frames = [{int(number): points for number, points in frame["people"].items()} for frame in told]
+        people = People.of(told[-1]["next"], most) if told else People(most)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return _Done(frames, people, len(head) + sum(map(len, whole)))
+
+
+@contextmanager
+def _appended(path: Path, end: int) -> Iterator[IO[bytes]]:
+    """The file, to be written on from there; raises InputError where it cannot be."""
+    try:
+        with path.open("r+b" if end else "wb") as file:
+            file.truncate(end)
+            file.seek(end)
+            yield file
+    except OSError as error:
+        raise unwritable(path, error) from None

@@ -1,0 +1,76 @@
+"""The detectors by name."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from humanoid.support.errors import InputError
+
+SCRIPTS = Path(__file__).parent / "scripts"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A detector as the user asks for it.
+
+    name: one of `DETECTORS`. model: the file that the detector works by, where it brings none. boxes: a second model,
+    which finds people in a picture. people: at most so many are followed. python: see `environment.python_for`.
+    """
+
+    name: str = "mediapipe"
+    model: Path | None = None
+    boxes: Path | None = None
+    people: int = 6
+    python: Path | None = None
+
+    @property
+    def script(self) -> Path:
+        """The program that its environment runs."""
+        return SCRIPTS / DETECTORS[self.name].script
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What the program is told when it starts."""
+        models = {"model": self.model, "boxes": self.boxes}
+        return {name: str(path.absolute()) for name, path in models.items() if path is not None}
+
+    @property
+    def most(self) -> int:
+        """How many people are followed: where nothing finds several in a picture, one."""
+        return self.people if not DETECTORS[self.name].needs_model or self.boxes is not None else 1
+
+    @property
+    def identity(self) -> str:
+        """The same for detectors that find the same in the same picture: name, and digest of programs and models."""
+        digest = hashlib.sha256(json.dumps(self.most).encode())
+        for path in (SCRIPTS / "serving.py", self.script, self.model, self.boxes):
+            digest.update(b"-" if path is None else hashlib.sha256(path.read_bytes()).digest())
+        return f"{self.name} {digest.hexdigest()[:16]}"
+
+    def check(self) -> None:
+        """Raise InputError for a model that is missing, or without use."""
+        about = DETECTORS[self.name]
+        if about.needs_model and self.model is None:
+            raise InputError(
+                self.name, "needs a model", remedy="--model FILE names an ONNX file, of RTMPose for example"
+            )
+        for option, path in (("model", self.model), ("boxes", self.boxes)):
+            if path is not None and not about.needs_model:
+                raise InputError(option, f"{self.name} brings its own", remedy="leave it out, or --detector onnx")
+            if path is not None and not path.is_file():
+                raise InputError(path, "there is no such file")
+
+
+@dataclass(frozen=True)
+class About:
+    """What is known of a detector: its program, and whether the user gives the model."""
+
+    script: str
+    needs_model: bool
+
+
+DETECTORS = {"mediapipe": About("mediapipe_pose.py", False), "onnx": About("onnx_pose.py", True)}

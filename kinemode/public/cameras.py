@@ -1,0 +1,115 @@
+"""`calibrate`: cameras from pictures of a board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from humanoid.support.errors import InputError
+from kinemode.inputs.named import Named, PathLike, chosen_names, kept, named_paths
+from kinemode.public.arguments import check_arguments, check_as, choice, whole
+from kinemode.target import check_folder
+from kinemode.terminal.progress import Reporter, unreported
+
+if TYPE_CHECKING:
+    from estimator.boards.calibrate import Calibration
+
+PICTURES = "pictures of a board"
+BOARDS, LENSES = ("chessboard", "charuco"), ("brown", "rational", "fisheye")
+_IMAGES = (".jpg", ".jpeg", ".png", ".bmp")
+
+
+def calibrate(
+    pictures: Named,
+    *,
+    square: float,
+    size: str | tuple[int, int] = (9, 6),
+    board: str = "chessboard",
+    marker: float | None = None,
+    dictionary: str = "4X4_50",
+    lens: str = "brown",
+    origin: int | None = None,
+    out: PathLike | None = None,
+    picture: PathLike | None = None,
+    progress: Reporter | None = None,
+) -> Calibration:
+    """Calibrate cameras from pictures of a board: their lenses, and of several where they stand.
+
+    Picture number i of every camera has to be of the same instant where there are several cameras. Up to 120 pictures
+    of each, evenly spaced, are looked at.
+
+    Parameters
+    ----------
+    pictures: of each camera a video or a folder of pictures, by its name (`NAME=PATH` or a mapping); picture files
+        without a name are one camera's, called as their folder is.
+    square: side of a square [m].
+    size: columns and rows, as "9x6": inner corners of a chessboard, squares of a ChArUco board.
+    board: "chessboard" or "charuco". marker: side of a ChArUco marker [m]; three quarters of the square unless given.
+        dictionary: of its markers, as OpenCV calls it without DICT_.
+    lens: "brown", OpenCV's 5 coefficients; "rational", 8; "fisheye", the 4 of `cv2.fisheye`.
+    origin: number of the pictures, from 0, in which the board makes the world: origin at its first inner corner (of a
+        ChArUco board at its outer one), x along the columns, z out of its face, so up where it lies on the floor. Of
+        several cameras the pictures in which most see it unless given; a single camera then stands as one without a
+        calibration does.
+    out: camera file to write. picture: picture to write, with corners and how far they are from where they should be.
+    progress: opens a progress report, such as `kinemode.reported`; none by default.
+
+    Returns the cameras, the errors of every view, and notes (`estimator.boards.calibrate.Calibration`).
+
+    Raises
+    ------
+    InputError: no board or another one, too few or too similar views, cameras that share none, files that are missing
+        or cannot be written.
+    """
+    pictures = kept(pictures)
+    check_arguments(pictures=pictures, square=square, size=size, board=board, marker=marker, progress=progress)
+    check_as("board", dictionary=dictionary)
+    check_as("out", picture=picture)
+    check_arguments(out=out)
+    choice("board", board, BOARDS)
+    choice("lens", lens, LENSES)
+    sources = _sources(pictures)
+    start = None if origin is None else whole("seed", origin, 0)
+    for file in (out, picture):
+        if file is not None:
+            check_folder(Path(file))
+    if picture is not None and Path(picture).suffix.lower() != ".png":
+        raise InputError(picture, "is no name for a PNG", remedy="as board.png")
+    columns, rows = _columns_and_rows(size)
+    from kinemode.calibrating import calibrated
+
+    return calibrated(
+        sources,
+        {"kind": board, "size": (columns, rows), "square": float(square), "marker": marker, "dictionary": dictionary},
+        lens=lens,
+        origin=start,
+        out=None if out is None else Path(out),
+        picture=None if picture is None else Path(picture),
+        progress=progress or unreported,
+    )
+
+
+def _sources(pictures: Named) -> dict[str, list[Path]]:
+    """Files of each camera by its name."""
+    several: Iterable[Named] = [pictures] if isinstance(pictures, (str, Path, Mapping)) else list(pictures or [])
+    sources: dict[str, list[Path]] = {}
+    for given in several:
+        chosen = chosen_names(given, PICTURES)
+        for name, path in named_paths(given, PICTURES).items():
+            single = name not in chosen and path.is_file() and path.suffix.lower() in _IMAGES
+            sources.setdefault(path.absolute().parent.name if single else name, []).append(path)
+    if not sources:
+        raise InputError(
+            "pictures", "are needed", remedy="a video, a folder or picture files of a board; NAME=PATH each"
+        )
+    return sources
+
+
+def _columns_and_rows(size: str | tuple[int, int]) -> tuple[int, int]:
+    """Columns and rows of a text like 9x6 or of a pair."""
+    try:
+        columns, rows = (int(n) for n in (size.lower().split("x") if isinstance(size, str) else size))
+    except (ValueError, TypeError):
+        raise InputError("size", f"{str(size)[:40]!r} cannot be used", remedy="columns by rows, as 9x6") from None
+    return columns, rows

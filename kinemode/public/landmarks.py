@@ -1,0 +1,65 @@
+"""`landmark_start`: a landmark file to begin with, for a robot of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from humanoid.support.errors import InputError
+from kinemode.inputs.files import check_exists
+from kinemode.inputs.named import PathLike
+from kinemode.public.arguments import check_arguments
+from kinemode.target import check_absent, check_folder
+
+if TYPE_CHECKING:
+    from kinemode.public.tracking import SubjectLike
+
+
+def landmark_start(subject: SubjectLike, *, out: PathLike | None = None) -> str:
+    """The text of a landmark file for a URDF, to be looked through and completed; it loads as it is.
+
+    It has a landmark at every joint (under COCO's names where the names of the links tell a person's joints, the rest
+    in comments), the tips of the last links, and stabilisers in comments.
+
+    Parameters
+    ----------
+    subject: the path of a URDF, a robot of example-robot-data by name, or a loaded subject. Missing meshes are left
+        out; landmarks that it has from a landmark file do not count.
+    out: a file to write it to. `load_subject` finds NAME.landmarks.toml next to NAME.urdf, and takes any other by
+        `landmarks=`.
+
+    Raises
+    ------
+    InputError: no such subject, one with landmarks in its URDF, a file that is there already or cannot be written.
+    """
+    check_arguments(subject=subject, out=out)
+    if isinstance(subject, (str, Path)) and Path(subject).suffix:  # no name: before what loads URDFs is imported
+        check_exists(subject)
+    if out is not None:
+        check_folder(Path(out))
+        check_absent([Path(out)], False, False, "nothing is overwritten: name another file, or move this one away")
+    from humanoid.shape import landmark_start as beginning
+    from humanoid.subject.subject import Subject, load_subject
+    from humanoid.support.atomic import replacing
+
+    loaded = subject if isinstance(subject, Subject) else load_subject(subject, meshes="ignore")
+    if not isinstance(subject, Subject):
+        _check_without_landmarks(str(subject))
+    text = beginning.landmark_start(loaded)
+    if out is not None:
+        with replacing(out) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return text
+
+
+def _check_without_landmarks(source: str) -> None:
+    """Raise InputError where a URDF has landmarks of its own: they would go before those of a file."""
+    from humanoid.subject.subject import BUILT_IN
+    from humanoid.subject.urdf_document import read_document
+    from humanoid.support.files import read_bytes
+
+    own = source in BUILT_IN
+    if not own and Path(source).is_file():
+        own = read_document(read_bytes(Path(source)), source).root.find("landmark") is not None
+    if own:
+        raise InputError(source, "has landmarks in its URDF, which needs no landmark file", remedy="change them there")

@@ -1,0 +1,140 @@
+"""What a report says beside the motion: what was assumed, and all that repeats the run."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import shlex
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from estimator.results.run_file import Run
+from estimator.tracking.idle_settings import changed_values
+from humanoid.subject.example_robots import PREFIX
+from humanoid.subject.subject import BUILT_IN, load_subject
+from kinemode.explain import run_settings
+from kinemode.findings import findings
+from viz.report.facts import Facts
+
+_LIBRARIES = ("pin", "coal", "proxsuite", "numpy", "opencv-python-headless", "numba")
+_SAME = 1e-9  # of a length
+_BLOCK = 1 << 20
+_GUESSED = "no camera given"  # as the note of `kinemode.inputs.load` begins
+_BESIDE = {"fit": "auto", "person": "auto"}
+
+
+_BLANKS = (
+    "The run does not keep the names of keypoint and camera files, which belong where capitals stand, nor options of"
+    " time (--start, --end, --fps, --offset). Where SETTINGS.toml is named it has the settings that differ."
+)
+
+
+def facts_of(run: Run) -> Facts:
+    """All of it; digests are of the files as they are now."""
+    header = run.header
+    told = findings(run)
+    assumed = [note for note in header.notes if note not in told]
+    lengths = fitted_lengths(run)
+    if lengths:
+        assumed.append(f"the lengths of {header.subject_source} were fitted to this person, see below")
+    elif header.subject_source in BUILT_IN:
+        assumed.append(f"the person has the lengths of {header.subject_source}, an average adult")
+    else:
+        assumed.append(f"the subject is as large as its file says: {header.subject_source}")
+    return Facts(
+        findings=told,
+        assumed=assumed,
+        lengths=lengths,
+        command=_command(run),
+        blanks=_BLANKS,
+        settings=changed_settings(run),
+        files=[(what, str(path), digest(path)) for what, path in _files(run)],
+        versions=_versions(run),
+    )
+
+
+def fitted_lengths(run: Run) -> list[tuple[str, float]]:
+    """Scales of the proportions of a built-in subject, by joint; none where all are one, or for another subject."""
+    if run.header.subject_source not in BUILT_IN:
+        return []
+    whole, own = load_subject(run.header.subject_source), run.subject
+    scales = []
+    for proportion in whole.proportions:
+        lengths = [
+            np.linalg.norm(s.model.jointPlacements[s.model.getJointId(proportion.joint)].translation)
+            for s in (own, whole)
+            if s.model.existJointName(proportion.joint)
+        ]
+        if len(lengths) == 2:
+            scales.append((proportion.joint, float(lengths[0] / lengths[1])))
+    return scales if any(abs(scale - 1.0) > _SAME for _, scale in scales) else []
+
+
+def changed_settings(run: Run) -> list[tuple[str, str, str]]:
+    """Settings that differ from the tracker's own: name, value here, value by default; which cues are looked at is the
+    command's matter."""
+    changed = changed_values(run.header.tracker, run_settings(run))
+    return [(name, str(here), str(usual)) for name, here, usual in changed if not name.startswith("cues.use_")]
+
+
+def _command(run: Run) -> str:
+    """The command that makes the run again, as far as the run knows it."""
+    header = run.header
+    words = ["track"]
+    words += [f"{name}={clip}" for name, clip in header.clips.items() if clip is not None]
+    words += ["--subject", header.subject_source, "--tracker", header.tracker, "--seed", str(header.seed)]
+    if len(run.confidence) and (run.confidence > 0.0).any():
+        words += ["--keypoints", *(f"{c.name}=KEYPOINTS_{c.name}" for c in header.cameras)]
+    words += [] if any(note.startswith(_GUESSED) for note in header.notes) else ["--cameras", "CAMERAS"]
+    for option, named in (("--mask", header.masks), ("--background", header.backgrounds), ("--depth", header.depths)):
+        words += [option, *(f"{n}={path}" for n, path in named.items())] if named else []
+    words += ["--stereo", *(f"{left}={right}" for left, right in header.stereo.items())] if header.stereo else []
+    words += ["--cues", ",".join(header.cues) or "off"]
+    for name, usual in _BESIDE.items():
+        value = header.settings.get(name, usual)
+        words += [f"--{name}", str(value)] if isinstance(value, str) and value != usual else []
+    words += ["--settings", "SETTINGS.toml"] if changed_settings(run) else []
+    return shlex.join(["kinemode", *words, "--out", run.file.name])
+
+
+def _files(run: Run) -> Iterator[tuple[str, Path]]:
+    header = run.header
+    yield "run", run.file
+    for what, named in (
+        ("clip", header.clips), ("mask", header.masks), ("background", header.backgrounds), ("depth", header.depths),
+    ):  # fmt: skip
+        for camera, path in named.items():
+            if path is not None:
+                yield f"{what} of {camera}", Path(path)
+    if header.subject_source not in BUILT_IN and not header.subject_source.startswith(PREFIX):
+        yield "subject", Path(header.subject_source)
+
+
+def digest(path: Path) -> str:
+    """The SHA-256 of a file's bytes, or why there is none."""
+    if path.is_dir():
+        return "a folder"
+    try:
+        with path.open("rb") as file:
+            total = hashlib.sha256()
+            while block := file.read(_BLOCK):
+                total.update(block)
+    except OSError:
+        return "not there any more"
+    return total.hexdigest()
+
+
+def _versions(run: Run) -> list[tuple[str, str]]:
+    from kinemode import __version__
+
+    own = [("kinemode that tracked", run.header.version), ("kinemode that reports", __version__)]
+    versions = [*own, ("Python", platform.python_version())]
+    for name in _LIBRARIES:
+        try:
+            versions.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            continue
+    return versions

@@ -1,0 +1,69 @@
+"""What is known of the body at one frame of a stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from estimator.results.coordinates import joint_entries
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+
+
+@dataclass(frozen=True)
+class Step:
+    """One frame of `kinemode.Tracker`, with K hypotheses, best first; none before the person was seen first.
+
+    index: number of the frame, from 0. time [s]: as it was given. status: "tracked", "hard" or "unobserved".
+    q (nq,): the best pose; smoothed where the tracker has a lag. NaN where there is no hypothesis.
+    hypotheses (K, nq), weights (K,): all poses as the tracker left them, and how likely each of them is.
+    covariance (K, nv, nv): of each hypothesis, in the tangent space there.
+    """
+
+    body: Body = field(repr=False)
+    index: int
+    time: float
+    status: str
+    q: np.ndarray = field(repr=False)
+    hypotheses: np.ndarray = field(repr=False)
+    weights: np.ndarray
+    covariance: np.ndarray = field(repr=False)
+
+    @staticmethod
+    def of(body: Body, result: FrameResult, smoothed: np.ndarray | None = None) -> Step:
+        """A tracker's result; smoothed (nq,): the pose to show instead of its best hypothesis."""
+        best = result.q[0] if len(result.q) else np.full(body.nq, np.nan)
+        return Step(
+            body, result.index, result.time, result.status, best if smoothed is None else smoothed,
+            result.q, result.weight, result.covariance,
+        )  # fmt: skip
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether there is a hypothesis."""
+        return len(self.weights) > 0
+
+    @cached_property
+    def landmarks(self) -> np.ndarray:
+        """(L, 3) of `q`, in the world [m], in the order of `body.landmark_names`; NaN where there is no hypothesis."""
+        if not self.has_pose:
+            return np.full((len(self.body.landmark_names), 3), np.nan)
+        return self.body.landmarks(self.body.at(self.q))
+
+    def angle(self, joint: str, degrees: bool = False) -> float:
+        """The angle of a joint [rad] or [deg]; NaN where there is no hypothesis.
+
+        Raises
+        ------
+        InputError: no such joint, or one that is not measured in an angle.
+        """
+        turning = {e.name: e for e in joint_entries(self.body) if e.kind in ("turn", "endless")}
+        if joint not in turning:
+            raise InputError("angle", f"there is no joint {joint!r} that turns", remedy=f"joints: {', '.join(turning)}")
+        entry = turning[joint]
+        part = self.q[entry.start : entry.start + entry.count]
+        angle = float(np.arctan2(part[1], part[0]) if entry.kind == "endless" else part[0])
+        return float(np.degrees(angle)) if degrees else angle

@@ -1,0 +1,158 @@
+"""The work behind `kinemode.Tracker`: frames as they come -> observations -> results."""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from estimator.cameras.camera import Camera
+from estimator.formats.keypoint_arrays import Layout
+from estimator.imaging.observation import Observation
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.registry import CUES
+from estimator.likelihood.settings import CueSettings
+from estimator.media.stream import PictureStream
+from estimator.smoothing import FixedLag
+from estimator.trackers.capabilities import energy_of
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.frame_by_frame import FrameByFrame
+from estimator.tracking.registry import make_tracker
+from humanoid.kinematics.body import ROOT_PLACE_Q, Body
+from humanoid.subject.subject import Subject
+from humanoid.support.errors import InputError
+from kinemode.beginning import check_cue
+from kinemode.indexing import with_index
+from kinemode.notices import InputWarning
+from kinemode.pictures import cue_choice
+from kinemode.settings import Chosen, PathLike, choose
+from kinemode.streams.observing import Observer
+from kinemode.streams.smoothing import Delay
+from kinemode.streams.step import Step
+from kinemode.terminal.progress import unreported
+
+_AHEAD, _WARM_UP, _RATE = 4.0, 3, 30.0  # m from the camera, frames, frames per second
+Watcher = Callable[[Observation, FrameResult], None]
+
+
+@dataclass(frozen=True)
+class StepOptions:
+    """How to track: arguments of `kinemode.Tracker`, of the same names, which have been checked."""
+
+    layout: Layout = "auto"
+    cues: str | Iterable[str] = "off"
+    backgrounds: Mapping[str, Path] | None = None
+    tracker: str = "css"
+    modes: int | None = None
+    settings: Mapping[str, Any] | PathLike | None = None
+    seed: int = 0
+    lag: int = 0
+    jitter: float | Mapping[str, float] | None = None
+    index: PathLike | None = None
+
+
+class Stepper:
+    """Tracks one body through frames that come one by one.
+
+    watcher: is told of every frame as the tracker left it, before any lag.
+
+    Attributes
+    ----------
+    body, cameras (C): what is tracked, and from where. chosen: the tracker with its settings; cues: the names of those
+    that are looked at. frames: the tracker on its way.
+    """
+
+    def __init__(
+        self, subject: Subject, cameras: tuple[Camera, ...], wanted: StepOptions, watcher: Watcher | None = None
+    ) -> None:
+        self.body, self.cameras = Body(subject), cameras
+        chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
+        chosen.check(False)
+        cues = _chosen_cues(wanted.cues, chosen)
+        self.chosen, self.cues = with_index(chosen, subject, wanted.index, unreported), cues.used if cues else ()
+        settings = self.chosen.settings if cues is None else replace(self.chosen.settings, cues=cues)
+        tracker = make_tracker(wanted.tracker, self.body, settings)
+        check_cue(tracker, wanted.tracker, self.cues)
+        self.settings = settings
+        self.notes = (*subject.notes, *chosen.notes(cues=cues, cameras=len(cameras), fits=False))
+        for note in self.notes:
+            warnings.warn(note, InputWarning, stacklevel=4)
+        self.frames = FrameByFrame(tracker, wanted.seed)
+        smoother = None
+        if wanted.lag:
+            search = energy_of(tracker, wanted.tracker)
+            smoother = FixedLag(search, replace(settings.smooth, lag=wanted.lag))
+        self._delay = Delay(self.body, smoother, wanted.lag)
+        self._observer = Observer(self.body, cameras, wanted.layout, wanted.jitter)
+        self._streams = tuple(PictureStream(f"pictures of {c.name}", c.image_size) for c in cameras)
+        self._reader = None if cues is None else self._opened(cues, wanted.backgrounds or {})
+        self._threads = ThreadpoolController()
+        self._shown: deque[Observation] = deque()
+        self._watcher = watcher
+
+    def warm_up(self) -> None:
+        """Track three frames of the body standing before the camera, by a tracker that is then gone: the first frames
+        of a process load compiled code, which takes a second."""
+        q, (camera, *_) = self.body.neutral.copy(), self.cameras
+        if self.body.has_free_root:
+            q[ROOT_PLACE_Q] = camera.centre_world + _AHEAD * camera.R_camera_world[2]
+        points = camera.project(self.body.landmarks(self.body.at(q)))
+        pixels = np.full((len(self.cameras), *points.shape), np.nan)
+        pixels[0] = points
+        confidence = np.where(np.isfinite(pixels).all(axis=-1), 1.0, 0.0)
+        frames = FrameByFrame(make_tracker(self.chosen.tracker, self.body, self.settings), 0)
+        with self._threads.limit(limits=1):
+            for i in range(_WARM_UP):
+                frames.push(Observation(i, i / _RATE, self.cameras, pixels, confidence))
+
+    def step(self, keypoints: Any, picture: Any, time: float) -> Step | None:
+        """See `kinemode.Tracker.step`."""
+        observation = self._observer.at(keypoints, time)
+        if self._reader is not None:
+            for stream, image in zip(self._streams, self._observer.pictures(picture), strict=True):
+                stream.put(observation.index, image)
+        elif picture is not None:
+            raise InputError("picture", "is not looked at", remedy='leave it out, or name cues, as cues="edges,flow"')
+        self._observer.accept()
+        # the matrices are small: more threads only wait for each other
+        with self._threads.limit(limits=1):
+            if self._reader is not None:
+                observation = replace(observation, cues=self._reader.at(observation.index))
+            self._shown.append(observation)
+            result = self.frames.push(observation)
+            return None if result is None else self._done(result)
+
+    def finish(self) -> list[Step]:
+        """See `kinemode.Tracker.finish`."""
+        with self._threads.limit(limits=1):
+            steps = [self._done(result) for result in self.frames.rest()]
+            return [step for step in (*steps, *self._delay.rest()) if step is not None]
+
+    def _done(self, result: FrameResult) -> Step | None:
+        observation = self._shown.popleft()
+        if self._watcher is not None:
+            self._watcher(observation, result)
+        return self._delay.push(observation, result)
+
+    def _opened(self, cues: CueSettings, backgrounds: Mapping[str, Path]) -> CueReader:
+        plates = [backgrounds.get(camera.name) for camera in self.cameras]
+        return CueReader(self._streams, self.cameras, cues, plates=plates)
+
+
+def _chosen_cues(given: str | Iterable[str], chosen: Chosen) -> CueSettings | None:
+    """Settings of the cues to look at, None for keypoints alone; raises InputError for those that cannot be."""
+    choice = cue_choice(given)
+    if choice is None:
+        raise InputError("cues", "auto looks at a whole clip", remedy=f"off, or some of {', '.join(CUES)}")
+    for name in choice:
+        if CUES[name].needs_depth:
+            raise InputError("cues", f"{name} needs depth, which a stream does not have", remedy="leave it out")
+        if name not in chosen.settings.cues.used:
+            raise InputError("cues", f"the settings switch {name} off", remedy=f"leave out cues.use_{name}")
+    return chosen.settings.cues.using(choice) if choice else None

@@ -1,0 +1,470 @@
+"""Keypoints by a detector in an environment of its own. Unless said otherwise the detector is a small one of ours,
+which finds coloured squares, and `uv` is a script that makes an environment of this Python."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import kinemode as km
+from estimator.formats.keypoints import load_people
+from estimator.formats.people_file import write_people
+from estimator.media.clip import Clip
+from humanoid.support.errors import InputError
+from kinemode.detection import detectors, environment, pythons
+from kinemode.detection.detectors import SCRIPTS, About, Wanted
+from kinemode.detection.people import People, Search, shared
+from kinemode.detection.requirements import read_requirements
+from kinemode.detection.scripts.mediapipe_pose import steadied, turned_square
+from kinemode.detection.scripts.onnx_pose import decoded, window
+from kinemode.inputs.files import InputFiles
+from kinemode.public.detection import with_detected
+from tests.test_door import STANDARD, imported
+from tests.tiny_onnx import constant_boxes, two_colours
+
+FAKE = """
+# /// script
+# requires-python = ">=3.10,<3.99"
+# dependencies = ["{package}"]
+# ///
+import sys
+import numpy as np
+
+sys.path.insert(0, {scripts!r})
+import serving
+
+COLOURS = ((255, 0, 0), (0, 0, 255))
+GRID = np.stack(np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 4)), axis=-1).reshape(-1, 2)[:17]
+
+
+class Squares:
+    about = {{"layout": None, "names": None}}
+
+    def __init__(self, options):
+        print("libraries print what they like", flush=True)
+
+    def search(self, picture, parts):
+        seen = [self.look(picture, {{"colour": k, "looks": -1}}) for k in range(2)]
+        return [person["state"] for person in seen if person]
+
+    def look(self, picture, state):
+        rows, columns = np.nonzero((picture == COLOURS[state["colour"]]).all(axis=2))
+        if not len(rows):
+            return None
+        looks, size = state["looks"] + 1, [picture.shape[1], picture.shape[0]]
+        middle, half = np.array([columns.mean(), rows.mean()]), 0.5 * np.array([np.ptp(columns), np.ptp(rows)])
+        points = middle + GRID * half
+        box = [*((middle - half) / size), *((middle + half) / size)]
+        keypoints = [[*point, 1 / (2 + looks)] for point in points.tolist()]
+        return {{"keypoints": keypoints, "state": {{"colour": state["colour"], "looks": looks, "box": box}}}}
+
+
+serving.main(Squares)
+"""
+UV = """#!/bin/sh
+echo "$@" >> {log}
+if [ "$1" = pip ]; then {answer}; exit; fi
+for last; do :; done
+mkdir -p "$last/bin"
+printf '#!/bin/sh\\nexec {python} "$@"\\n' > "$last/bin/python"
+chmod +x "$last/bin/python"
+"""
+
+
+class Fake:
+    """The detector "fake", an `uv` that logs what it is asked for, and a cache of its own."""
+
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
+        self.script, self.log, self.cache = folder / "fake.py", folder / "uv.log", folder / "cache"
+        self.uv = folder / "bin" / "uv"
+        self.uv.parent.mkdir()
+        patch.setenv("PATH", f"{self.uv.parent}{os.pathsep}{os.environ['PATH']}")
+        patch.setenv("KINEMODE_CACHE", str(self.cache))
+        patch.setitem(detectors.DETECTORS, "fake", About(str(self.script), False))
+        self.needs("squares==1.0")
+        self.answers("true")
+
+    def needs(self, package: str) -> None:
+        self.script.write_text(FAKE.format(package=package, scripts=str(SCRIPTS)).lstrip())
+
+    def answers(self, command: str) -> None:
+        """What the installation of packages does."""
+        self.uv.write_text(UV.format(log=self.log, answer=command, python=sys.executable))
+        self.uv.chmod(self.uv.stat().st_mode | stat.S_IXUSR)
+
+    @property
+    def calls(self) -> list[str]:
+        return self.log.read_text().splitlines() if self.log.exists() else []
+
+    def python(self) -> Path:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", km.InputWarning)
+            return environment.python_for("fake", self.script)
+
+
+@pytest.fixture
+def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
+    return Fake(tmp_path, monkeypatch)
+
+
+def places(count: int) -> np.ndarray:
+    """Middles (T, 2, 2) [px] of the two squares."""
+    steps = np.arange(count)
+    return np.stack([np.stack([20 + 2 * steps, 30 + 0 * steps], 1), np.stack([90 - steps, 60 + 0 * steps], 1)], axis=1)
+
+
+def drawn(folder: Path, count: int = 12, squares: int = 2) -> Path:
+    folder.mkdir()
+    for i, middles in enumerate(places(count)):
+        picture = np.zeros((80, 120, 3), np.uint8)
+        for (x, y), colour in list(zip(middles, ((255, 0, 0), (0, 0, 255)), strict=True))[:squares]:
+            picture[y - 8 : y + 9, x - 6 : x + 7] = colour
+        cv2.imwrite(str(folder / f"{i}.png"), picture)
+    return folder
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
+
+
+def test_an_environment_is_made_once_and_anew_for_a_new_pin(fake: Fake) -> None:
+    python = fake.python()
+    assert python.is_file()
+    assert [call.split()[0] for call in fake.calls] == ["venv", "pip"]
+    assert fake.calls[1].split()[-1] == "squares==1.0"
+    assert "--no-deps" in fake.calls[1]
+    assert fake.python() == python
+    assert len(fake.calls) == 2
+    fake.needs("squares==1.1")
+    assert fake.python().parent != python.parent
+    assert len(fake.calls) == 4
+
+
+def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
+    fake.answers("echo 'noise'; echo 'ERROR: no network' >&2; false")
+    with pytest.raises(InputError, match=r"^fake: cannot be installed: ERROR: no network \(.*--python"):
+        fake.python()
+    (half,) = [path for path in fake.cache.iterdir() if path.is_dir()]
+    (half / "left").touch()
+    fake.answers("true")
+    fake.python()
+    assert not (half / "left").exists()
+    (half / "bin" / "python").unlink()  # the Python that it was made with is gone
+    assert fake.python().is_file()
+
+
+def test_without_uv_and_a_fitting_python_the_remedy_is_said(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake.uv.unlink()
+    monkeypatch.setattr(environment, "fitting_python", lambda needed: None)
+    monkeypatch.setattr(environment.shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match=r"fake: needs a CPython 3\.10 to 3\.98 .*\(install one, or uv"):
+        fake.python()
+
+
+def test_a_python_that_is_named_fits_or_is_refused(fake: Fake, tmp_path: Path) -> None:
+    needed = read_requirements(SCRIPTS / "mediapipe_pose.py")
+    assert needed.span == "3.9 to 3.12"
+    ours = pythons.asked(Path(sys.executable))
+    assert ours is not None
+    assert ours.version == sys.version_info[:2]
+    assert ours.packages["numpy"] == np.__version__
+    fake.needs(f"numpy=={np.__version__}")
+    assert environment.python_for("fake", fake.script, Path(sys.executable)) == Path(sys.executable)
+    assert fake.calls == []  # it has the packages
+    with pytest.raises(InputError, match="is no Python that answers"):
+        environment.python_for("fake", fake.script, tmp_path / "fake.py")
+
+
+def test_what_leads_to_our_packages_is_kept_from_the_detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", "somewhere")
+    monkeypatch.setenv("VIRTUAL_ENV", "elsewhere")
+    assert {"PYTHONPATH", "VIRTUAL_ENV"}.isdisjoint(pythons.clean_environment())
+    assert pythons.alone(Path("python"), "x")[1:3] == ["-E", "-s"]
+
+
+@pytest.mark.parametrize("name", ["mediapipe_pose", "onnx_pose", "serving"])
+def test_programs_use_nothing_of_ours(name: str) -> None:
+    used = {name.partition(".")[0] for name in imported(SCRIPTS / f"{name}.py")}
+    assert used <= STANDARD | {"numpy", "cv2", "mediapipe", "google", "onnxruntime", "serving"}
+    if name != "serving":
+        packages = read_requirements(SCRIPTS / f"{name}.py").packages
+        assert all("==" in package for package in packages)
+
+
+def test_two_people_keep_their_numbers(fake: Fake, tmp_path: Path) -> None:
+    clip = drawn(tmp_path / "squares")
+    files = km.detect(clip, out=tmp_path / "out.json", detector="fake")
+    assert files == {"squares": tmp_path / "out.json"}
+    content = json.loads(files["squares"].read_text())
+    assert (content["format"], content["image_size"], content["fps"]) == ("coco17", [120, 80], None)
+    people = load_people(files["squares"])
+    for number in (0, 1):
+        track = people.one(str(number))
+        assert track.frame_count == 12
+        np.testing.assert_allclose(track.pixels[:, [0, 4]].mean(axis=1), places(12)[:, number] - [0, 8], atol=0.01)
+
+
+def test_one_person_is_written_as_mediapipe_files_are(fake: Fake, tmp_path: Path) -> None:
+    path = km.detect(drawn(tmp_path / "alone", squares=1), out=tmp_path / "out.json", detector="fake")["alone"]
+    frames = json.loads(path.read_text())["frames"]
+    assert {tuple(frame) for frame in frames} == {("keypoints",)}
+    with pytest.raises(InputError, match="exists already"):
+        km.detect(tmp_path / "alone", out=path, detector="fake")
+    nobody = drawn(tmp_path / "nobody", squares=0)
+    with pytest.raises(InputError, match="finds nobody in 12 frames"):
+        km.detect(nobody, out=tmp_path / "none.json", detector="fake")
+    assert not list(tmp_path.glob("none.json*"))
+
+
+def test_an_interrupted_detection_goes_on_to_the_same_bytes(fake: Fake, tmp_path: Path) -> None:
+    """The confidence of the small detector tells how often it looked: its state is kept too."""
+    clip, part = drawn(tmp_path / "squares"), tmp_path / "out.json.part"
+    whole = km.detect(clip, out=tmp_path / "whole.json", detector="fake")["squares"]
+    seen: list[int] = []
+
+    class Stop:
+        def __init__(self, at: int) -> None:
+            self.at = at
+
+        def __call__(self, label: str) -> Stop:
+            return self
+
+        def __enter__(self) -> Any:
+            return self.report
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def report(self, done: int, total: int) -> None:
+            seen.append(done)
+            if done == self.at:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match=r"5 frames are kept in .*out\.json\.part"):
+        km.detect(clip, out=tmp_path / "out.json", detector="fake", progress=Stop(5))
+    assert not (tmp_path / "out.json").exists()
+    with part.open("ab") as file:
+        file.write(b'{"people": {"0": [[1')  # a line cut short by a power cut
+    out = km.detect(clip, out=tmp_path / "out.json", detector="fake", progress=Stop(99))["squares"]
+    assert seen == [*range(1, 6), *range(6, 13)]
+    assert out.read_bytes() == whole.read_bytes()
+    assert not part.exists()
+
+
+def test_keypoints_beside_a_run_are_taken_until_something_changes(fake: Fake, tmp_path: Path) -> None:
+    clip, out = drawn(tmp_path / "squares", squares=1), tmp_path / "walk.run"
+    made = tmp_path / "walk.keypoints" / "squares.json"
+
+    def detected() -> int:
+        with with_detected(InputFiles(clip), "fake", out, None) as files:
+            assert files.keypoints == [made]
+        return made.stat().st_mtime_ns
+
+    first = detected()
+    assert detected() == first
+    os.utime(clip)
+    second = detected()
+    assert second > first
+    fake.script.write_text(fake.script.read_text() + "# changed\n")
+    assert detected() > second
+    with with_detected(InputFiles(clip, made), "fake", out, None) as files:
+        assert files.keypoints == [made]  # what is given is not looked for
+
+
+class Told:
+    """A detector whose answers are given: of each picture whether each state is seen, and where people are found."""
+
+    def __init__(self, pictures: Sequence[tuple[dict[str, float | None], list[str]]]) -> None:
+        self.pictures, self.now, self.searches = iter(pictures), ({}, list[str]()), list[str | None]()
+
+    def ask(self, picture: Any, states: Sequence[dict[str, Any]], *, search: Search = None) -> dict[str, Any]:
+        if picture is not None:
+            self.now = next(self.pictures)  # type: ignore[assignment]
+            self.searches.append(search)
+        where: dict[str, float | None] = self.now[0]
+        people = [self.person(s["who"], where.get(s["who"])) for s in states]
+        starts = [self.state(who, where.get(who) or 0.0) for who in self.now[1]] if search else []
+        return {"people": people, "starts": starts}
+
+    def state(self, who: str, x: float) -> dict[str, Any]:
+        return {"who": who, "box": [x, 0.0, x + 0.2, 1.0]}
+
+    def person(self, who: str, x: float | None) -> dict[str, Any] | None:
+        points = [[100 * ((x or 0.0) + 0.1 * k), 10.0 * k, 1.0] for k in range(3)]
+        return None if x is None else {"keypoints": points, "state": self.state(who, x)}
+
+
+PICTURE = np.zeros((1, 1, 3), np.uint8)
+
+
+def test_who_comes_back_keeps_the_number_and_nobody_is_counted_twice() -> None:
+    """a and b; b is gone in picture 1 and back in 2; in 3 both are led to a's place: b, who came later, is dropped, and
+    somebody is looked for in 4, where a third one is found far away."""
+    detector = Told(
+        [
+            ({"a": 0.1, "b": 0.6}, ["a", "b"]),
+            ({"a": 0.1}, []),
+            ({"a": 0.1, "b": 0.62}, ["a", "b"]),
+            ({"a": 0.1, "b": 0.1}, []),
+            ({"a": 0.1, "c": 0.35}, ["a", "c"]),
+            ({"a": 0.1, "c": 0.35}, ["a", "c", "a"]),
+        ]
+    )
+    people = People(6)
+    seen = []
+    for _ in range(6):
+        people = People.of(json.loads(json.dumps(people.content())), 6)  # as a file keeps it
+        seen.append({n: round(points[0, 0]) for n, points in people.see(detector, PICTURE).items()})
+    assert seen == [{0: 10, 1: 60}, {0: 10}, {0: 10, 1: 62}, {0: 10}, {0: 10, 2: 35}, {0: 10, 2: 35}]
+    assert detector.searches == ["parts", None, "whole", None, "whole", None]
+
+
+def test_no_more_people_than_wanted() -> None:
+    people = People(1)
+    assert list(people.see(Told([({"a": 0.1, "b": 0.6}, ["b", "a"])]), PICTURE)) == [0]
+
+
+def test_what_two_boxes_share() -> None:
+    assert shared([0, 0, 2, 1], [1, 0, 3, 1]) == pytest.approx(1 / 3)
+    assert shared([0, 0, 1, 1], [2, 0, 3, 1]) == 0.0
+    assert shared([0, 0, 1, 1], [0, 0, 1, 1]) == 1.0
+
+
+def test_simcc_is_decoded_to_known_places() -> None:
+    """Two bins a pixel of a 192 x 256 input; the less sure coordinate tells the confidence."""
+    columns, lines = np.full((3, 384), 0.01), np.full((3, 512), 0.01)
+    for k, (x, y) in enumerate([(0, 511), (201, 100), (383, 7)]):
+        columns[k, x], lines[k, y] = 0.8, 0.4 + k
+    np.testing.assert_allclose(
+        decoded(columns, lines, (192, 256)), [[0, 255.5, 0.4], [100.5, 50, 0.8], [191.5, 3.5, 0.8]]
+    )
+    assert decoded(columns - 2.0, lines - 2.0, (192, 256))[0, 2] == 0.0
+
+
+@pytest.mark.parametrize(
+    "box", [[0.25, 0.25, 0.5, 0.5], [0.0, 0.4, 1.0, 0.5], [0.4, 0.0, 0.45, 1.0], [0.5, 0.5, 0.5, 0.5]]
+)
+def test_a_window_holds_its_box_in_the_middle(box: list[float]) -> None:
+    picture, size = (400, 200), (192, 256)
+    left, top, scale = window(box, picture, size)
+    assert left + 0.5 * scale * size[0] == pytest.approx(200 * (box[0] + box[2]))
+    assert top + 0.5 * scale * size[1] == pytest.approx(100 * (box[1] + box[3]))
+    filled = max(400 * (box[2] - box[0]) / (scale * size[0]), 200 * (box[3] - box[1]) / (scale * size[1]))
+    assert filled == pytest.approx(0.8 if box[2] > box[0] else 0.0)
+
+
+def test_mediapipes_square_turns_with_the_person() -> None:
+    size = (400, 200)
+    for turn in (0.0, 0.4, -2.0, 3.0):
+        top = np.array([200.0, 100.0]) + 30.0 * np.array([np.sin(turn), -np.cos(turn)])
+        square = turned_square([(0.5, 0.5), (top[0] / 400, top[1] / 200)], size)
+        np.testing.assert_allclose(square, [0.5, 0.5, 75 / 400, 75 / 200, turn], atol=1e-12)
+
+
+def test_the_filter_of_the_square() -> None:
+    """Casiez et al. 2012, with a person's size as the unit: who stands still stays; a jump is followed in part, by a
+    share that its speed decides; all of it is the same in a picture of twice the size."""
+    still = [(0.5, 0.5), (0.5, 0.25)]
+    moved = [(0.51, 0.5), (0.51, 0.25)]
+    ends, memory = steadied(still, [], (400, 400))
+    np.testing.assert_array_equal(ends, still)
+    again, same = steadied(still, memory, (400, 400))
+    np.testing.assert_allclose(again, still, atol=1e-15)
+    after, moving = steadied(moved, same, (400, 400))
+
+    def share(cutoff: float) -> float:
+        return float(1 / (1 + 1e6 / 33333 / (2 * np.pi * cutoff)))
+
+    rate = share(1.0) * (4.0 / 200.0) * 1e6 / 33333  # persons a second
+    assert after[0][0] - 0.5 == pytest.approx(0.01 * share(0.01 + 10.0 * rate))
+    last, _ = steadied(moved, moving, (400, 400))  # it has come to rest, its square follows
+    alpha = share(0.01 + 10.0 * (1 - share(1.0)) * rate)
+    assert last[0][0] == pytest.approx(alpha * 0.51 + (1 - alpha) * after[0][0], abs=1e-12)
+    double, _ = steadied(moved, steadied(still, [], (800, 800))[1], (800, 800))
+    np.testing.assert_allclose(double, after, atol=1e-15)
+
+
+def test_several_people_are_read_as_they_are_written(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    names = [f"k{j}" for j in range(17)]
+    frames = [{n: (rng.uniform(0.1, 0.9, (17, 3)) * [64, 48, 1]).tolist() for n in who} for who in ([0, 3], [], [3])]
+    write_people(tmp_path / "a.json", "coco17", names, frames, image_size=(64, 48), fps=25.0)
+    read = load_people(tmp_path / "a.json")
+    assert read.image_size == (64, 48)
+    for frame, people in zip(frames, read.frames.values(), strict=True):
+        assert [p.id for p in people] == [str(number) for number in frame]
+        for person, points in zip(people, frame.values(), strict=True):
+            np.testing.assert_array_equal(person.points, points)
+
+
+def test_models_are_asked_for_and_refused(tmp_path: Path) -> None:
+    clip, model = drawn(tmp_path / "squares", 1), tmp_path / "model.onnx"
+    model.touch()
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"detector": "onnx"}, "needs a model"),
+        ({"detector": "onnx", "model": "absent.onnx"}, "there is no such file"),
+        ({"model": model}, "mediapipe brings its own"),
+        ({"detector": "openpose"}, "is unknown"),
+        ({"people": 0}, "people"),
+    ]
+    for given, problem in cases:
+        with pytest.raises(InputError, match=problem):
+            km.detect(clip, out=tmp_path / "a.json", **given)
+
+
+def made_or_skip(name: str) -> None:
+    wanted = Wanted(name)
+    if not environment.is_made(name, wanted.script) and "KINEMODE_TEST_DETECTOR" not in os.environ:
+        pytest.skip(f"the environment of {name} is not there; KINEMODE_TEST_DETECTOR=1 makes it (150 MB)")
+
+
+def test_mediapipe_finds_what_it_found_before(shared_data: Path, tmp_path: Path) -> None:
+    made_or_skip("mediapipe")
+    folder = shared_data / "beam4cam"
+    clip = Clip.open(folder / "videos" / "cam01.mp4")
+    (tmp_path / "first").mkdir()
+    for i in range(8):
+        cv2.imwrite(str(tmp_path / "first" / f"{i}.png"), clip.frame(i))
+    path = km.detect(tmp_path / "first", out=tmp_path / "a.json")["first"]
+    ours, theirs = km.load_keypoints(path), km.load_keypoints(folder / "keypoints" / "cam01.json")
+    assert json.loads(path.read_text())["names"] == json.loads(Path(theirs.source).read_text())["names"]
+    apart = np.linalg.norm(ours.pixels - theirs.pixels[:8], axis=2)
+    assert np.median(apart) < 0.5
+    assert apart.max() < 3.0
+
+
+def test_an_onnx_model_finds_known_places(tmp_path: Path) -> None:
+    """Two people of two colours each, side by side: the model of boxes finds both, and a chair that is none."""
+    made_or_skip("onnx")
+    picture, size = np.zeros((160, 240, 3), np.uint8), (48, 64)
+    where = [((20, 30), (60, 110)), ((150, 20), (190, 120))]  # upper left corners of red and of blue
+    for red, blue in where:
+        picture[red[1] : red[1] + 20, red[0] : red[0] + 15, 2] = 255
+        picture[blue[1] : blue[1] + 20, blue[0] : blue[0] + 15, 0] = 255
+    (tmp_path / "clip").mkdir()
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / "clip" / f"{i}.png"), picture)
+    model = two_colours(tmp_path / "model.onnx", size)
+    boxes = np.array([[20, 30, 75, 130, 300], [150, 20, 205, 140, 300], [90, 0, 110, 20, 300]]) / (240 / 64)
+    boxes[:, 4] = [0.9, 0.8, 0.95]
+    finder = constant_boxes(tmp_path / "boxes.onnx", (64, 64), boxes, [0, 0, 56])
+    path = km.detect(tmp_path / "clip", out=tmp_path / "a.json", detector="onnx", model=model, boxes=finder)["clip"]
+    people = load_people(path)
+    for number, (red, blue) in enumerate(where):
+        pixels = people.one(str(number)).pixels
+        assert pixels.shape == (3, 17, 2)
+        beyond = pixels - np.array([red] * 9 + [blue] * 8)  # the first pixel of the model's that is all colour
+        assert beyond.min() > -0.1
+        assert beyond.max() < 4.0
+    (tmp_path / "wrong.onnx").write_bytes(b"no model")
+    with pytest.raises(InputError, match=r"onnx: .*wrong\.onnx cannot be loaded"):
+        km.detect(tmp_path / "clip", out=tmp_path / "b.json", detector="onnx", model=tmp_path / "wrong.onnx")

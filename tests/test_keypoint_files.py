@@ -1,0 +1,229 @@
+"""Keypoints from DeepLabCut, COCO, rtmlib and arrays: the same person from each, and faults by their place."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
+from humanoid.subject.landmarks import COCO17
+from humanoid.support.errors import InputError
+
+FRAMES = 5
+LOST = (3, 6)  # frame and keypoint of a point that no file has
+
+
+def points(who: int = 0) -> np.ndarray:
+    """(T, 17, 3) of a person; one point missing, and all of frame 2."""
+    rng = np.random.default_rng(who)
+    xy = np.round(rng.uniform(50, 400, (1, 17, 2)) + 10.0 * np.arange(FRAMES)[:, None, None] + 500 * who, 3)
+    out = np.concatenate([xy, np.round(rng.uniform(0.2, 1.0, (FRAMES, 17, 1)), 3)], axis=2)
+    out[LOST] = out[2] = np.nan, np.nan, 0.0
+    return out
+
+
+def same(track: KeypointTrack, expected: np.ndarray, *, sure: bool = False) -> None:
+    """The track is the person; with `sure` the file says only whether a point is there."""
+    assert track.names == COCO17
+    np.testing.assert_allclose(track.pixels, expected[..., :2])
+    wanted = (expected[..., 2] > 0.0).astype(float) if sure else expected[..., 2]
+    np.testing.assert_allclose(track.confidence, wanted)
+
+
+def deeplabcut(path: Path, people: dict[str, np.ndarray], index: Callable[[int], list[str]], coords: int = 3) -> Path:
+    """A file as DeepLabCut writes it: a row of individuals where they have names."""
+    kinds = ("x", "y", "likelihood")[:coords]
+    columns = [(who, part, kind) for who in people for part in COCO17 for kind in kinds]
+    pad = [""] * (len(index(0)) - 1)
+    heads = [["scorer", *pad, *["DLC_resnet50_walk"] * len(columns)]]
+    heads += [["individuals", *pad, *(who for who, _, _ in columns)]] if "" not in people else []
+    heads += [["bodyparts", *pad, *(part for _, part, _ in columns)], ["coords", *pad, *(kind for *_, kind in columns)]]
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerows(heads)
+        for t in range(FRAMES):
+            values = np.concatenate([p[t, :, :coords].ravel() for p in people.values()])
+            rows.writerow([*index(t), *("" if np.isnan(v) else v for v in values)])
+    return path
+
+
+def coco(people: dict[int, np.ndarray], flags: bool = False) -> dict[str, Any]:
+    """A data set whose pictures are listed backwards, their ids in no order."""
+    ids = {t: (7 * t + 3) % FRAMES + 100 for t in range(FRAMES)}
+    images = [{"id": ids[t], "file_name": f"cam01/{t:06d}.png", "width": 1920, "height": 1080} for t in range(FRAMES)]
+    annotations: list[dict[str, Any]] = []
+    for t in reversed(range(FRAMES)):
+        for who, p in people.items():
+            row = np.nan_to_num(p[t])
+            row[:, 2] = 2.0 * (row[:, 2] > 0.0) if flags else row[:, 2]
+            entry = {"id": len(annotations), "image_id": ids[t], "category_id": 1, "keypoints": row.ravel().tolist()}
+            annotations.append(entry | ({"track_id": who} if len(people) > 1 else {}))
+    category = {"id": 1, "name": "person", "keypoints": list(COCO17), "skeleton": [[16, 14]]}
+    return {"images": images[::-1], "annotations": annotations, "categories": [category]}
+
+
+def test_deeplabcut(tmp_path: Path) -> None:
+    file = deeplabcut(tmp_path / "a.csv", {"": points()}, lambda t: [str(t)])
+    same(load_keypoints(file), points())
+    pictures = deeplabcut(tmp_path / "b.csv", {"": points()}, lambda t: ["labeled-data", "walk", f"img{t:03d}.png"], 2)
+    same(load_keypoints(pictures), points(), sure=True)
+    both = deeplabcut(tmp_path / "c.csv", {"ann": points(), "bob": points(1), "single": points(2)}, lambda t: [str(t)])
+    people = load_people(both)
+    same(people.one("ann"), points())
+    same(people.one("bob"), points(1))
+    assert "'single'" in people.one("ann").notes[-1]
+    assert len(people.frames[0]) == 2
+    assert not people.frames[2]
+
+
+def test_coco_data_sets(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(coco({0: points()})))
+    track = load_keypoints(path)
+    same(track, points())
+    assert (track.layout, track.image_size) == ("coco17", (1920, 1080))
+    path.write_text(json.dumps(coco({4: points(), 9: points(1)})))
+    for who, id in enumerate((4, 9)):
+        same(load_keypoints(path, person=id), points(who))
+    flagged = coco({0: points()}, flags=True)
+    flagged["annotations"][0]["keypoints"][2] = 1  # of the last frame's nose: labelled, not visible
+    flagged["annotations"][0]["score"] = 0.8
+    flagged["annotations"].append({"id": 99, "image_id": 100, "iscrowd": 1, "keypoints": [1.0] * 51})
+    path.write_text(json.dumps(flagged))
+    track = load_keypoints(path)
+    np.testing.assert_allclose(track.confidence[-1], [0.4, *[0.8] * 16])
+    np.testing.assert_allclose(track.pixels, points()[..., :2])
+    for image in flagged["images"]:
+        image["file_name"] = "picture.png"
+    path.write_text(json.dumps(flagged))  # then the ids tell the order
+    order = np.argsort([(7 * t + 3) % FRAMES for t in range(FRAMES)])
+    np.testing.assert_allclose(load_keypoints(path).pixels, points()[order, :, :2])
+
+
+def test_arrays(tmp_path: Path) -> None:
+    p = points()
+    np.save(tmp_path / "a.npy", p)
+    same(load_keypoints(tmp_path / "a.npy"), p)
+    np.save(tmp_path / "b.npy", p[..., :2].astype(np.float32))
+    track = load_keypoints(tmp_path / "b.npy")
+    np.testing.assert_allclose(track.pixels, p[..., :2], rtol=1e-6)
+    np.testing.assert_array_equal(track.confidence, p[..., 2] > 0.0)
+    np.savez(tmp_path / "c.npz", keypoints=p[..., :2], scores=p[..., 2], fps=60.0, image_size=[640, 480])
+    track = load_keypoints(tmp_path / "c.npz")
+    same(track, p)
+    assert (track.fps, track.image_size) == (60.0, (640, 480))
+    np.savez(tmp_path / "d.npz", keypoints=np.stack([p, points(1)], axis=1))
+    assert [len(people) for people in load_people(tmp_path / "d.npz").frames.values()] == [2, 2, 0, 2, 2]
+
+
+def test_names_beside_a_file(tmp_path: Path) -> None:
+    few = points()[:, [0, 5, 6, 11, 12]]
+    np.save(tmp_path / "a.npy", few)
+    with pytest.raises(InputError, match=r"5 keypoints fit no layout \(name them in a.names.json or a.names.txt; lay"):
+        load_keypoints(tmp_path / "a.npy")
+    (tmp_path / "a.names.txt").write_text("Nose\nLShoulder\nRShoulder\nleft hip\ntail\n")
+    track = load_keypoints(tmp_path / "a.npy")
+    assert track.names == ("nose", "left_shoulder", "right_shoulder", "left_hip", "tail")
+    assert "('tail'): a.names.json can say" in track.notes[0]
+    np.testing.assert_allclose(track.pixels, few[..., :2])
+    file = deeplabcut(tmp_path / "b.csv", {"": points()}, lambda t: [str(t)])
+    file.write_text(file.read_text().replace("nose", "snout"))
+    assert load_keypoints(file).names[0] == "snout"
+    (tmp_path / "b.names.json").write_text('{"snout": "nose"}')
+    same(load_keypoints(file), points())
+    (tmp_path / "b.names.json").write_text('{"snaut": "nose"}')
+    with pytest.raises(InputError, match=r"b.names.json: there is no keypoint 'snaut' \(the keypoints are snout"):
+        load_keypoints(file)
+
+
+def test_rtmlibs_arrays(tmp_path: Path) -> None:
+    people = np.stack([points(), points(1)], axis=1)
+    seen = {t: [p for p in people[t] if p[:, 2].any()] for t in range(FRAMES)}
+    frames = [
+        {
+            "keypoints": [np.nan_to_num(p[:, :2]).tolist() for p in seen[t]],
+            "scores": [p[:, 2].tolist() for p in seen[t]],
+        }
+        for t in range(FRAMES)
+    ]
+    whole = {name: [frame[name] for frame in frames] for name in ("keypoints", "scores")} | {"fps": 50}
+    path = tmp_path / "a.json"
+    for content in (
+        frames,
+        whole,
+        [f | {"frame_id": t, "track_ids": [3, 8][: len(seen[t])]} for t, f in enumerate(frames)],
+    ):
+        path.write_text(json.dumps(content))
+        read = load_people(path)
+        assert [len(read.frames[t]) for t in range(FRAMES)] == [2, 2, 0, 2, 2]
+        for who in range(2):
+            np.testing.assert_allclose(read.frames[4][who].points, people[4, who])
+    same(load_keypoints(path, person=8), points(1))
+
+
+def test_what_was_read_is_written_and_read_again(tmp_path: Path) -> None:
+    track = load_keypoints(deeplabcut(tmp_path / "a.csv", {"": points()}, lambda t: [str(t)]))
+    write_keypoints(tmp_path / "a.json", track)
+    same(load_keypoints(tmp_path / "a.json"), points())
+
+
+HEAD = "scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n"
+IMAGE = {"id": 1, "file_name": "1.png", "width": 9, "height": 9}
+
+
+def data_set(**changed: Any) -> dict[str, Any]:
+    whole = coco({0: points()})
+    return whole | changed
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.csv", "frame,nose_x\n0,1\n", r"does not begin as DeepLabCut's.*read are kinemode's JSON, .*npz"),
+        ("a.csv", HEAD, "no frame after its head"),
+        ("a.csv", HEAD.replace("coords", "kind") + "0,1,2,1\n", r"line 1: its lines begin with .*'kind'"),
+        ("a.csv", HEAD.replace("x,y", "x,z") + "0,1,2,1\n", r"coords: has 'z' in column 3 \(one of x, y, likelihood\)"),
+        ("a.csv", HEAD.replace("x,y", "x,x") + "0,1,2,1\n", "column 3: 'nose' has x twice"),
+        ("a.csv", HEAD + "0,1,2,1\n1,1,2\n", "line 5: has 3 cells, 4 are expected"),
+        ("a.csv", HEAD + "0,1,2,much\n", "line 4: has a cell that is no number"),
+        ("a.csv", HEAD + "0,1,inf,1\n", "line 4, keypoint 0: has a number that is not finite"),
+        ("a.csv", HEAD + "0,1,2,1\n0,1,2,1\n", "line 5: frame 0 is in line 4 too"),
+        ("a.csv", HEAD + "a/1.png,1,2,1\nb/1.png,1,2,1\n", "'a/1.png' and 'b/1.png' are both frame 1"),
+        ("a.h5", b"\x89HDF\r\n\x1a\n", "HDF5.*save_as_csv=True"),
+        ("a.npy", b"\x93NUMPY\x01\x00", "cannot be read"),
+        ("a.npy", b"", "does not begin as NumPy's files do"),
+        ("a.npy", np.zeros((3, 17)), r"keypoints: has the shape \(3, 17\) \(read are \(T, K, 2\)"),
+        ("a.npy", np.array(["x"]), "keypoints: is of type"),
+        ("a.npz", {"points": np.zeros(3)}, "has no array 'keypoints' but points"),
+        ("a.npz", {"keypoints": np.ones((2, 17, 2)), "scores": np.ones((2, 1))}, r"scores: has the shape \(2, 1\)"),
+        ("a.npz", {"keypoints": np.ones((2, 3, 2)), "names": np.array(["a", "b"])}, "2 names, the keypoints are 3"),
+        ("a.json", data_set(annotations=[]), "no annotation with keypoints"),
+        ("a.json", data_set(images=[IMAGE, IMAGE]), "images: two pictures have the id '1'"),
+        ("a.json", data_set(images=[IMAGE, IMAGE | {"id": 2, "width": 8}]), r"several sizes \(8x9, 9x9\)"),
+        ("a.json", data_set(images=[IMAGE, IMAGE | {"id": 2, "file_name": "b/1.png"}]), "are both frame 1"),
+        ("a.json", data_set(images=[IMAGE]), r"annotations\[0\]: its image_id 1.. is no picture's"),
+        ("a.json", data_set(categories=[{"id": 1, "keypoints": ["nose"]}]), r"annotations\[0\].keypoints: 3 numbers"),
+        ("a.json", [{"keypoints": [[[1, 2]]], "scores": []}], "frame 0: has 1 people's keypoints, 0 people's scores"),
+        ("a.json", [{"keypoints": [[[1, 2, 3]]], "scores": [[1]]}], r"frame 0, person 0: needs \[x, y\]"),
+        ("a.json", {"keypoints": [[], []], "scores": [[]]}, "keypoints of 2 frames and scores of 1"),
+    ],
+)  # fmt: skip
+def test_faults_name_their_place(tmp_path: Path, name: str, content: Any, said: str) -> None:
+    path = tmp_path / name
+    if isinstance(content, (bytes, str)):
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    elif isinstance(content, np.ndarray):
+        np.save(path, content)
+    elif name.endswith(".npz"):
+        np.savez(path, **content)
+    else:
+        path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=said) as caught:
+        load_keypoints(path)
+    assert caught.value.source == str(path)

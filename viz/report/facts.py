@@ -1,0 +1,35 @@
+"""What a report says of a run beside its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture of the page. title: what it shows. data: the file's content. kind: its media type."""
+
+    title: str
+    data: bytes
+    kind: str = "image/svg+xml"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is told beside the motion.
+
+    findings: what contradicts the subject or the input. assumed: what nobody measured, a sentence each. lengths: name
+    and scale of fitted lengths. command: that repeats the run. blanks: what the command leaves to be filled in.
+    settings: name, value and default of those that differ. files: what each file is to the run, its path, and its
+    digest or why there is none. versions: of programs, name and number.
+    """
+
+    findings: Sequence[str] = ()
+    assumed: Sequence[str] = ()
+    lengths: Sequence[tuple[str, float]] = ()
+    command: str = ""
+    blanks: str = ""
+    settings: Sequence[tuple[str, str, str]] = ()
+    files: Sequence[tuple[str, str, str]] = ()
+    versions: Sequence[tuple[str, str]] = ()

@@ -1,0 +1,171 @@
+"""A run as one page to read, print and send on: it needs no network and no other file."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+
+from estimator.results.ranges import ranges_of_motion
+from estimator.results.run_file import Run
+from estimator.trackers.frame_result import STATUS_MEANINGS
+from humanoid.support.atomic import replacing
+from viz.pictures.overlay import Progress
+from viz.report import pictures
+from viz.report.curves import COLOURS, angle_figures
+from viz.report.facts import Facts, Figure
+from viz.report.tables import assumed_part, ranges_table, repeat_part, text
+from viz.scene import Scene, as_scene
+
+_TEMPLATE = Path(__file__).with_name("report.html")
+
+
+def write_report(
+    run: Run,
+    path: str | Path,
+    facts: Facts,
+    *,
+    figures: Sequence[Figure] | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the page and return its path. The file is there whole or not at all.
+
+    facts: what is told beside the motion. figures: the joint angles over time, those of `angle_figures` unless given.
+    progress: called with (frames of the film drawn, frames in all).
+    Raises InputError for a run without a tracked frame, or a file that cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_text(page(run, facts, figures=figures, progress=progress), encoding="utf-8")
+    return Path(path)
+
+
+def page(run: Run, facts: Facts, *, figures: Sequence[Figure] | None = None, progress: Progress | None = None) -> str:
+    """The text of the page, see `write_report`."""
+    scene = as_scene(run)
+    source = _source(run)
+    drawings = angle_figures(run) if figures is None else figures
+    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        title=escape(f"{source} - kinemode report"),
+        heading=escape(source),
+        summary=escape(_summary(run)),
+        tags=_tags(run, facts),
+        film=_film(run, scene, progress),
+        key=_key(run) if figures is None else "",
+        curves=_curves(drawings),
+        ranges=ranges_table(ranges_of_motion(run)),
+        untrusted=_untrusted(run, scene),
+        assumed=assumed_part(facts),
+        repeat=repeat_part(facts),
+    )
+
+
+def _source(run: Run) -> str:
+    """What the run is of: its clips' names, else its own."""
+    clips = [Path(clip).name for clip in run.header.clips.values() if clip]
+    return ", ".join(clips) or run.file.name
+
+
+def _summary(run: Run) -> str:
+    header = run.header
+    seconds = float(run.time[-1] - run.time[0])
+    cameras = [f"{c.name} ({c.image_size[0]} x {c.image_size[1]})" for c in header.cameras]
+    several = "cameras" if len(cameras) > 1 else "camera"
+    frames = f"{len(run)} frames" + ("" if run.complete else f" of {run.planned_count}, not finished")
+    return (
+        f"{frames}, {run.time[0]:.2f} to {run.time[-1]:.2f} s ({seconds:.2f} s); {several} {', '.join(cameras)};"
+        f" subject {run.subject.name}, {run.body.nv} degrees of freedom; tracker {header.tracker}, up to"
+        f" {run.hypothesis_count} hypotheses a frame; {_looked_at(run)}"
+    )
+
+
+def _looked_at(run: Run) -> str:
+    keypoints = bool((run.confidence > 0.0).any()) if len(run.confidence) else False
+    looked = (["keypoints"] if keypoints else []) + list(run.header.cues)
+    return "looked at: " + (", ".join(looked) or "nothing")
+
+
+def _tags(run: Run, facts: Facts) -> str:
+    counts = Counter(run.status.tolist())
+    tags = [(f"{count} {status}", status != "tracked") for status, count in counts.most_common()]
+    if not run.complete:
+        tags.append(("not finished", True))
+    if facts.findings:
+        tags.append((f"{len(facts.findings)} doubt{'s' if len(facts.findings) > 1 else ''} of subject or input", True))
+    return "".join(f"<li{' class=warn' if warn else ''}>{escape(said)}</li>" for said, warn in tags)
+
+
+def _film(run: Run, scene: Scene, progress: Progress | None) -> str:
+    parts = []
+    without = pictures.without_picture(scene)
+    gone = [name for name in without if run.header.clips.get(name) is not None]
+    never = [name for name in without if name not in gone]
+    for names, what in (
+        (gone, "is not where it was when it was tracked"),
+        (never, "was not given, only its keypoints"),
+    ):
+        if names:
+            clip = f"The clip of {', '.join(names)} {what}: the body is drawn on an empty ground."
+            parts.append(f"<p>{escape(clip)}</p>")
+    middle = next(t for t in sorted(range(len(scene)), key=lambda t: abs(t - len(scene) // 2)) if scene.has_body(t))
+    poster = _uri("image/jpeg", pictures.stills_of(scene, [middle])[0])
+    data = pictures.film(scene, progress)
+    if data is None:
+        parts.append("<p>The clip is too long for a film in a page: <code>kinemode overlay</code> writes it.</p>")
+    else:
+        film = _uri("video/mp4", data)
+        parts.append(
+            f'<video controls muted loop playsinline preload="metadata" poster="{poster}" src="{film}"></video>'
+        )
+    kind = "poster" if data is None else "poster printed"
+    parts.append(f'<img class="{kind}" src="{poster}" alt="frame {scene.index[middle]} with the body drawn over it">')
+    return "\n".join(parts)
+
+
+def _key(run: Run) -> str:
+    sides = [side for side in ("left", "right") if any(name.startswith(side + "_") for name in run.body.q_names)]
+    swatches = "".join(f'<span><i style="background:{COLOURS[side]}"></i>{side}</span>' for side in sides)
+    return (
+        f"Degrees over seconds (millimetres where a joint slides), positive as the subject's axes have it: line, best"
+        f" hypothesis; band, 90&nbsp;%; strokes at the bottom, frames not to be trusted. {swatches}"
+    )
+
+
+def _curves(figures: Sequence[Figure]) -> str:
+    if not figures:
+        return "<p>The subject has no joint of one degree of freedom.</p>"
+    shown = (f'<figure><img src="{_uri(f.kind, f.data)}" alt="{escape(f.title)}"></figure>' for f in figures)
+    return f'<div class="curves">{"".join(shown)}</div>'
+
+
+def _untrusted(run: Run, scene: Scene) -> str:
+    spans, more = pictures.untrusted(scene, run.energy)
+    if not spans and not more:
+        return "<p>None: every frame is tracked.</p>"
+    meanings = [
+        f"<b>{escape(s)}</b>: {text(STATUS_MEANINGS[s])}." for s in dict.fromkeys(span.status for span in spans)
+    ]
+    wide = " wide" if len(scene.cameras) > 1 else ""
+    parts = [*(f"<p>{meaning}</p>" for meaning in meanings), f'<div class="stills{wide}">']
+    parts += [_still(scene, span) for span in spans]
+    parts.append("</div>")
+    if more:
+        parts.append(f"<p>{more} more, shorter than these, are marked in the curves above.</p>")
+    return "\n".join(parts)
+
+
+def _still(scene: Scene, span: pictures.Span) -> str:
+    first, last = scene.index[span.first], scene.index[span.last]
+    frames = f"frame {first}" if span.count == 1 else f"frames {first} to {last}"
+    times = f"{scene.time[span.first]:.2f} s"
+    if span.count > 1:
+        times = f"{scene.time[span.first]:.2f} to {scene.time[span.last]:.2f} s; shown: frame {scene.index[span.shown]}"
+    picture = _uri("image/jpeg", span.picture)
+    caption = f"<figcaption><b>{escape(span.status)}</b> {frames}, {times}</figcaption>"
+    return f'<figure><img src="{picture}" alt="{escape(span.status)}, {frames}">{caption}</figure>'
+
+
+def _uri(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"

@@ -1,0 +1,125 @@
+"""The film and the stills of a report, small enough to stand in its page."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from estimator.media.film import write_film
+from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
+from viz.pictures.painter import BodyPainter, camera_view
+from viz.scene import Scene
+
+FILM_BYTES = 8_000_000
+"""A film takes at most about so much; in the page a third more."""
+MOST_SPANS = 12
+_FILM_WIDTH, _LEAST_WIDTH = 960, 240  # of all cameras together, and of each [px]
+_LONGEST = 720  # of a camera's picture in the film [px]
+_PROBE = 60  # frames by which the size of a film is foretold
+_STILL_WIDTH = 960  # of all cameras together [px]
+_STILL_LONGEST = 640  # of a camera's picture [px]
+_QUALITY = 82  # of a JPEG
+
+
+@dataclass(frozen=True)
+class Span:
+    """Frames of one status that follow each other: first and last, by their places in the run; the place of the frame
+    that is shown for them, and its picture as JPEG."""
+
+    status: str
+    first: int
+    last: int
+    shown: int
+    picture: bytes
+
+    @property
+    def count(self) -> int:
+        """How many frames."""
+        return self.last - self.first + 1
+
+
+def film(scene: Scene, progress: Progress | None = None) -> bytes | None:
+    """The overlay of all cameras as H.264 in MP4, None where it would have to be too small to be of use.
+
+    A long clip is drawn smaller, so that the film stays near `FILM_BYTES`.
+    """
+    count = len(scene.cameras)
+    longest = min(_LONGEST, max(_LEAST_WIDTH, _FILM_WIDTH // count))
+    probe = evenly_near(len(scene), _PROBE)
+    foretold = len(_encoded(scene, probe, longest, None)) * len(scene) / len(probe)
+    if foretold > FILM_BYTES:
+        longest = int(longest * np.sqrt(FILM_BYTES / foretold))
+    if longest < _LEAST_WIDTH:
+        return None
+    return _encoded(scene, range(len(scene)), longest, progress)
+
+
+def evenly_near(count: int, wanted: int) -> range:
+    """The middle `wanted` of `count` frames, all where there are fewer."""
+    first = max(0, (count - wanted) // 2)
+    return range(first, min(count, first + wanted))
+
+
+def _encoded(scene: Scene, rows: range, longest: int, progress: Progress | None) -> bytes:
+    everybody = list(range(len(scene.cameras)))
+    with tempfile.TemporaryDirectory() as folder:
+        frames = pictures(scene, everybody, True, progress, rows=rows, longest=longest)
+        return write_film(Path(folder) / "film.mp4", frames, scene.rate).read_bytes()
+
+
+def without_picture(scene: Scene) -> list[str]:
+    """The cameras whose clip is not there."""
+    return [camera.name for camera, frames in zip(scene.cameras, scene.frames, strict=True) if frames is None]
+
+
+def spans_of(status: tuple[str, ...]) -> list[tuple[str, int, int]]:
+    """Runs of equal statuses other than "tracked": the status, first and last frame."""
+    spans, first = [], 0
+    for name, group in groupby(status):
+        last = first + len(list(group)) - 1
+        if name != "tracked":
+            spans.append((name, first, last))
+        first = last + 1
+    return spans
+
+
+def untrusted(scene: Scene, energy: np.ndarray) -> tuple[list[Span], int]:
+    """The spans of frames that are not to be trusted, with a picture each, and how many more there are.
+
+    Of more than `MOST_SPANS` the longest are shown. The picture is that of the frame with the highest energy (T,), the
+    worst, or of the middle one where none is known.
+    """
+    everything = spans_of(scene.status)
+    chosen = sorted(sorted(everything, key=lambda s: s[1] - s[2])[:MOST_SPANS], key=lambda s: s[1])
+    shown = [_worst(energy, first, last) for _, first, last in chosen]
+    stills = dict(zip(shown, stills_of(scene, shown), strict=True))
+    return (
+        [Span(name, first, last, t, stills[t]) for (name, first, last), t in zip(chosen, shown, strict=True)],
+        len(everything) - len(chosen),
+    )
+
+
+def _worst(energy: np.ndarray, first: int, last: int) -> int:
+    own = energy[first : last + 1]
+    return first + int(np.nanargmax(own)) if np.isfinite(own).any() else (first + last) // 2
+
+
+def stills_of(scene: Scene, rows: list[int]) -> list[bytes]:
+    """The overlay of all cameras at some instants, rising, as JPEG."""
+    count = len(scene.cameras)
+    views = [camera_view(camera, min(_STILL_LONGEST, _STILL_WIDTH // min(count, 4))) for camera in scene.cameras]
+    painter = BodyPainter(scene.body)
+    streams = [scene.images(c, rows) for c in range(count)]
+    stills = []
+    for t, *images in zip(rows, *streams, strict=True):
+        tiles = [
+            drawn(scene, painter, view, c, t, image) for c, (view, image) in enumerate(zip(views, images, strict=True))
+        ]
+        encoded = cv2.imencode(".jpg", side_by_side(tiles), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+        stills.append(encoded.tobytes())
+    return stills

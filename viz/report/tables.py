@@ -1,0 +1,108 @@
+"""The tables and lists of a report as HTML."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from estimator.results.ranges import RangeOfMotion
+from viz.report.facts import Facts
+
+_SIGN = "\N{MINUS SIGN}"
+_UNKNOWN = "\N{EN DASH}"
+
+
+def ranges_table(ranges: Sequence[RangeOfMotion]) -> str:
+    """One row a joint: least, greatest, range, each with its interval, in degrees, or millimetres where it slides."""
+    head = "".join(f'<th class="n">{name}</th><th class="i">90 %</th>' for name in ("least", "greatest", "range"))
+    lines = (
+        f"<tr><td>{escape(r.joint)}</td>"
+        + _valued(r.least.value, r.least.low, r.least.high, r.slides)
+        + _valued(r.greatest.value, r.greatest.low, r.greatest.high, r.slides)
+        + _valued(r.range, r.range_low, r.range_high, r.slides)
+        + "</tr>"
+        for r in ranges
+    )
+    return f'<table class="full"><thead><tr><th>joint</th>{head}</tr></thead><tbody>\n{_lines(lines)}\n</tbody></table>'
+
+
+def _lines(rows: Iterable[str]) -> str:
+    return "\n".join(rows)
+
+
+def number(value: float, slides: bool) -> str:
+    """An angle [rad] in degrees, or a length [m] in millimetres, to a tenth."""
+    shown = round((1e3 if slides else 180.0 / np.pi) * value, 1) + 0.0
+    return f"{shown:.1f}".replace("-", _SIGN) if np.isfinite(shown) else _UNKNOWN
+
+
+def _valued(value: float, low: float, high: float, slides: bool) -> str:
+    """The two cells of a value and its interval."""
+    unit = " mm" if slides else "\N{DEGREE SIGN}"
+    known = bool(np.isfinite([low, high]).all())
+    interval = f"{number(low, slides)} to {number(high, slides)}" if known else "not known"
+    return f'<td class="n">{number(value, slides)}{unit}</td><td class="i">{interval}</td>'
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "", *, numbers: int = 0, paths: Sequence[int] = ()
+) -> str:
+    """A table of texts. numbers: so many columns at the right end hold numbers. paths: those that may be broken
+    anywhere."""
+    first = len(head) - numbers
+
+    def cell(tag: str, k: int, said: str) -> str:
+        name = "n" if k >= first else "path" if k in paths and tag == "td" else ""
+        of_kind = f' class="{name}"' if name else ""
+        return f"<{tag}{of_kind}>{escape(said)}</{tag}>"
+
+    body = _lines(f"<tr>{''.join(cell('td', k, said) for k, said in enumerate(row))}</tr>" for row in rows)
+    top = "".join(cell("th", k, said) for k, said in enumerate(head))
+    of_kind = f' class="{kind}"' if kind else ""
+    return f"<table{of_kind}><thead><tr>{top}</tr></thead><tbody>\n{body}\n</tbody></table>"
+
+
+def text(said: str) -> str:
+    """A sentence as HTML; what stands between backquotes is code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(said))
+
+
+def listed(sentences: Sequence[str]) -> str:
+    """Sentences as a list."""
+    return f'<ul class="plain">{"".join(f"<li>{text(_sentence(s))}</li>" for s in sentences)}</ul>'
+
+
+def _sentence(said: str) -> str:
+    said = said.strip()
+    return said[:1].upper() + said[1:] + ("" if said.endswith((".", "!", "?")) else ".")
+
+
+def assumed_part(facts: Facts) -> str:
+    """What contradicts subject or input, what nobody measured, and the lengths that were fitted."""
+    parts = []
+    if facts.findings:
+        parts += ["<h3>What the run says against its subject or its input</h3>", listed(facts.findings)]
+        parts.append("<h3>What nobody measured</h3>")
+    parts.append(listed(facts.assumed) if facts.assumed else "<p>Nothing that the run knows of.</p>")
+    if facts.lengths:
+        rows = [(name, f"{scale:.3f}") for name, scale in facts.lengths]
+        parts += ["<h3>Fitted lengths, as multiples of the subject's own</h3>"]
+        parts.append(table(("up to the joint", "scale"), rows, numbers=1))
+    return "\n".join(parts)
+
+
+def repeat_part(facts: Facts) -> str:
+    """The command, the settings that differ, files with their digests, versions."""
+    parts = [f"<pre>{escape(facts.command)}</pre>"] if facts.command else []
+    if facts.blanks:
+        parts.append(f"<p class='muted'>{escape(facts.blanks)}</p>")
+    parts.append("<h3>Settings that differ from the tracker's own</h3>")
+    parts.append(table(("setting", "here", "by default"), facts.settings) if facts.settings else "<p>None.</p>")
+    if facts.files:
+        parts.append("<h3>Files, with their SHA-256 as they are now</h3>")
+        parts.append(f'<div class="scroll">{table(("what", "file", "SHA-256"), facts.files, paths=(1, 2))}</div>')
+    parts += ["<h3>Versions</h3>", table(("program", "version"), facts.versions)]
+    return "\n".join(parts)
