@@ -36,7 +36,8 @@ def track_everybody(loaded: Subject, files: InputFiles, wanted: TrackOptions) ->
     with threadpool_limits(limits=1):
         everybody, notes = load_everybody(Body(loaded), files)
         jobs = _jobs(first, everybody)
-        for note in (f"{len(jobs)} people are tracked, one after the other", *notes):
+        who = "one person is tracked" if len(jobs) == 1 else f"{len(jobs)} people are tracked, one after the other"
+        for note in (f"--person all: {who}", *notes):
             warnings.warn(note, InputWarning, stacklevel=3)
         failures: dict[str, InputError] = {}
         with kept_if_interrupted(lambda: sum(frames_at_first(job.target) or 0 for job in jobs.values())):
