@@ -21,7 +21,8 @@ from estimator.formats.keypoints_people import Person
 from estimator.people.everybody import everybody
 from estimator.results.run_file import Run
 from humanoid.support.errors import InputError
-from kinemode.inputs.persons import persons_of, wants_all
+from kinemode.inputs.declared import wants_all
+from kinemode.inputs.persons import persons_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 CAMERAS = ("cam0", "cam1", "cam2")
@@ -78,9 +79,9 @@ def test_one_camera_goes_by_ids_or_by_following() -> None:
         (who,) = numbers(tracks, people)
         assert_same(tracks["cam1"], alone(people["cam1"], who))
     apart = Reading(Path("a.json"), "coco17", names=COCO17, count=FRAMES)
-    one = alone(people["cam1"], 0)
+    points = alone(people["cam1"], 0)
     for t in range(FRAMES):
-        apart.add(t, [Person(one[t] + [dx, 0.0, 0.0]) for dx in (0.0, 900.0)[:: 1 if t % 2 else -1]])
+        apart.add(t, [Person(points[t] + [dx, 0.0, 0.0]) for dx in (0.0, 900.0)[:: 1 if t % 2 else -1]])
     told, notes = everybody({"cam1": PeopleFile(apart)}, cameras())
     assert (len(told), notes) == (2, ())
     steps = [np.nanmax(np.abs(np.diff(tracks["cam1"].pixels[..., 0], axis=0))) for tracks in told]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
 Offsets = str | Iterable[str] | Mapping[str, float] | None
-BY_INDEX = "index"
+BY_INDEX, ALL = "index", "all"
 OFF, SYNC = "off", "auto"
 SYNC_CHOICES = (OFF, SYNC)
 _SECONDS = "a number of seconds"
@@ -75,6 +75,11 @@ class Declared:
 def moment(start: float | str | None) -> tuple[float | None, str | None]:
     """What `start` is: when a track begins [s], or what its first pose comes from ("index")."""
     return (None, BY_INDEX) if isinstance(start, str) and start == BY_INDEX else (start, None)  # type: ignore[return-value]
+
+
+def wants_all(person: Any) -> bool:
+    """Whether `--person` means everybody."""
+    return person == ALL or (isinstance(person, (list, tuple)) and list(person) == [ALL])
 
 
 def _size(value: Any) -> Size:

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 
 from estimator.formats.people_choice import AUTO
 from humanoid.support.errors import InputError
+from kinemode.inputs.declared import ALL
 from kinemode.inputs.named import named_pairs, named_values
 
-ALL = "all"
 Persons = str | int | Iterable[str] | Mapping[str, str | int]
 
 
@@ -20,11 +20,6 @@ def persons_of(given: Persons, names: Iterable[str]) -> dict[str, str]:
         raise InputError("--person", problem, remedy="of `kinemode track` only, and nothing beside it")
     needed = "auto, an id of the keypoint file, or CAMERA=ID"
     return dict.fromkeys(names, AUTO) | named_values(given, names, "--person", _person, needed)
-
-
-def wants_all(given: Persons) -> bool:
-    """Whether everybody is wanted."""
-    return given == ALL or (isinstance(given, (list, tuple)) and list(given) == [ALL])
 
 
 def plain(given: Persons) -> str | int | dict[str, str]:

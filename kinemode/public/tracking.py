@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinemode.inputs.arrays import Spool
-from kinemode.inputs.declared import SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment
+from kinemode.inputs.declared import SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment, wants_all
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
-from kinemode.inputs.persons import wants_all
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.detection import with_detected
 from kinemode.target import Target, check_folder
@@ -134,10 +133,9 @@ def track(
         detect=detect, progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    choice("sync", sync, SYNC_CHOICES)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = Declared(keypoint_size, fps, offset, begin, end, sync)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync)
     if out is not None and not wants_all(person):
         Target(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
@@ -154,11 +152,7 @@ def track(
         index=index, start=start_by,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
-        if wants_all(person):
-            from kinemode.everybody import track_everybody
-
-            return track_everybody(loaded, seen, wanted)
-        return jobs.track_subject(loaded, seen, wanted)
+        return _work(person)(loaded, seen, wanted)
 
 
 def fit(
@@ -193,7 +187,7 @@ def fit(
         background=background, stereo=stereo, depth=depth, person=person, out=out,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    told = Declared(keypoint_size, fps, offset, start, end, sync)
+    told = _declared(keypoint_size, fps, offset, start, end, sync)
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
@@ -261,10 +255,9 @@ def compare(
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
-    choice("sync", sync, SYNC_CHOICES)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = Declared(keypoint_size, fps, offset, begin, end, sync)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync)
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
@@ -281,6 +274,24 @@ def compare(
     )  # fmt: skip
     with spool.telling():
         return compare_trackers(loaded, files, trackers, wanted, reference)
+
+
+def _declared(
+    keypoint_size: Sizes, fps: Rates, offset: Offsets, start: float | None, end: float | None, sync: str
+) -> Declared:
+    choice("sync", sync, SYNC_CHOICES)
+    return Declared(keypoint_size, fps, offset, start, end, sync)
+
+
+def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:
+    """What tracks one person, or everybody."""
+    if wants_all(person):
+        from kinemode.everybody import track_everybody
+
+        return track_everybody
+    from kinemode.jobs import track_subject
+
+    return track_subject
 
 
 def loaded_subject(subject: SubjectLike) -> Subject:
