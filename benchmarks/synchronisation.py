@@ -43,7 +43,7 @@ class Clock:
     @property
     def right(self) -> bool:
         """Within one frame."""
-        return abs(self.error) <= 1.0
+        return abs(self.error) <= 1.0 + 1e-6
 
 
 @dataclass(frozen=True)
