@@ -48,6 +48,8 @@ def track(
 
     kinemode track walk.mp4 --detect --out walk.run
 
+    kinemode track --cameras calibration.json --keypoints cam01.json cam02.json --person all --out them.run
+
     Parameters
     ----------
     detect
@@ -83,7 +85,8 @@ def track(
     )
     from kinemode.terminal import report
 
-    report.print_run(run)
+    for tracked in run.values() if isinstance(run, dict) else [run]:
+        report.print_run(tracked)
 
 
 def compare(
