@@ -36,6 +36,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "subjects, no such URDF": ("subjects", "--landmarks", "absent.urdf"),
     "view, no such run": ("view", RUN),
     "overlay, no such run": ("overlay", RUN, "--out", "a.mp4"),
+    "plot, no such run": ("plot", RUN, "--out", "a.png"),
     "report, no such run": ("report", RUN, "--out", "a.html"),
     "explain, no such run": ("explain", RUN, "--frame", "0"),
     "export, no such run": ("export", RUN, "a.csv"),

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
-    from kinemode.public.results import evaluate, export, gait, open_run, overlay, report, view
+    from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, view
     from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
@@ -69,6 +69,7 @@ _MODULES = {
     "load_subject": "humanoid.subject.subject",
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
+    "plot": "kinemode.public.results",
     "render": "kinemode.public.clips",
     "report": "kinemode.public.results",
     "reported": "kinemode.terminal.progress",
@@ -110,6 +111,7 @@ __all__ = [
     "load_subject",
     "open_run",
     "overlay",
+    "plot",
     "render",
     "report",
     "reported",

@@ -61,6 +61,7 @@ for command in (
     preparation.cues,
     results.view,
     results.overlay,
+    results.plot,
     results.report,
     results.explain,
     results.export,

@@ -176,6 +176,7 @@ def test_a_robot_is_compared_by_its_own_landmarks_and_joints(tmp_path: Path) -> 
     figures = evaluate(run_of(body, off), reference)
     assert figures.angle_errors == pytest.approx({"bend": np.rad2deg(0.2), "spin": np.rad2deg(0.5)})
     assert figures.slide_errors == pytest.approx({"lift": 0.03})
+    assert figures.joint_scores["spin"].bias == pytest.approx(np.rad2deg(0.5))
     assert figures.mpjpe > 0.01
     names, values = opensim_coordinates(body, true)
     write_mot(tmp_path / "truth.mot", names, values, np.arange(6) / 10.0, title="truth")
@@ -184,6 +185,45 @@ def test_a_robot_is_compared_by_its_own_landmarks_and_joints(tmp_path: Path) -> 
     assert angles.slide_errors == pytest.approx(figures.slide_errors, abs=1e-6)
     assert (angles.joints, angles.frames_compared, angles.frames_missing) == ((), 6, 0)
     assert np.isnan(angles.mpjpe)
+
+
+def test_scores_of_joints_are_means_of_differences_the_shorter_way_round() -> None:
+    """Also where joints have limits, and the reference counts from another turn, or knows a frame less."""
+    body = robot()
+    off, turns = np.array([0.1, -0.3, 0.2, 0.4]), 2.0 * np.pi * np.array([0, 1, -1, 0])
+    q = np.array([pin.integrate(body.model, body.neutral, np.array([x, x + 3.0, x / 10.0])) for x in off])
+    true = np.stack([turns, turns + 3.0, 0.0 * off, 0.0 * off], axis=1)
+    true[3, 0] = np.nan
+    reference = Reference((), np.zeros((4, 0, 3)), None, Coordinates(("bend", "spin", "lift", "other"), true))
+    scores = evaluate(run_of(body, q), reference).joint_scores
+    assert list(scores) == ["bend", "spin", "lift"]
+    for name, known, unit, kind in (("bend", 3, 180.0 / np.pi, "deg"), ("spin", 4, 180.0 / np.pi, "deg"),
+                                    ("lift", 4, 0.1, "m")):  # fmt: skip
+        here, score = unit * off[:known], scores[name]
+        assert (score.unit, score.frames) == (kind, known)
+        assert score.mean_absolute == pytest.approx(np.mean(np.abs(here)))
+        assert score.rms == pytest.approx(np.sqrt(np.mean(here**2)))
+        assert score.bias == pytest.approx(np.mean(here))
+    long = Body(
+        subject_from_text(body.subject.urdf.replace('lower="-2" upper="2"', 'lower="-5" upper="5"'), source="x")
+    )
+    far = evaluate(run_of(long, np.array([q[0]])), Reference((), np.zeros((1, 0, 3)), None, Coordinates(
+        ("bend",), np.array([[-4.0]]))))  # fmt: skip
+    assert far.angle_errors["bend"] == pytest.approx(np.rad2deg(4.1))  # nearly a turn apart, which both can be
+
+
+def test_the_table_of_joints_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    body = robot()
+    q = np.array([pin.integrate(body.model, body.neutral, np.array([x, 0.0, 0.0])) for x in np.deg2rad([3.0, -1.0])])
+    zero = Reference((), np.zeros((2, 0, 3)), None, Coordinates(("bend", "spin"), np.zeros((2, 2)), in_degrees=True))
+    result = evaluate(run_of(body, q), zero)
+    report.print_evaluation(result)
+    rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line.split()}
+    assert rows["bend"] == ["2.00", "deg", "2.24", "deg", "+1.00", "deg", "2"]
+    assert rows["spin"] == ["0.00", "deg", "0.00", "deg", "+0.00", "deg", "2"]
+    assert rows["mean"] == ["of", "2", "turning", "joints", "1.00", "deg", "1.12", "deg"]
+    assert "bend" in result._repr_html_()
+    assert repr(result).startswith("<Evaluation: frames 2, mean error of 2 joint angles 1.00 deg")
 
 
 def test_what_was_compared_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

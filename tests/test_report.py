@@ -14,7 +14,8 @@ import pytest
 
 import kinemode as km
 from estimator.media.clip import Clip
-from estimator.results.ranges import NINETY, joint_curves, ranges_of_motion
+from estimator.results.joint_angle import joint_angles
+from estimator.results.ranges import NINETY, ranges_of_motion
 from humanoid.subject.subject import load_subject
 from kinemode.__main__ import main
 from kinemode.reporting import changed_settings, facts_of, fitted_lengths
@@ -114,7 +115,7 @@ def number(cell: str) -> float:
 
 
 def test_intervals_of_ranges_join_both_ends(run: km.Run) -> None:
-    curves = {curve.joint: curve for curve in joint_curves(run)}
+    curves = {curve.name: curve for curve in joint_angles(run)}
     for r in ranges_of_motion(run):
         std = curves[r.joint].std
         off = NINETY * np.hypot(std[r.least.frame], std[r.greatest.frame])

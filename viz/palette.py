@@ -12,6 +12,8 @@ import numpy as np
 Rgb = tuple[int, int, int]
 
 SIDES: dict[str, Rgb] = {"left": (86, 180, 233), "right": (242, 152, 34), "trunk": (226, 222, 210)}
+ON_PAPER: dict[str, Rgb] = {"left": (0, 114, 178), "right": (213, 94, 0), "trunk": (51, 51, 51)}
+"""The same on white."""
 HYPOTHESIS: Rgb = (186, 160, 214)
 GOOD: Rgb = (122, 200, 140)
 WARN: Rgb = (240, 196, 84)
@@ -36,6 +38,11 @@ def bgr(colour: Rgb) -> tuple[int, int, int]:
 def hexadecimal(colour: Rgb) -> int:
     """The number three.js takes."""
     return (colour[0] << 16) | (colour[1] << 8) | colour[2]
+
+
+def web(colour: Rgb) -> str:
+    """What pages and plots take, "#rrggbb"."""
+    return f"#{hexadecimal(colour):06x}"
 
 
 def plain(width: int, height: int, colour: Rgb = BACKGROUND) -> np.ndarray:

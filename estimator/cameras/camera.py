@@ -9,10 +9,11 @@ import numpy as np
 
 from estimator.cameras.lens import distorted, lens_array, undistorted
 from humanoid.support.errors import InputError
+from humanoid.support.summary import Facts, Summarised
 
 
-@dataclass(frozen=True)
-class Camera:
+@dataclass(frozen=True, repr=False)
+class Camera(Summarised):
     """A calibrated camera, OpenCV conventions: x right, y down, z forward; pixel centres at integer coordinates.
 
     name: how clips and keypoints refer to it.
@@ -31,6 +32,16 @@ class Camera:
     R_camera_world: np.ndarray
     t_camera_world: np.ndarray
     fisheye: bool = False
+
+    def _called(self) -> str:
+        return self.name
+
+    def _facts(self) -> Facts:
+        width, height = self.image_size
+        x, y, z = self.centre_world
+        facts = [("image", f"{width}x{height} px"), ("focal length", f"{self.K[0, 0]:.1f} {self.K[1, 1]:.1f} px")]
+        lens = "fisheye" if self.fisheye else "distorted" if np.any(self.distortion) else "pinhole"
+        return [*facts, ("lens", lens), ("centre", f"{x:.2f} {y:.2f} {z:.2f} m")]
 
     @property
     def centre_world(self) -> np.ndarray:

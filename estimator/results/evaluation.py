@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from estimator.numerics.alignment import similarity_onto
-from estimator.results.coordinate_errors import coordinate_errors, joint_coordinates
+from estimator.results.coordinate_errors import JointScore, coordinate_errors, joint_coordinates
 from estimator.results.pairs import Pairs, match_frames, paired
 from estimator.results.reference_motion import Reference
 from estimator.results.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
+from humanoid.support.summary import Facts, Summarised, table_html
 
 if TYPE_CHECKING:
     from estimator.results.run_file import Run
@@ -32,8 +33,8 @@ __all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "Shared", "best_of_
 _LIMIT_TOLERANCE = 1e-9
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Summarised):
     """Errors of a run against a reference; lengths in metres, NaN where nothing could be compared.
 
     mpjpe, pa_mpjpe: of the best hypothesis, aligned as `aligned` says and with a similarity fitted per frame.
@@ -42,8 +43,8 @@ class Evaluation:
     per_joint: mean error of every compared landmark, aligned likewise.
     joints: names of the landmarks compared, see `shared_landmarks`. aligned: "hips aligned"; "centred", on the mean of
         the landmarks, where hips are not shared; "nothing aligned" where fewer than three landmarks are.
-    angle_errors [deg], slide_errors [m]: mean absolute error of every joint whose coordinate both sides have by name,
-        turning and sliding ones, of the best hypothesis; a free root is not among them.
+    joint_scores: of every joint whose angle or length both sides have by name, of the best hypothesis; a free root is
+        not among them.
     violations: frames in which the best hypothesis leaves a joint limit. penetration: its deepest self-intersection.
     frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with something to
         compare.
@@ -60,8 +61,35 @@ class Evaluation:
     frames_compared: int
     frames_missing: int
     aligned: str = HIPS_ALIGNED
-    angle_errors: Mapping[str, float] = field(default_factory=dict)
-    slide_errors: Mapping[str, float] = field(default_factory=dict)
+    joint_scores: Mapping[str, JointScore] = field(default_factory=dict)
+
+    @property
+    def angle_errors(self) -> dict[str, float]:
+        """Mean absolute error of every turning joint that was compared [deg]."""
+        return {name: s.mean_absolute for name, s in self.joint_scores.items() if s.unit == "deg"}
+
+    @property
+    def slide_errors(self) -> dict[str, float]:
+        """Mean absolute error of every sliding joint that was compared [m]."""
+        return {name: s.mean_absolute for name, s in self.joint_scores.items() if s.unit == "m"}
+
+    def _facts(self) -> Facts:
+        facts = [("frames", f"{self.frames_compared}")]
+        if self.joints:
+            facts.append((f"MPJPE ({self.aligned})", f"{1e3 * self.mpjpe:.1f} mm"))
+            facts.append(("PA-MPJPE", f"{1e3 * self.pa_mpjpe:.1f} mm"))
+        angles = [error for error in self.angle_errors.values() if np.isfinite(error)]
+        if angles:
+            facts.append((f"mean error of {len(angles)} joint angles", f"{np.mean(angles):.2f} deg"))
+        return [*facts, ("frames beyond a limit", f"{self.violations}")]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, s.unit, f"{s.mean_absolute:.3g}", f"{s.rms:.3g}", f"{s.bias:+.3g}", s.frames)
+            for name, s in self.joint_scores.items()
+        ]
+        head = ("joint", "unit", "mean absolute", "RMSE", "bias", "frames")
+        return super()._repr_html_() + (table_html("joints", head, rows) if rows else "")
 
 
 def mpjpe(points: np.ndarray, reference: np.ndarray, root: Sequence[int] | None = None) -> np.ndarray:
@@ -147,17 +175,17 @@ def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = N
     """
     body, time, q = run.body, np.asarray(run.time), np.asarray(run.q)
     frame = match_frames(time, reference.time, len(reference.points))
-    turns, slides, compared = coordinate_errors(body, q, reference.coordinates, frame)
+    scores_of_joints, compared = coordinate_errors(body, q, reference.coordinates, frame)
     names = tuple(body.landmark_names)
     pairs = paired(names, time, reference, joints)
-    if not pairs.shared.names and not (turns or slides):
+    if not pairs.shared.names and not scores_of_joints:
         raise nothing_shared(names, reference, joint_coordinates(body))
     scores = _point_scores(pairs, run.landmarks, run.mode_landmarks, reference)
     if not pairs.shared.names:
         scores |= {"frames_compared": compared, "frames_missing": len(reference.points) - compared}
     return Evaluation(
-        violations=limit_violations(body, q), penetration=largest_penetration(body, q), angle_errors=turns,
-        slide_errors=slides, **scores,
+        violations=limit_violations(body, q), penetration=largest_penetration(body, q), joint_scores=scores_of_joints,
+        **scores,
     )  # fmt: skip
 
 

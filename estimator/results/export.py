@@ -23,6 +23,7 @@ from estimator.formats.osim import write_osim
 from estimator.results.bvh_skeleton import bvh_motion
 from estimator.results.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
 from estimator.results.gait_coordinates import GAIT_MODELS, gait_coordinates
+from estimator.results.joint_table import joint_columns, std_columns
 from estimator.results.opensim_model import opensim_model
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
@@ -35,22 +36,31 @@ Writer = Callable[[Run, Path, str], None]
 
 
 def export(
-    run: Run, path: str | Path, format: str | None = None, *, more: Mapping[str, Writer] = MappingProxyType({})
+    run: Run,
+    path: str | Path,
+    format: str | None = None,
+    *,
+    degrees: bool = False,
+    more: Mapping[str, Writer] = MappingProxyType({}),
 ) -> Path:
     """Write a run in a format of `FORMATS` or of `more`, by default the one the file's ending names. The file is there
     whole or not.
 
+    degrees: of csv, joints in degrees with their standard deviations beside them.
+
     Raises
     ------
-    InputError: an unknown format, or a file that cannot be written.
+    InputError: an unknown format, degrees of a format other than csv, or a file that cannot be written.
     """
     path = Path(path)
     chosen = (format or path.suffix.lstrip(".")).lower()
     writers = {**FORMATS, **more}
     if chosen not in writers:
         raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(writers)}")
+    if degrees and chosen != "csv":
+        raise InputError("degrees", f"{chosen} has its own units", remedy="leave it out, or export csv")
     with replacing(path) as temporary:
-        writers[chosen](run, temporary, path.name)
+        (_csv_degrees if degrees else writers[chosen])(run, temporary, path.name)
     return path
 
 
@@ -90,16 +100,31 @@ def _npz(run: Run, path: Path, name: str) -> None:
 
 def _csv(run: Run, path: Path, name: str) -> None:
     """time_s, the entries of q with their units, joints that follow others, landmarks `nose_x_m` ..., weight, energy,
-    status."""
+    status; then, so that these stay in their places, the joints' standard deviations."""
     followers, following = follower_columns(run.body, run.q)
+    joints = dict(zip((*q_columns(run.body), *followers), (*run.q.T, *following.T), strict=True))
+    _write_csv(run, path, joints, std_columns(run))
+
+
+def _csv_degrees(run: Run, path: Path, name: str) -> None:
+    """The same with joints in degrees, each standard deviation beside its joint."""
+    _write_csv(run, path, joint_columns(run, degrees=True), {})
+
+
+def _write_csv(run: Run, path: Path, joints: Mapping[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
     points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
     landmarks = run.landmarks.reshape(run.frame_count, len(points))
-    values = np.column_stack([run.time, run.q, following, landmarks, run.weight, run.energy])
+    before = np.column_stack([run.time, *joints.values(), landmarks, run.weight, run.energy])
+    behind = np.array(list(last.values())).reshape(len(last), run.frame_count).T
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["time_s", *q_columns(run.body), *followers, *points, "weight", "energy", "status"])
-        for row, status in zip(values, run.status, strict=True):
-            rows.writerow([*("" if np.isnan(v) else f"{v:.9g}" for v in row), status])
+        rows.writerow(["time_s", *joints, *points, "weight", "energy", "status", *last])
+        for row, status, more in zip(before, run.status, behind, strict=True):
+            rows.writerow([*map(_cell, row), status, *map(_cell, more)])
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.9g}"
 
 
 def _trc(run: Run, path: Path, name: str) -> None:

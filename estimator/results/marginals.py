@@ -40,15 +40,18 @@ class Marginals:
     def quantile(self, p: float) -> np.ndarray:
         """The value (n,) below which lies the probability p, 0 to 1; linear between the points of a fine grid."""
         edges = self._grid()
-        below = self.cdf(edges)
-        return np.array([np.interp(p, shares, edge) for shares, edge in zip(below, edges, strict=True)])
+        return _quantile(edges, self.cdf(edges), p)
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,), of the distribution within the limits."""
-        edges, mass = self._cells()
-        middle = 0.5 * (edges[:, 1:] + edges[:, :-1])
-        mean = np.sum(mass * middle, axis=1)
-        return mean, np.sqrt(np.sum(mass * np.square(middle - mean[:, None]), axis=1))
+        return _moments(*self._cells())
+
+    def spread(self, *levels: float) -> tuple[np.ndarray, np.ndarray]:
+        """Standard deviation (n,) as of `moments` and a quantile (P, n) for each level, at the cost of either alone."""
+        edges = self._grid()
+        below = self.cdf(edges)
+        std = _moments(edges, _mass(below))[1]
+        return std, np.array([_quantile(edges, below, p) for p in levels]).reshape(len(levels), len(std))
 
     def credible_level(self, x: np.ndarray) -> np.ndarray:
         """Credible levels (n,) of x (n,): probability of the smallest region that contains it, 0 at the highest
@@ -103,7 +106,24 @@ class Marginals:
     def _cells(self) -> tuple[np.ndarray, np.ndarray]:
         """Edges (n, G) and the probabilities of the cells between them (n, G - 1)."""
         edges = self._grid()
-        return edges, np.maximum(np.diff(self.cdf(edges), axis=1), 0.0)
+        return edges, _mass(self.cdf(edges))
+
+
+def _mass(below: np.ndarray) -> np.ndarray:
+    """Probabilities (n, G - 1) of the cells between points with so much (n, G) below them."""
+    return np.maximum(np.diff(below, axis=1), 0.0)
+
+
+def _moments(edges: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (n,) from cells between edges (n, G) with probabilities mass (n, G - 1)."""
+    middle = 0.5 * (edges[:, 1:] + edges[:, :-1])
+    mean = np.sum(mass * middle, axis=1)
+    return mean, np.sqrt(np.sum(mass * np.square(middle - mean[:, None]), axis=1))
+
+
+def _quantile(edges: np.ndarray, below: np.ndarray, p: float) -> np.ndarray:
+    """The value (n,) with probability p below it, from the probabilities (n, G) below edges (n, G)."""
+    return np.array([np.interp(p, shares, edge) for shares, edge in zip(below, edges, strict=True)])
 
 
 def _cells_of(edges: np.ndarray, x: np.ndarray) -> np.ndarray:

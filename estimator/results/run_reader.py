@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,14 @@ from estimator.imaging.observation import Observation, PoseEstimate
 from estimator.modes.origin import Origins, families
 from estimator.results import run_store
 from estimator.results.calibration import Calibration
+from estimator.results.coordinates import joint_entries
+from estimator.results.filtering import Filtering, filtered
+from estimator.results.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
+from estimator.results.joint_table import data_frame
 from estimator.results.posterior import Posterior
 from estimator.results.run_checks import check_frame, check_observation, check_trajectory, extra_of
 from estimator.results.run_header import RunHeader
+from estimator.results.spread import LEVEL, Spread, spread_of
 from estimator.results.stacking import stacked
 from estimator.results.temporary_run import TemporaryFolder
 from estimator.trackers.frame_result import FrameResult
@@ -25,9 +30,13 @@ from estimator.trackers.paths import backtrack
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
 from humanoid.support.errors import InputError
+from humanoid.support.summary import Facts, Summarised
+
+if TYPE_CHECKING:
+    import pandas
 
 
-class Run:
+class Run(Summarised):
     """A run file as of the moment it was opened, finished or still being written.
 
     Arrays have one row for each of the T frames in the file, and K columns, the largest number of hypotheses of any
@@ -37,12 +46,14 @@ class Run:
     ----------
     file, header: the file and what the run was made from.
     frame_count, planned_count: frames in the file, and frames there will be. complete: the run was finished.
+    filtering: what `butterworth` did to `q`; None in a run that was not filtered.
     """
 
     def __init__(self, file: Path, header: RunHeader, frame_count: int, complete: bool) -> None:
         self.file, self.header = file, header
         self.frame_count, self.complete = frame_count, complete
         self.planned_count = len(header.times)
+        self.filtering: Filtering | None = None
         self._folder = TemporaryFolder.of(file)  # kept as long as this run
 
     def __getstate__(self) -> dict[str, Any]:
@@ -157,6 +168,20 @@ class Run:
 
     def __len__(self) -> int:
         return self.frame_count
+
+    def _called(self) -> str:
+        return self.file.name
+
+    def _facts(self) -> Facts:
+        times, count = self.header.times, self.frame_count
+        seconds = float(times[count - 1] - times[0]) if count else 0.0
+        facts = [
+            ("frames", f"{count} of {self.planned_count} ({seconds:.2f} s{'' if self.complete else ', unfinished'})"),
+            ("subject", Path(self.header.subject_source).name),
+            ("cameras", " ".join(camera.name for camera in self.header.cameras)),
+            ("tracker", self.header.tracker),
+        ]
+        return facts if self.filtering is None else [*facts, ("filter", f"{self.filtering.cutoff:g} Hz")]
 
     @property
     def hypothesis_count(self) -> int:
@@ -310,27 +335,70 @@ class Run:
         return Posterior.of(self.body, self.result(i), calibration, cameras[0].centre_world if alone else None)
 
     @cached_property
+    def spread(self) -> Spread:
+        """How sure every frame is of every degree of freedom, with the ends of the 90 % intervals."""
+        return spread_of(self, LEVEL)
+
+    @property
     def std(self) -> np.ndarray:
         """(T, nv) calibrated standard deviation of every degree of freedom [m, rad], over all hypotheses."""
-        out = np.full((len(self._frames), self.body.nv), np.nan)
-        for t, frame in enumerate(self._frames):
-            if len(frame["weight"]):
-                out[t] = self.posterior(t).marginals().moments()[1]
-        return out
+        return self.spread.std
 
     def interval(self, level: float) -> np.ndarray:
         """(T, 2, nq) ends of the calibrated central interval of this probability for every joint that one number places
         [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any."""
-        body, ends = self.body, (0.5 - 0.5 * level, 0.5 + 0.5 * level)
+        body, spread = self.body, self.spread if level == LEVEL else spread_of(self, level)
         single = [j for j in range(1, body.model.njoints) if body.model.nqs[j] == body.model.nvs[j] == 1]
         in_q, in_v = (np.array(list(indices))[single] for indices in (body.model.idx_qs, body.model.idx_vs))
         out = np.full((len(self._frames), 2, body.nq), np.nan)
-        for t, frame in enumerate(self._frames):
-            if len(frame["weight"]):
-                posterior = self.posterior(t)
-                marginals = posterior.marginals()
-                out[t][:, in_q] = [posterior.best[in_q] + marginals.quantile(p)[in_v] for p in ends]
+        out[:, :, in_q] = spread.best[:, None, in_q] + spread.ends[:, :, in_v]
         return out
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that have an angle, or a length: what `run[name]` and `angle` take."""
+        return tuple(entry.name for entry in joint_entries(self.body) if entry.kind in ONE_NUMBER)
+
+    def __getitem__(self, joint: str) -> JointAngle:
+        """A joint by its name: its value, standard deviation, 90 % interval and hypotheses over time.
+
+        Raises InputError for an unknown name, with the nearest, or a joint of several degrees of freedom.
+        """
+        return joint_angle(self, joint_entry(self.body, joint))
+
+    def angle(self, joint: str, degrees: bool = False) -> np.ndarray:
+        """(T,) a joint of the best hypothesis [rad, or degrees; m where it slides], NaN in frames without a pose.
+
+        Raises InputError as `run[joint]` does, and for degrees of a joint that slides.
+        """
+        entry = joint_entry(self.body, joint)
+        if degrees and entry.kind == "slide":
+            raise InputError("degrees", f"{joint!r} slides: it has metres", remedy="leave degrees out")
+        value = joint_value(entry, self.q)
+        return np.rad2deg(value) if degrees else value
+
+    def to_dataframe(self, degrees: bool = False) -> pandas.DataFrame:
+        """The best hypothesis as a table, a row a frame: `time_s`, `status`, root and joints with units in their names,
+        standard deviations beside values (`left_knee_flexion_rad`, `left_knee_flexion_std_rad`).
+
+        degrees: angles in degrees (`left_knee_flexion_deg`). Raises InputError where pandas is not installed.
+        """
+        return data_frame(self, degrees)
+
+    def butterworth(self, cutoff: float) -> Run:
+        """The same run with `q` filtered: what moves faster than the cut-off [Hz] is taken out, without lag.
+
+        Butterworth, fourth order (twice the second, forwards and backwards), see `estimator.results.filtering` for
+        rotations, gaps and limits, which hold afterwards. `filtering` of the new run says what was done. Landmarks and
+        all else that is made of `q` follow; hypotheses, standard deviations and intervals are what they were.
+
+        Raises InputError: a cut-off that is not above zero, or not below half the frame rate.
+        """
+        done = filtered(self.body, self.q, self.time, cutoff)
+        known = {name: value for name, value in vars(self).items() if name not in ("q", "landmarks")}
+        run = Run(self.file, self.header, self.frame_count, self.complete)
+        vars(run).update(known, q=done.q, filtering=done)
+        return run
 
     @cached_property
     def landmarks(self) -> np.ndarray:

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.kinematics.placements import columns_of, kinematics_of
-from humanoid.subject.joint_names import q_names, v_names
+from humanoid.subject.joint_names import JointPlace, joint_place, q_names, v_names
 from humanoid.subject.subject import Subject
 from humanoid.support.compiled import jit
+from humanoid.support.summary import Facts, Summarised
 
 ON_LIMIT = 1e-12  # rad or m
 SHORTEST_STEP = 1e-3
@@ -122,7 +123,7 @@ def _supports(model: pin.Model) -> np.ndarray:
     return moved
 
 
-class Body:
+class Body(Summarised):
     """A subject's kinematics on plain arrays.
 
     Attributes
@@ -293,6 +294,18 @@ class Body:
     def v_names(self) -> tuple[str, ...]:
         """A name for every degree of freedom (nv), see `humanoid.subject.joint_names`."""
         return v_names(self.model)
+
+    def _called(self) -> str:
+        return self.subject.name
+
+    def _facts(self) -> Facts:
+        root = "free" if self.has_free_root else "fixed"
+        facts = [("degrees of freedom", self.nv), ("root", root), ("joints with limits", len(self.bounded_q))]
+        return [*facts, ("landmarks", len(self.landmark_names))]
+
+    def place(self, joint: str) -> JointPlace:
+        """Where a joint stands in q and in the tangent space; see `joint_place`, for the InputError too."""
+        return joint_place(self.model, joint)
 
 
 def _remade(subject: Subject, placements: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Body:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from humanoid.subject.urdf_document import nearest
 from humanoid.support.errors import InputError
+from humanoid.support.near_names import nearest
 
 PREFIX = "example-robot-data:"
 LANDMARK_FOLDER = Path(__file__).parent / "landmark_files"

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import pinocchio as pin
+
+from humanoid.support.errors import InputError
+from humanoid.support.near_names import nearest
 
 ROOT = "root"
 ROOT_POSITION = ("root_x", "root_y", "root_z")
@@ -19,6 +23,34 @@ ROOT_VELOCITY = ("root_vx", "root_vy", "root_vz", "root_wx", "root_wy", "root_wz
 _PINOCCHIO_ROOT = "root_joint"
 _FREE = 7  # entries of a free joint in q
 _OF_Q = {2: ("cos", "sin"), 4: ("x", "y", "cos", "sin")}
+
+
+class JointPlace(NamedTuple):
+    """Where a joint stands in configurations, and where in tangent vectors: for `q[..., place.q]`, `std[..., place.v]`.
+
+    Both are slices: of one entry for a joint of one number, of seven and six for a free root.
+    """
+
+    name: str
+    q: slice
+    v: slice
+
+
+def joint_place(model: pin.Model, name: str) -> JointPlace:
+    """The place of a joint by its name, "root" for a free root.
+
+    Raises
+    ------
+    InputError: no such joint, with the nearest names, or one that follows another and has no entries of its own.
+    """
+    names = joint_names(model)
+    if name not in names:
+        raise InputError("joint", f"there is no joint {name!r}", remedy=nearest(name, names, "joints"))
+    j = names.index(name) + 1
+    q, v, count_q, count_v = int(model.idx_qs[j]), int(model.idx_vs[j]), int(model.nqs[j]), int(model.nvs[j])
+    if count_q == 0:
+        raise InputError("joint", f"{name!r} follows another joint", remedy=f"which has entry {q} of q")
+    return JointPlace(name, slice(q, q + count_q), slice(v, v + count_v))
 
 
 def joint_names(model: pin.Model) -> tuple[str, ...]:

@@ -21,9 +21,10 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-from humanoid.subject.urdf_document import Document, elements, nearest
+from humanoid.subject.urdf_document import Document, elements
 from humanoid.support.errors import InputError, shown
 from humanoid.support.files import read_bytes
+from humanoid.support.near_names import nearest
 
 if sys.version_info >= (3, 11):
     import tomllib

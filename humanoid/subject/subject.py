@@ -14,7 +14,7 @@ from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
 from humanoid.subject.mimic_model import with_mimics
 from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, natural_base
-from humanoid.subject.urdf_document import Document, nearest, read_document
+from humanoid.subject.urdf_document import Document, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
 from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, Upright
 from humanoid.subject.urdf_flesh import Flesh
@@ -24,7 +24,9 @@ from humanoid.subject.yourdfpy_check import check_with_yourdfpy
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, misplaced
 from humanoid.support.files import read_bytes
+from humanoid.support.near_names import nearest
 from humanoid.support.quiet import quiet
+from humanoid.support.summary import Facts, Summarised
 
 __all__ = [
     "Flesh",
@@ -52,8 +54,8 @@ _LOCKED = {"human30": ("human34", _CLAVICLES)}
 Base = Literal["auto", "free", "fixed"]
 
 
-@dataclass(frozen=True)
-class Subject:
+@dataclass(frozen=True, repr=False)
+class Subject(Summarised):
     """A validated subject.
 
     Attributes
@@ -81,6 +83,13 @@ class Subject:
     upright: Upright | None = None
     notes: tuple[str, ...] = ()
     mimics: tuple[Mimic, ...] = ()
+
+    def _called(self) -> str:
+        return self.name
+
+    def _facts(self) -> Facts:
+        facts = [("degrees of freedom", self.model.nv), ("root", self.base), ("landmarks", len(self.landmarks))]
+        return [*facts, ("parts of flesh", len(self.flesh)), ("source", self.source)]
 
     def __reduce_ex__(self, protocol: Any) -> str | tuple[Any, ...]:
         """Made anew from its text in another process where joints follow others: Pinocchio cannot send such models."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 
-from humanoid.subject.urdf_document import PLAUSIBLE, Document, elements, nearest
+from humanoid.subject.urdf_document import PLAUSIBLE, Document, elements
 from humanoid.subject.urdf_mimic import check_mimic
+from humanoid.support.near_names import nearest
 
 MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
 JOINT_TYPES = (*MOVABLE, "fixed")

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
@@ -104,15 +103,6 @@ def title(element: ET.Element) -> str:
     """`<joint name="knee">`, or just the tag where there is no name."""
     key = next((k for k in ("name", "joint", "link") if element.get(k)), None)
     return f"<{element.tag} {key}={_short(element.get(key, ''))}>" if key else f"<{element.tag}>"
-
-
-def nearest(name: str, valid: Iterable[str], noun: str) -> str:
-    """A remedy naming the valid names, the nearest ones first."""
-    names = sorted(set(valid))
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    if close:
-        return "did you mean " + " or ".join(close) + "?"
-    return f"valid {noun}: " + (", ".join(names[:40]) + (", ..." if len(names) > 40 else "") if names else "none")
 
 
 class _Reader:

@@ -13,9 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.subject.urdf_check import ends_of
-from humanoid.subject.urdf_document import Document, elements, nearest
+from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_mimic import read_mimics
 from humanoid.support.errors import InputError
+from humanoid.support.near_names import nearest
 
 Meshes = Literal["require", "ignore"]
 

@@ -28,10 +28,11 @@ from typing import TypeVar
 import numpy as np
 
 from humanoid.subject.urdf_check import ends_of
-from humanoid.subject.urdf_document import Document, elements, nearest, read_document
+from humanoid.subject.urdf_document import Document, elements, read_document
 from humanoid.subject.urdf_flesh import Flesh, numbers_text, read_flesh, stretched, write_flesh
 from humanoid.subject.urdf_mimic import Mimic, mimic_of, read_mimics
 from humanoid.support.errors import InputError
+from humanoid.support.near_names import nearest
 
 T = TypeVar("T")
 

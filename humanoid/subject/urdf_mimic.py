@@ -5,7 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
-from humanoid.subject.urdf_document import Document, elements, nearest
+from humanoid.subject.urdf_document import Document, elements
+from humanoid.support.near_names import nearest
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from humanoid.subject import superquadric
-from humanoid.subject.urdf_document import Document, elements, nearest
+from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_flesh import read_flesh, write_flesh
 from humanoid.support.errors import InputError
+from humanoid.support.near_names import nearest
 
 
 def reshape(document: Document, shapes: Mapping[int | str, Sequence[float]]) -> None:

@@ -104,7 +104,35 @@ def explain(run: Path, /, *, frame: int, out: Path | None = None, hypothesis: in
         print(path)
 
 
-def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
+def plot(run: Path, /, *, out: Path, joints: str | None = None, filter: float | None = None) -> None:
+    """Draw joint angles over time in degrees, with 90 % bands, other hypotheses, and the frames not to be trusted.
+
+    Examples:
+
+    kinemode plot walk.run --out walk.png
+
+    kinemode plot walk.run --joints knee,left_hip --filter 6 --out knees.pdf
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        A file ending in .png, .svg or .pdf.
+    joints
+        Names of joints, parts of them, or left and right, with commas between; hips, knees, ankles, shoulders and
+        elbows unless given, or all joints of a body with few.
+    filter
+        Cut-off in Hz of a Butterworth filter (fourth order, without lag); off unless given.
+    """
+    import kinemode as km
+
+    print(km.plot(run, out, joints=joints, filter=filter))
+
+
+def export(
+    run: Path, file: Path, /, *, format: Format | None = None, degrees: bool = False, filter: float | None = None
+) -> None:
     """Write a run for other programs.
 
     npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim, and osim the model
@@ -115,7 +143,7 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
 
     Examples:
 
-    kinemode export walk.run walk.csv
+    kinemode export walk.run walk.csv --degrees --filter 6
 
     kinemode export walk.run walk.osim
 
@@ -129,10 +157,14 @@ def export(run: Path, file: Path, /, *, format: Format | None = None) -> None:
         Where to write.
     format
         One of these; the file's ending unless given.
+    degrees
+        Of csv: joint angles in degrees, with their standard deviations beside them.
+    filter
+        Cut-off in Hz of a Butterworth filter (fourth order, without lag) of the best path; off unless given.
     """
     import kinemode as km
 
-    print(km.export(run, file, format=format))
+    print(km.export(run, file, format=format, degrees=degrees, filter=filter))
 
 
 def gait(run: Path, /, *, out: Path | None = None) -> None:
@@ -164,7 +196,8 @@ def evaluate(run: Path, /, *, reference: Path) -> None:
     """Compare a run with known landmarks and joint angles: MPJPE, PA-MPJPE, best of K, angles, limits, overlaps.
 
     Of landmarks the twelve limb joints are compared, or all that both sides have where fewer than three are limb
-    joints; of joint angles all that both sides have by name. Best of K counts the K hypotheses of each frame.
+    joints; of joint angles all that both sides have by name: mean absolute error, RMSE and bias, differences taken the
+    shorter way round. Best of K counts the K hypotheses of each frame.
 
     Example: kinemode evaluate cam01.run --reference reference3d.npz
 

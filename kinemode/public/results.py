@@ -1,10 +1,10 @@
-"""`open_run`, and what is done with a run: looked at, drawn over the video, reported, exported, measured."""
+"""`open_run`, and what is done with a run: looked at, drawn over the video, plotted, reported, exported, measured."""
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
-from kinemode.public.arguments import check_arguments
+from kinemode.public.arguments import check_arguments, check_as
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
@@ -111,7 +111,43 @@ def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) ->
         return write_report(opened, Path(file), facts_of(opened), progress=told)
 
 
-def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
+def plot(
+    run: RunLike, file: PathLike, *, joints: str | Iterable[str] | None = None, filter: float | None = None
+) -> Path:
+    """Draw joint angles over time, left and right together, and return the file's path.
+
+    Each curve is the best hypothesis in degrees (metres where a joint slides) with the calibrated 90 % interval of all
+    hypotheses together; the others are thin, frames that are hard or unobserved are marked, and limits that are near.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file; one that is not finished is drawn as far as it goes.
+    file: ending in .png, .svg or .pdf.
+    joints: names of joints, parts of them, or "left" and "right", in one text with commas ("knee,hip") or several; by
+        default hips, knees, ankles, shoulders and elbows of a body with many joints, and all of another.
+    filter: cut-off of a Butterworth filter [Hz], see `kinemode.Run.butterworth`; off unless given.
+
+    Raises
+    ------
+    InputError: no run, one without a pose, no such joint (with the nearest names), another ending, a cut-off that is
+        not below half the frame rate, a file that cannot be written.
+    """
+    check_arguments(run=run, file=file, filter=filter)
+    check_as("joints of the body", joints=joints)
+    opened = _filtered(_opened(run), filter)
+    from viz.pictures.joint_plot import write_joint_plot
+
+    return write_joint_plot(opened, Path(file), joints)
+
+
+def export(
+    run: RunLike,
+    file: PathLike,
+    *,
+    format: str | None = None,
+    degrees: bool = False,
+    filter: float | None = None,
+) -> Path:
     """Write a run for other programs, and return the file's path. The file is there whole or not at all.
 
     Parameters
@@ -123,17 +159,21 @@ def export(run: RunLike, file: PathLike, *, format: str | None = None) -> Path:
         models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
         [cm] and its turns; "glb", the moving body; "rrd", body, hypotheses, cameras, keypoints and angles for rerun.
         What the file's ending says unless given. npz and rrd have all hypotheses, the others the best path.
+    degrees: of csv, joint angles in degrees, their standard deviations beside them; otherwise these are its last
+        columns, and both are in radians.
+    filter: cut-off of a Butterworth filter of the best path [Hz], see `kinemode.Run.butterworth`; off unless given.
 
     Raises
     ------
-    InputError: no run, an unknown format, a library that is not installed, a file that cannot be written.
+    InputError: no run, an unknown format, degrees of another than csv, a cut-off that is not below half the frame rate,
+        a library that is not installed, a file that cannot be written.
     """
-    check_arguments(run=run, file=file, format=format)
-    opened = _opened(run)
+    check_arguments(run=run, file=file, format=format, degrees=degrees, filter=filter)
+    opened = _filtered(_opened(run), filter)
     from estimator.results import export as formats
     from viz.exports.formats import FORMATS as OF_BODIES
 
-    return formats.export(opened, Path(file), format, more=OF_BODIES)
+    return formats.export(opened, Path(file), format, degrees=degrees, more=OF_BODIES)
 
 
 def gait(run: RunLike) -> Gait:
@@ -194,6 +234,16 @@ def _check_run(run: RunLike) -> None:
 
 def _opened(run: RunLike) -> Run:
     return open_run(run) if isinstance(run, (str, os.PathLike)) else run
+
+
+def _filtered(run: Run, cutoff: float | None) -> Run:
+    """The run, filtered where a cut-off [Hz] is given; says what the filter met."""
+    if cutoff is None:
+        return run
+    filtered = run.butterworth(float(cutoff))
+    for note in filtered.filtering.notes if filtered.filtering else ():
+        warnings.warn(note, InputWarning, stacklevel=3)
+    return filtered
 
 
 def _note_how_it_is_drawn(run: Run) -> None:

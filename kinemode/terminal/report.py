@@ -11,6 +11,7 @@ from rich.table import Table
 
 from estimator.fitting.fit import Fit, ShapeFit
 from estimator.likelihood.registry import CUES
+from estimator.results.coordinate_errors import JointScore
 from estimator.results.evaluation import LIMB_JOINTS, Evaluation
 from estimator.results.gait.gait import Gait
 from estimator.results.run_file import Run
@@ -74,7 +75,7 @@ def print_evaluation(result: Evaluation) -> None:
     out = console()
     if result.joints:
         _print_landmark_errors(result, out)
-    if result.angle_errors or result.slide_errors:
+    if result.joint_scores:
         _print_coordinate_errors(result, out)
     out.print(f"frames compared: {result.frames_compared}, without a counterpart: {result.frames_missing}")
     out.print(f"frames beyond a joint limit: {result.violations}")
@@ -99,16 +100,24 @@ def _print_landmark_errors(result: Evaluation, out: Console) -> None:
 
 
 def _print_coordinate_errors(result: Evaluation, out: Console) -> None:
-    made = table("mean absolute error of each joint", "joint", "best hypothesis")
-    for name, error in result.angle_errors.items():
-        made.add_row(name, "-" if not np.isfinite(error) else f"{error:.2f} deg")
-    for name, error in result.slide_errors.items():
-        made.add_row(name, "-" if not np.isfinite(error) else f"{1e3 * error:.1f} mm")
-    known = [e for e in result.angle_errors.values() if np.isfinite(e)]
+    made = table("errors of each joint, best hypothesis", "joint", "mean absolute", "RMSE", "bias", "frames")
+    for name, score in result.joint_scores.items():
+        numbers = (_error(score, score.mean_absolute), _error(score, score.rms), _error(score, score.bias, sign="+"))
+        made.add_row(name, *numbers, str(score.frames))
+    known = [s for s in result.joint_scores.values() if s.unit == "deg" and s.frames]
     if len(known) > 1:
         made.add_section()
-        made.add_row(f"mean of {len(known)} turning joints", f"{np.mean(known):.2f} deg")
+        means = (float(np.mean([getattr(s, name) for s in known])) for name in ("mean_absolute", "rms"))
+        made.add_row(f"mean of {len(known)} turning joints", *(_error(known[0], mean) for mean in means), "", "")
     out.print(made)
+    out.print("bias: the mean of run less reference; two definitions of a joint's zero differ by it", soft_wrap=True)
+
+
+def _error(score: JointScore, value: float, sign: str = "") -> str:
+    """An error in the joint's unit: degrees, or millimetres where it slides."""
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:{sign}.2f} deg" if score.unit == "deg" else f"{1e3 * value:{sign}.1f} mm"
 
 
 def print_gait(gait: Gait) -> None:

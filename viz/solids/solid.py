@@ -16,6 +16,7 @@ Side = Literal["left", "right", "trunk"]
 
 _LEFT = re.compile(r"left|(^|[_\W])l([_\W\d]|$)", re.IGNORECASE)
 _RIGHT = re.compile(r"right|(^|[_\W])r([_\W\d]|$)", re.IGNORECASE)
+_SIDE = re.compile(r"(left|right)[_\W]?|(^|(?<=[_\W]))[lr]([_\W]|(?=\d)|$)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ def side_of(name: str) -> Side:
     if _LEFT.search(name):
         return "left"
     return "right" if _RIGHT.search(name) else "trunk"
+
+
+def without_side(name: str) -> str:
+    """A name without the side it speaks of: hip of left_hip, l_hip, hip_L; itself where nothing would be left."""
+    return _SIDE.sub("", name).strip("_- ") or name
 
 
 def sides_among(names: Iterable[str]) -> tuple[Side, ...]:

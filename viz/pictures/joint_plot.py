@@ -1,0 +1,174 @@
+"""Joint angles over time in one picture: how sure they are, what else they could be, which frames not to trust.
+
+Left and right are drawn over each other in the blue and orange of Okabe and Ito (Color Universal Design, 2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.results.joint_angle import JointAngle
+from estimator.results.run_file import Run
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+from viz.palette import ON_PAPER, web
+from viz.pictures.joint_panels import Panel, chosen_joints, panels_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FORMATS = ("png", "svg", "pdf")
+_COLUMNS = 3
+_PANEL = (4.2, 2.45)  # inches
+_HEAD = 0.95  # inches above and below the panels
+_FLAGS = {"hard": "#F4D58D", "unobserved": "#C9CCD1", "lost": "#F0A9A0"}
+_LEAST = {"deg": 5.0, "m": 0.02}  # that an axis shows at least
+_NEAR_LIMIT = 0.12  # share of the axis from which a limit beyond it is shown
+_FAINT = 0.02  # weight from which a hypothesis is drawn
+
+
+def write_joint_plot(run: Run, path: str | Path, joints: str | Iterable[str] | None = None) -> Path:
+    """Write curves of joints in degrees, or metres where they slide, and return the path: .png, .svg or .pdf. The file
+    is there whole or not.
+
+    joints: see `viz.pictures.joint_panels.chosen_joints`.
+    Raises InputError: another ending, no such joint, a run without a pose, a file that cannot be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lstrip(".").lower()
+    if kind not in FORMATS:
+        raise InputError(path, "is no picture", remedy=f"let it end in {', '.join('.' + f for f in FORMATS)}")
+    names = chosen_joints(run.joint_names, joints)
+    if not names:
+        raise InputError(run.file, "has no joint that a single number places")
+    if not np.isfinite(run.q).all(axis=1).any():
+        raise InputError(run.file, "holds no pose", remedy="track with --resume first")
+    panels = panels_of([run[name].degrees for name in names])
+    import matplotlib as mpl
+
+    dated = {"svg": "Date", "pdf": "CreationDate"}
+    style: Any = {"svg.hashsalt": run.file.name, "font.family": "sans-serif", "font.size": 9.0}
+    with replacing(path) as temporary, mpl.rc_context(style):
+        figure = drawn(run, panels)
+        figure.savefig(temporary, format=kind, dpi=130, metadata={dated[kind]: None} if kind in dated else None)
+    return path
+
+
+def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
+    """The whole figure."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = 2 if len(panels) == 4 else min(_COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    size = (max(_PANEL[0] * columns, 6.0), _PANEL[1] * rows + _HEAD)
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)  # no window, and none of pyplot's global state
+    every = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, panel in zip(every, panels, strict=False):
+        mark_flagged(axes, run)
+        for side, curve in panel.curves:
+            draw_hypotheses(axes, run, curve, web(ON_PAPER[side]))
+            draw_joint(axes, curve, web(ON_PAPER[side]))
+        _dress(axes, panel, run)
+    units = {curve.unit for panel in panels for _, curve in panel.curves}
+    for k, axes in enumerate(every):
+        axes.set_visible(k < len(panels))
+        if k + columns >= len(panels):
+            axes.set_xlabel("time [s]")
+        if k % columns and len(units) == 1:
+            axes.set_ylabel("")
+    filtered = "" if run.filtering is None else f", low-pass filtered at {run.filtering.cutoff:g} Hz"
+    figure.suptitle(f"{run.file.name}: {len(run)} frames{filtered}", x=0.01, ha="left", fontweight="bold")
+    entries = _legend(run, panels)
+    figure.legend(handles=entries, loc="outside lower left", ncols=2 * columns if columns > 1 else 3, frameon=False)
+    return figure
+
+
+def draw_joint(axes: Axes, curve: JointAngle, colour: str, factor: float = 1.0) -> None:
+    """The best hypothesis and its 90 % band; factor: of all numbers."""
+    time = curve.time
+    axes.fill_between(time, factor * curve.low, factor * curve.high, color=colour, alpha=0.18, linewidth=0.0)
+    alone = "." if len(time) == 1 else ""
+    axes.plot(time, factor * curve.value, color=colour, linewidth=1.5, marker=alone, zorder=3)
+
+
+def draw_hypotheses(axes: Axes, run: Run, curve: JointAngle, colour: str) -> None:
+    """The other hypotheses as thin lines, each led on from the one that it continues, the fainter the lighter it is."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import to_rgba
+
+    lines, alphas = [], []
+    for t in range(len(curve.time)):
+        for k in np.flatnonzero(curve.weights[t] > _FAINT):
+            before = run.mode_parent[t, k] if t else -1
+            if k == run.path[t] and (t == 0 or before == run.path[t - 1]):
+                continue  # the curve itself
+            here = (curve.time[t], curve.hypotheses[t, k])
+            start = (curve.time[t - 1], curve.hypotheses[t - 1, before]) if before >= 0 else here
+            lines.append((start, here))
+            alphas.append(0.25 + 0.75 * float(curve.weights[t, k]))
+    colours = [to_rgba(colour, alpha) for alpha in alphas]
+    axes.add_collection(LineCollection(lines, colors=colours, linewidths=0.9, capstyle="round", zorder=2))
+
+
+def mark_flagged(axes: Axes, run: Run) -> None:
+    """Frames that are not to be trusted as upright stripes in the colour of their status."""
+    time, status = run.time, run.status
+    if not len(time):
+        return
+    middle = 0.5 * (time[1:] + time[:-1])
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    edges = np.concatenate([[time[0] - 0.5 * step], middle, [time[-1] + 0.5 * step]])
+    starts = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
+    for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
+        if (name := str(status[start])) in _FLAGS:
+            axes.axvspan(edges[start], edges[end], color=_FLAGS[name], alpha=0.55, linewidth=0.0, zorder=0)
+
+
+def _dress(axes: Axes, panel: Panel, run: Run) -> None:
+    unit = panel.curves[0][1].unit
+    axes.relim()
+    shown = [part for _, c in panel.curves for part in (c.value, c.low, c.high, c.hypotheses[c.weights > _FAINT])]
+    values = np.concatenate([part[np.isfinite(part)] for part in shown])
+    low, high = float(values.min()), float(values.max())
+    if high - low < _LEAST[unit]:
+        low, high = 0.5 * (low + high - _LEAST[unit]), 0.5 * (low + high + _LEAST[unit])
+    margin = 0.05 * (high - low)
+    near = _NEAR_LIMIT * (high - low)
+    for limit in {round(x, 9) for _, c in panel.curves for x in (c.lower, c.upper) if np.isfinite(x)}:
+        if low - near <= limit <= high + near:
+            axes.axhline(limit, color="0.55", linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+            low, high = min(low, limit), max(high, limit)
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_title(panel.title.replace("_", " "), loc="left", fontsize=10.0, fontweight="bold")
+    axes.set_ylabel({"deg": "degrees", "m": "metres"}[unit])
+    axes.grid(True, color="0.92", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.margins(x=0.01)
+
+
+def _legend(run: Run, panels: Sequence[Panel]) -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    sides = {side for panel in panels for side, _ in panel.curves}
+    entries: list[Any] = [
+        Line2D([], [], color=web(colour), linewidth=1.5, label="middle" if side == "trunk" and len(sides) > 1 else side)
+        for side, colour in ON_PAPER.items()
+        if side in sides and (side != "trunk" or len(sides) > 1)
+    ]
+    entries.append(Patch(color="0.5", alpha=0.3, linewidth=0.0, label="90 % interval"))
+    if run.hypothesis_count > 1:
+        entries.append(Line2D([], [], color="0.5", linewidth=0.8, label="other hypotheses"))
+    if any(np.isfinite([c.lower, c.upper]).any() for panel in panels for _, c in panel.curves):
+        entries.append(Line2D([], [], color="0.55", linewidth=0.8, linestyle=(0, (4, 3)), label="joint limit"))
+    there = set(run.status.tolist())
+    entries += [Patch(color=_FLAGS[s], alpha=0.55, linewidth=0.0, label=f"{s} frames") for s in _FLAGS if s in there]
+    return entries
