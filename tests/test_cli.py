@@ -24,7 +24,8 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
-    "trackers", "cues", "view", "report", "overlay", "plot", "explain", "export", "evaluate", "gait", "train-index", "version",
+    "trackers", "cues", "view", "report", "overlay", "plot", "explain", "export", "evaluate", "gait", "train-index",
+    "version",
 )  # fmt: skip
 FRAMES = 6
 
