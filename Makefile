@@ -1,28 +1,32 @@
 # Needs Python 3.10 to 3.14 and make, nothing else.
 #   make demo     own environment, then the built-in clip is rendered and tracked; prints where the pictures are
 #   make test     own environment, then style, types and tests
+#   make docs     own environment, then the documentation as a site in site/
 #   make lock     writes requirements.lock anew from pyproject.toml
 #   PYTHON=python3.12 make demo    another Python;   VENV=/some/folder make demo    another place for the environment
 
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_OUT ?= demo-out
-PYTEST_ARGS ?=
+PYTEST_ARGS ?= -n 2 --dist loadfile
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := .
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check format lock clean
+.PHONY: help demo test check docs format lock clean
 
 help:
-	@sed -n '2,5s/^# *//p' Makefile
+	@sed -n '2,6s/^# *//p' Makefile
 
 demo: $(STAMP)
 	$(BIN)/kinemode demo --out $(DEMO_OUT)
 
 test: check
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs site
 
 check: $(STAMP)
 	$(BIN)/ruff check $(CODE)

@@ -71,6 +71,7 @@ COMMANDS = {
     "export mot": Command("export {}/a.run {}/a.mot", _run_files, ("a.run",)),
     "export bvh": Command("export {}/a.run {}/a.bvh", _run_files, ("a.run",)),
     "export glb": Command("export {}/a.run {}/a.glb", _run_files, ("a.run",)),
+    "export osim": Command("export {}/a.run {}/a.osim", _run_files, ("a.run",)),
     "export degrees": Command("export {}/a.run {}/a.csv --degrees --filter 2", _run_files, ("a.run",)),
     "plot": Command("plot {}/a.run --out {}/a.png --filter 2", _run_files, ("a.run",)),
     "view html": Command("view {}/a.run --html {}/a.html", _run_files, ("a.run",)),

@@ -40,6 +40,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "report, no such run": ("report", RUN, "--out", "a.html"),
     "explain, no such run": ("explain", RUN, "--frame", "0"),
     "export, no such run": ("export", RUN, "a.csv"),
+    "gait, no such run": ("gait", RUN),
     "evaluate, no such run": ("evaluate", RUN, "--reference", FILE),
 }
 """By what is measured: arguments of the command line, or of Python."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
-    from kinemode.public.results import evaluate, export, open_run, overlay, plot, report, view
+    from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, view
     from kinemode.public.stepping import Tracker
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
@@ -61,6 +61,7 @@ _MODULES = {
     "evaluate": "kinemode.public.results",
     "export": "kinemode.public.results",
     "fit": "kinemode.public.tracking",
+    "gait": "kinemode.public.results",
     "landmark_start": "kinemode.public.landmarks",
     "live": "kinemode.public.live",
     "load_cameras": "estimator.formats.cameras",
@@ -102,6 +103,7 @@ __all__ = [
     "evaluate",
     "export",
     "fit",
+    "gait",
     "landmark_start",
     "live",
     "load_cameras",

@@ -65,6 +65,7 @@ for command in (
     results.report,
     results.explain,
     results.export,
+    results.gait,
     results.evaluate,
     version,
 ):

@@ -77,40 +77,46 @@ class TrackOptions:
 
 def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> Run:
     """What `kinemode.track` does once its arguments are known to be of the right kinds, and its files to be there."""
-    choice = cue_choice(wanted.cues)
-    chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
-    check_workers(chosen, checked_count(wanted.workers))
-    chosen = beginning(chosen, wanted.start)
-    check_start(make_tracker(chosen.tracker, Body(loaded), chosen.settings), chosen)
-    chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
     # gone with this function unless the run keeps it
     temporary = TemporaryFolder() if wanted.out is None else None
     path = temporary.path / "track.run" if temporary is not None else Path(cast(PathLike, wanted.out))
-    job = _Job(
-        chosen,
-        chosen.settings,
-        wanted.seed,
-        wanted.fit,
-        plain(files.person),
-        Target(path, wanted.resume, wanted.overwrite),
-        wanted.progress,
-        wanted.workers,
-        wanted.estimates,
-    )
+    choice = cue_choice(wanted.cues)
+    job = job_of(loaded, wanted, path, plain(files.person))
     job.target.check()
-    _check_fit_choice(job.fit, loaded)
-    chosen.check(job.fits(loaded))
     # the matrices are small: more threads only wait for each other
     with kept_if_interrupted(lambda: frames_at_first(job.target)), threadpool_limits(limits=1):
         body = Body(loaded)
         inputs = load_inputs(body, files, lambda: make_tracker(job.tracker, body, job.settings).needs_keypoints)
-        against_input = _track(job, loaded, inputs, choice)
+        against_input = track_inputs(job, loaded, inputs, choice)
     for sentence in against_input:
         warnings.warn(sentence, FindingWarning, stacklevel=3)
     return Run.open(path)
 
 
-def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
+def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> Job:
+    """The options checked against subject and tracker, with where the run goes and whom it is of."""
+    chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
+    check_workers(chosen, checked_count(wanted.workers))
+    chosen = beginning(chosen, wanted.start)
+    check_start(make_tracker(chosen.tracker, Body(loaded), chosen.settings), chosen)
+    chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
+    job = Job(
+        chosen,
+        chosen.settings,
+        wanted.seed,
+        wanted.fit,
+        person,
+        Target(path, wanted.resume, wanted.overwrite),
+        wanted.progress,
+        wanted.workers,
+        wanted.estimates,
+    )
+    _check_fit_choice(job.fit, loaded)
+    chosen.check(job.fits(loaded))
+    return job
+
+
+def track_inputs(job: Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
     """Track into the run file; returns what the run then says against subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     body = Body(subject)
@@ -129,7 +135,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
         if cues is not None and chosen is not None:
             notes += (*cues.notes, *doubts(cues, inputs, chosen))
         for note in notes:
-            warnings.warn(note, InputWarning, stacklevel=4)
+            warnings.warn(job.told(note), InputWarning, stacklevel=4)
         fitted, estimates = _fitted(job, subject, inputs, cues)
         seen = [replace(o, estimate=estimates.get(o.index)) for o in inputs.observations]
         inputs = replace(inputs, observations=seen)
@@ -137,7 +143,7 @@ def _track(job: _Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tu
 
 
 def _fitted(
-    job: _Job, subject: Subject, inputs: Inputs, cues: Cues | None
+    job: Job, subject: Subject, inputs: Inputs, cues: Cues | None
 ) -> tuple[Subject, Mapping[int, PoseEstimate]]:
     """The subject with the person's proportions and flesh, where they are to be fitted, and what is known of the pose
     that the track begins with."""
@@ -189,9 +195,10 @@ def frames_at_first(target: Target) -> int | None:
 
 
 @dataclass(frozen=True)
-class _Job:
+class Job:
     """How to track, which with the subject and the inputs decides the result; and where to, what reports the progress,
-    and how many processes share the work. settings: the chosen ones with the cues that are looked at."""
+    and how many processes share the work. settings: the chosen ones with the cues that are looked at. name: of one of
+    several people, "" for the only one."""
 
     chosen: Chosen
     settings: Settings
@@ -202,6 +209,11 @@ class _Job:
     progress: Reporter
     workers: int
     estimates: Mapping[int, PoseEstimate]
+    name: str = ""
+
+    def told(self, note: str) -> str:
+        """A note, with whom it is of where several people are tracked."""
+        return f"{self.name}: {note}" if self.name else note
 
     @property
     def tracker(self) -> str:
@@ -213,7 +225,7 @@ class _Job:
         return self.fit != "off" and is_built_in(subject)
 
 
-def _track_into(job: _Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> tuple[str, ...]:
+def _track_into(job: Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> tuple[str, ...]:
     observations, target = inputs.observations, job.target
     stored: Mapping[str, np.ndarray] | None = None
     first = 0
@@ -250,7 +262,7 @@ def said_against(run: Run) -> tuple[str, ...]:
     return (*note_on_beginning(run.header.tracker, results), *([leapt] if leapt else []), *diagnosed(run))
 
 
-def _header(job: _Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:
+def _header(job: Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:
     cameras = inputs.observations[0].cameras
     names = [camera.name for camera in cameras]
     clips = _absolute(names, inputs.clips)

@@ -49,7 +49,7 @@ def printed_by(lines: Mapping[str, Sequence[object]]) -> dict[str, str]:
 def readers(path: Path, frame: int) -> dict[str, list[object]]:
     """Every command that takes a run alone, by its name or by the format exported; what they write lies beside it."""
     return {
-        **{kind: ["export", path, path.with_suffix(f".{kind}")] for kind in ("npz", "csv", "trc", "mot")},
+        **{kind: ["export", path, path.with_suffix(f".{kind}")] for kind in ("npz", "csv", "trc", "mot", "osim")},
         "view": ["view", path, "--html", path.with_suffix(".html")],
         "overlay": ["overlay", path, "--out", path.with_suffix(".mp4")],
         "explain": ["explain", path, "--frame", frame, "--hypothesis", 0, "--out", path.parent / "pictures"],

@@ -24,7 +24,8 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
-    "trackers", "cues", "view", "plot", "report", "overlay", "explain", "export", "evaluate", "train-index", "version",
+    "trackers", "cues", "view", "report", "overlay", "plot", "explain", "export", "evaluate", "gait", "train-index",
+    "version",
 )  # fmt: skip
 FRAMES = 6
 
@@ -235,7 +236,7 @@ def test_a_run_is_not_replaced_without_overwrite(
 
 
 def test_export_and_evaluate(folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for suffix in ("npz", "csv", "trc", "mot"):
+    for suffix in ("npz", "csv", "trc", "mot", "osim"):
         assert front.main(["export", str(tracked), "--format", suffix, str(folder / f"o.{suffix}")]) == 0
         assert (folder / f"o.{suffix}").stat().st_size > 0
     capsys.readouterr()

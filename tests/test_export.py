@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -130,6 +131,30 @@ def test_a_coordinate_has_one_name_and_one_value_in_every_export(run: Run, tmp_p
         column = run.q[:, npz.index(name)]
         unit = 1.0 if name in ROOT_POSITION else np.pi / 180.0
         np.testing.assert_allclose(unit * values[:, mot.index(name)], column, atol=1e-7)
+
+
+def test_osim_has_the_coordinates_of_the_mot(run: Run, tmp_path: Path) -> None:
+    (names, _, _), _ = read_mot(export(run, tmp_path / "a.mot"))
+    model = ET.parse(export(run, tmp_path / "a.osim")).getroot()
+    assert sorted(c.get("name", "") for c in model.iter("Coordinate")) == sorted(names)
+    assert [m.get("name") for m in model.iter("Marker")] == list(run.body.landmark_names)
+    assert [m.get("name") for m in model.iter("Model")] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("model", "title", "count"), [("gait2392", "gait2392", 23), ("rajagopal", "Rajagopal2016", 39)]
+)
+def test_mot_of_gait_models(model: str, title: str, count: int, run: Run, tmp_path: Path) -> None:
+    """The file says which model it is for; a knee that bends as far has the model's sign."""
+    path = export(run, tmp_path / "a.mot", f"{model}-mot")
+    (names, values, in_degrees), time = read_mot(path)
+    assert f"the OpenSim model {title}" in path.read_text()
+    assert len(names) == count
+    assert in_degrees
+    np.testing.assert_allclose(time, run.time, atol=1e-6)
+    knee = np.rad2deg(run.q[:, run.body.q_names.index("right_knee_flexion")])
+    sign = -1.0 if model == "gait2392" else 1.0
+    np.testing.assert_allclose(values[:, names.index("knee_angle_r")], sign * knee, atol=1e-6)
 
 
 def test_nothing_half_written(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -69,6 +69,7 @@ COMMANDS = {
     "csv": ("export {made}/a.run {out}/a.csv", "a.csv"),
     "trc": ("export {made}/a.run {out}/a.trc", "a.trc"),
     "mot": ("export {made}/a.run {out}/a.mot", "a.mot"),
+    "osim": ("export {made}/a.run {out}/a.osim", "a.osim"),
     "explain": ("explain {made}/a.run --frame 1 --out {out}", "reach_keypoints.png"),
     "settings": ("settings --out {out}/a.toml", "a.toml"),
     "render": ("render --motion arm --seconds 0.1 --out {out}", "truth.npz"),

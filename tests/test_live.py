@@ -24,7 +24,10 @@ import kinemode as km
 from estimator.media.clip import Clip
 from estimator.results.run_file import RunWriter
 from estimator.trackers.frame_result import FrameResult
+from kinemode.detection.detectors import Wanted
+from kinemode.detection.people import Asked, People
 from kinemode.rendering.files import RenderedClip
+from kinemode.streams import detecting
 from kinemode.streams.capture import FileCamera, Newest, Shot
 from kinemode.streams.session import run_session
 from viz.preview.moving import Moment, MovingPreview
@@ -240,7 +243,7 @@ def km_write(path: Path, picture: np.ndarray) -> None:
     [
         (Path(__file__), {"keypoints": "absent.json"}, "absent.json: there is no such file"),
         ("absent.mp4", {"keypoints": len}, "absent.mp4: there is no such file"),
-        (0, {}, "keypoints: have to come from somewhere"),
+        (0, {"detect": "absent"}, "detector: .absent. is unknown"),
         (-1, {"keypoints": len}, "source: -1 is negative"),
         (0.5, {"keypoints": len}, "source: cannot be of type float"),
         (97, {"keypoints": len}, "camera 97: gives no picture"),
@@ -317,3 +320,20 @@ def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPrevie
     assert "ended" in browser.execute_script("return $('clock').textContent")
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
     browser.get("about:blank")
+
+
+def test_the_person_who_was_largest_stays_the_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    small, large = (size * np.array([[0.0, 0.0, 1.0], [1.0, 2.0, 1.0]]) for size in (1.0, 3.0))
+    pictures = iter([{0: small, 1: large}, {0: large, 1: small}, {0: large}, {0: large}])
+    lost = iter([{}, {}, {1: ([], 0)}, {}])  # 1 is remembered for a while, then forgotten
+
+    class Seen(People):
+        def see(self, detector: Asked, picture: np.ndarray) -> dict[int, np.ndarray]:
+            self.lost = next(lost)
+            return next(pictures)
+
+    monkeypatch.setattr(detecting, "DetectorProcess", lambda wanted: None)
+    monkeypatch.setattr(detecting, "People", Seen)
+    finds = detecting.Detecting(Wanted())
+    answers = [finds(np.zeros((2, 2, 3), np.uint8), 0.1 * t) for t in range(4)]
+    assert [None if a is None else a is large for a in answers] == [True, False, None, True]

@@ -65,12 +65,16 @@ def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     return names, points @ R_OPENSIM_WORLD, values[:, 1]
 
 
-def write_mot(path: Path, names: Sequence[str], values: np.ndarray, time: np.ndarray, *, title: str) -> None:
-    """Write coordinates (T, N), angles in degrees and lengths in metres; positions are those of the z-up world."""
+ROOT_NOTE = "A free root's x, z and y are along OpenSim's ground X, Y and -Z."
+
+
+def write_mot(
+    path: Path, names: Sequence[str], values: np.ndarray, time: np.ndarray, *, title: str, note: str = ROOT_NOTE
+) -> None:
+    """Write coordinates (T, N), angles in degrees and lengths in metres; note: a line about them."""
     head = [
         title, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "",
-        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.",
-        "A free root's x, z and y are along OpenSim's ground X, Y and -Z.", "", "endheader",
+        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", note, "", "endheader",
         "\t".join(["time", *names]),
     ]  # fmt: skip
     rows = ["\t".join([f"{t:.6f}", *(f"{v:.8f}" for v in row)]) for t, row in zip(time, values, strict=True)]

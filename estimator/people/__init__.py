@@ -1,1 +1,1 @@
-"""Which of several people in several cameras is the subject."""
+"""Which of several people in several cameras is the subject; who everybody is."""

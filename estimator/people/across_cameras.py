@@ -19,7 +19,7 @@ from estimator.people.agreement import pair_affinities, piece_affinities
 from estimator.people.changes import cut_where_people_change
 from estimator.people.choice_of_subject import subject_rows
 from estimator.people.notes import misfits, no_common_person, summary, told
-from estimator.people.pieces import Sighting, table_of
+from estimator.people.pieces import Sighting, Table, table_of
 
 PersonOf = Mapping[str, str | int]
 
@@ -47,11 +47,11 @@ def subject_tracks(
     InputError: a person that a file has not; no person in any camera fits one in another.
     """
     given = {name: str(persons.get(name, AUTO)) for name in files}
-    instants = _instants(times or {})
+    instants = instants_of(times or {})
     free = [name for name in files if given[name] == AUTO]
     if len(files) < 2 or not free or not any(crowded(file.frames) for file in files.values()):
         return _each_for_itself(files, cameras, given, instants)
-    sightings = [_sighting(file, cameras[name], given[name], instants.get(name)) for name, file in files.items()]
+    sightings = [sighting(file, cameras[name], given[name], instants.get(name)) for name, file in files.items()]
     table = table_of(sightings)
     affinities = pair_affinities(table, [s.camera for s in sightings])
     table = cut_where_people_change(table, affinities)
@@ -61,13 +61,18 @@ def subject_tracks(
     tracks, notes = {}, [summary(table, affinities, subject, list(files))]
     for c, (name, file) in enumerate(files.items()):
         rows = np.flatnonzero(subject & (table.camera == c))
-        chosen = {int(table.frame[row]): table.people[row] for row in rows[np.argsort(table.weight[rows])]}
-        tracks[name] = file.track_of(chosen, [jump_note(chosen)])
+        tracks[name] = track_of_rows(file, table, rows)
         notes.append(f"{name}: {told(table, len(ids_of(file.frames)), rows, c, given[name])}")
     return tracks, tuple(notes)
 
 
-def _instants(times: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def track_of_rows(file: PeopleFile, table: Table, rows: np.ndarray) -> KeypointTrack:
+    """The keypoints of some rows of the table, all of one camera; of several in a frame the largest."""
+    chosen = {int(table.frame[row]): table.people[row] for row in rows[np.argsort(table.weight[rows])]}
+    return file.track_of(chosen, [jump_note(chosen)])
+
+
+def instants_of(times: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Numbers of the instants that the files' frames show, counted at the highest rate of all."""
     steps = [float(np.median(np.diff(of))) for of in times.values() if len(of) > 1]
     begin = min((float(of[0]) for of in times.values() if len(of)), default=0.0)
@@ -75,7 +80,8 @@ def _instants(times: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.round((of - begin) / step).astype(np.int64) for name, of in times.items()}
 
 
-def _sighting(file: PeopleFile, camera: Camera, person: str, instants: np.ndarray | None) -> Sighting:
+def sighting(file: PeopleFile, camera: Camera, person: str, instants: np.ndarray | None) -> Sighting:
+    """What a camera's file says; person: who is wanted there, "auto" for whoever fits the others."""
     chosen = None if person == AUTO else select(file.frames, person, file.source)[0]
     return Sighting(camera, file.reading.names, file.frames, chosen, instants)
 

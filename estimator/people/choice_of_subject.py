@@ -11,6 +11,7 @@ from estimator.cameras.epipolar import meeting_points
 from estimator.people.groups import grouped, settled
 from estimator.people.pieces import Table
 
+_PASSES = 3  # through all groups, which settle in the first or second
 _LOOKS = 5  # instants whose size is taken for a person's
 _ALIKE = 1.4  # ratio of two sizes beyond which it is another person: arms are raised, people crouch
 _SPEED = (
@@ -31,33 +32,51 @@ def subject_rows(table: Table, cameras: Sequence[Camera], affinity: np.ndarray) 
     first, _ = _largest(table, pieces[table.piece])
     if first < 0:
         return np.zeros(len(table.piece), dtype=bool)
-    count = len(affinity)
+    camera, begin = _of_pieces(table, len(affinity))
+    group = settled(affinity, pieces, first, camera, begin)[table.piece]
+    first, score = _largest(table, group)
+    if first < 0:
+        return np.zeros(len(table.piece), dtype=bool)
+    shared, subject = seen_together(table, group), group == first
+    for other in np.argsort(-score, kind="stable").tolist():
+        if score[other] > 0.0 and other != first and continues(table, cameras, shared, subject, group == other):
+            subject = subject | (group == other)
+    return np.asarray(subject)
+
+
+def everybody_settled(table: Table, affinity: np.ndarray) -> np.ndarray:
+    """Group (P,) of each piece, after the best exchanges between all groups of whom two cameras see somebody."""
+    pieces, passes = grouped(affinity), 0
+    camera, begin = _of_pieces(table, len(affinity))
+    before = np.full_like(pieces, -1)
+    while passes < _PASSES and not np.array_equal(before, pieces):
+        before, passes = pieces, passes + 1
+        score = _largest(table, pieces[table.piece])[1]
+        for who in np.argsort(-score, kind="stable")[: np.count_nonzero(score > 0.0)].tolist():
+            pieces = settled(affinity, pieces, who, camera, begin)
+    return pieces
+
+
+def _of_pieces(table: Table, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Camera and first instant of each piece (P,), camera -1 for that of the seed."""
     camera, begin = np.full(count, -1), np.full(count, np.iinfo(np.int64).max)
     camera[table.piece] = table.camera
     np.minimum.at(begin, table.piece, table.instant)
     if table.seed >= 0:
         camera[table.seed] = -1
-    group = settled(affinity, pieces, first, camera, begin)[table.piece]
-    first, score = _largest(table, group)
-    if first < 0:
-        return np.zeros(len(table.piece), dtype=bool)
-    shared, subject = _shared(table, group), group == first
-    for other in np.argsort(-score, kind="stable").tolist():
-        if score[other] > 0.0 and other != first and _continues(table, cameras, shared, subject, group == other):
-            subject = subject | (group == other)
-    return np.asarray(subject)
+    return camera, begin
 
 
 def _largest(table: Table, group: np.ndarray) -> tuple[int, np.ndarray]:
     """The seed's group, or the largest, -1 without any; and the sizes of all."""
-    shared = _shared(table, group)
+    shared = seen_together(table, group)
     score = np.bincount(group[shared], table.weight[shared], int(group.max(initial=0)) + 1)
     if table.seed >= 0:
         return int(group[table.piece == table.seed][0]), score
     return (int(score.argmax()) if score.max(initial=0.0) > 0.0 else -1), score
 
 
-def _shared(table: Table, group: np.ndarray) -> np.ndarray:
+def seen_together(table: Table, group: np.ndarray) -> np.ndarray:
     """Which detections (D,) have another camera's of the same group and frame beside them."""
     when = group * (int(table.instant.max(initial=0)) + 1) + table.instant
     seen = np.unique(when * len(table.rays) + table.camera) // len(table.rays)  # each camera once
@@ -65,10 +84,10 @@ def _shared(table: Table, group: np.ndarray) -> np.ndarray:
     return np.isin(when, instants[count > 1])
 
 
-def _continues(
+def continues(
     table: Table, cameras: Sequence[Camera], shared: np.ndarray, subject: np.ndarray, other: np.ndarray
 ) -> bool:
-    """Whether the rows `other` can be the subject's too."""
+    """Whether the rows `other` can be the subject's too; shared: see `seen_together`."""
     places = [
         set(zip(table.camera[rows].tolist(), table.instant[rows].tolist(), strict=True)) for rows in (subject, other)
     ]

@@ -68,3 +68,30 @@ def misfits(names: Sequence[str], table: Table, affinities: PairAffinities, *, s
             )
     some = dict(list(by_camera.items())[: 1 if len(names) == 2 else None])  # of two, each is as far from the other
     return tuple(f"{name}: its person is {what}" for name, what in some.items())
+
+
+def left_out(lengths: Sequence[int], fewest: int) -> tuple[str, ...]:
+    """People who are seen for too short a time: in so many frames each."""
+    if not lengths:
+        return ()
+    frames = f"{min(lengths)} to {max(lengths)} frames" if min(lengths) < max(lengths) else f"{max(lengths)} frames"
+    who = "somebody" if len(lengths) == 1 else f"{len(lengths)} people"
+    return (f"{who} seen in {frames} alone, fewer than {fewest}, left out: ghosts of the detector, or passers-by",)
+
+
+def seen_by_one(
+    names: Sequence[str], table: Table, rows: np.ndarray, people: np.ndarray, fewest: int
+) -> tuple[str, ...]:
+    """People (D,) whom one camera alone sees, at some rows (D,) of the table; those of fewer frames are no news."""
+    notes = []
+    for c, name in enumerate(names):
+        here = rows & (table.camera == c)
+        counts = np.unique(people[here], return_counts=True)[1]
+        lengths = counts[counts >= fewest].tolist()
+        if lengths:
+            who = "somebody" if len(lengths) == 1 else f"{len(lengths)} people"
+            notes.append(
+                f"{name}: {who} in {', '.join(map(str, lengths))} frames whom no other camera sees, left out: a track"
+                f" of {name} alone has them"
+            )
+    return tuple(notes)

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.formats.opensim import R_OPENSIM_WORLD
+from estimator.formats.osim import component_name
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_names
 
 
 @dataclass(frozen=True)
 class JointEntry:
-    """A joint's place in q. kind: "free", "slide", "turn", "endless" (cosine, sine) or "other".
+    """A joint's place in q. kind: "free", "slide", "turn", "endless" (cosine, sine), "planar" (x, y, cosine, sine) or
+    "other".
 
     A joint that follows another has its master's place, and is multiplier times its entry, plus offset.
     """
@@ -50,6 +52,8 @@ def joint_entries(body: Body) -> Iterator[JointEntry]:
             kind = "endless"
         elif count == 1:
             kind = "slide" if short.startswith("JointModelP") else "turn"
+        elif short == "JointModelPlanar":
+            kind = "planar"
         else:
             kind = "other"
         yield JointEntry(name, kind, int(model.idx_qs[j]), count)
@@ -81,23 +85,35 @@ def opensim_coordinates(body: Body, q: np.ndarray) -> tuple[tuple[str, ...], np.
 
     Position and joints have the names and values that they have in q. The root's quaternion becomes three turns about
     OpenSim's Z, X and Y in this order, those of the pelvis in its gait models. With OpenSim's ground y up, `root_x`,
-    `root_z` and `root_y` are along its X, Y and -Z.
+    `root_z` and `root_y` are along its X, Y and -Z. A joint in a plane has its two lengths and one turn, `NAME_turn`.
     """
     names: list[str] = []
     columns: list[np.ndarray] = []
     for entry in joint_entries(body):
         part = entry.of(q)
+        names += opensim_names(body, entry)
         if entry.kind == "free":
-            names += [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
             columns += [*_turns(part[:, 3:]).T, *part[:, :3].T]
         elif entry.kind == "other":
-            names += body.q_names[entry.start : entry.start + entry.count]
             columns += list(part.T)
+        elif entry.kind == "planar":
+            columns += [*part[:, :2].T, np.rad2deg(unwrapped(np.arctan2(part[:, 3], part[:, 2])))]
         else:
-            angle = _unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]
-            names.append(entry.name)
+            angle = unwrapped(np.arctan2(part[:, 1], part[:, 0])) if entry.kind == "endless" else part[:, 0]
             columns.append(angle if entry.kind == "slide" else np.rad2deg(angle))
     return tuple(names), np.stack(columns, axis=1)
+
+
+def opensim_names(body: Body, entry: JointEntry) -> list[str]:
+    """What the coordinates of a joint are called in files for OpenSim, in their order there."""
+    names = [entry.name]
+    if entry.kind == "free":
+        names = [entry.name + own.removeprefix(ROOT) for own in (*ROOT_TURNS, *ROOT_POSITION)]
+    elif entry.kind == "planar":
+        names = [f"{entry.name}_{own}" for own in ("x", "y", "turn")]
+    elif entry.kind == "other":
+        names = list(body.q_names[entry.start : entry.start + entry.count])
+    return [component_name(name) for name in names]
 
 
 def _turns(quaternion: np.ndarray) -> np.ndarray:
@@ -110,15 +126,19 @@ def _turns(quaternion: np.ndarray) -> np.ndarray:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     ).transpose(2, 0, 1)
-    R = R_OPENSIM_WORLD @ R @ R_OPENSIM_WORLD.T
+    tilt, sideways, turn = turns_zxy(R_OPENSIM_WORLD @ R @ R_OPENSIM_WORLD.T).T
+    return np.rad2deg(np.stack([unwrapped(tilt), sideways, unwrapped(turn)], axis=1))
+
+
+def turns_zxy(R: np.ndarray) -> np.ndarray:
+    """Turns (T, 3) [rad] about z, x, y in this order with Rz Rx Ry = R (T, 3, 3); the second within a right angle."""
     tilt = np.arctan2(-R[:, 0, 1], R[:, 1, 1])
     sideways = np.arcsin(np.clip(R[:, 2, 1], -1.0, 1.0))
-    turn = np.arctan2(-R[:, 2, 0], R[:, 2, 2])
-    return np.rad2deg(np.stack([_unwrapped(tilt), sideways, _unwrapped(turn)], axis=1))
+    return np.stack([tilt, sideways, np.arctan2(-R[:, 2, 0], R[:, 2, 2])], axis=1)
 
 
-def _unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles without jumps of a whole turn; frames without a value stay so."""
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles (T,) [rad] without jumps of a whole turn; frames without a value stay so."""
     out = angle.copy()
     known = np.isfinite(angle)
     out[known] = np.unwrap(angle[known])

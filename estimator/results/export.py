@@ -1,4 +1,4 @@
-"""Runs as files for other programs: npz, csv, trc, mot, c3d, bvh.
+"""Runs as files for other programs: npz, csv, trc, mot, osim, mot in the coordinates of gait models, c3d, bvh.
 
 npz has all hypotheses; of the others each has the best path alone.
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,9 +19,12 @@ import numpy as np
 from estimator.formats.bvh_text import write_bvh
 from estimator.formats.c3d import Channels, write_c3d
 from estimator.formats.opensim import write_mot, write_trc
+from estimator.formats.osim import write_osim
 from estimator.results.bvh_skeleton import bvh_motion
 from estimator.results.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
+from estimator.results.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.results.joint_table import joint_columns, std_columns
+from estimator.results.opensim_model import opensim_model
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_reader import Run
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
@@ -157,5 +161,20 @@ def _need_frames(run: Run) -> None:
         raise InputError(run.file, "holds no frame", remedy="track with --resume first")
 
 
-FORMATS: dict[str, Writer] = {"npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "c3d": _c3d, "bvh": _bvh}
+def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
+    title = GAIT_MODELS[model].title
+    names, values = gait_coordinates(run.body, run.q, GAIT_MODELS[model])
+    note = f"Coordinates of the OpenSim model {title}; what was not measured is 0."
+    write_mot(path, names, values, run.time, title=Path(name).stem, note=note)
+
+
+def _osim(run: Run, path: Path, name: str) -> None:
+    write_osim(path, opensim_model(run.body, Path(name).stem))
+
+
+FORMATS: dict[str, Writer] = {
+    "npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "osim": _osim,
+    **{f"{model}-mot": partial(_gait_mot, model) for model in GAIT_MODELS},
+    "c3d": _c3d, "bvh": _bvh,
+}  # fmt: skip
 """Writers by format name: run, file to write, name the file will have."""

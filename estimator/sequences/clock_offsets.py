@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.sequences.agreement import SUSPICIOUS, Pair, pairs_of
+from estimator.sequences.lags import Lags
 
 _LONGEST = 1.0  # offsets looked for [s]
 _STEP = 1.0 / 60.0  # finer instants are thinned out to this [s]
@@ -45,7 +45,7 @@ def likely_offsets(cameras: Sequence[Camera], pixels: np.ndarray, times: np.ndar
     return tuple(-step * lag if lag else 0.0 for lag in lags.tolist())
 
 
-def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> _Lags | None:
+def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> Lags | None:
     """Of the pairs that see enough in common at every lag; None without any."""
     moving = [_moving(pixels) for pixels in seen]
     tables = [(pair, _lagged(pair, moving[pair.a], seen[pair.b], most)) for pair in pairs]
@@ -53,7 +53,7 @@ def _distances(pairs: Sequence[Pair], seen: Sequence[np.ndarray], most: int) -> 
     if not usable:
         return None
     a, b, table = (np.array(column) for column in zip(*usable, strict=True))
-    return _Lags(a, b, table, most)
+    return Lags(a, b, table, most)
 
 
 def _moving(seen: np.ndarray) -> np.ndarray:
@@ -73,41 +73,3 @@ def _lagged(pair: Pair, first: np.ndarray, second: np.ndarray, most: int) -> lis
         return pair.distance(first[i], second[i + lag])
 
     return [lagged(lag) for lag in range(-most, most + 1)]
-
-
-@dataclass(frozen=True)
-class _Lags:
-    """Distances of P pairs of cameras a, b (P,) by how many instants b is taken later than a: table (P, 2 most + 1)."""
-
-    a: np.ndarray
-    b: np.ndarray
-    table: np.ndarray
-    most: int
-
-    def of(self, lags: np.ndarray) -> float:
-        """Mean distance where each camera is taken so many instants later, lags (C,)."""
-        apart = np.clip(lags[self.b] - lags[self.a], -self.most, self.most)
-        return float(self.table[np.arange(len(self.a)), apart + self.most].mean())
-
-    def best(self, count: int) -> np.ndarray:
-        """Lags (C,) of the least distance: downhill, one camera after the other, from no lags and from the best lags
-        that each camera alone has of the others."""
-        starts = [np.zeros(count, dtype=np.int64)]
-        for c in range(count):
-            own = self.table.argmin(axis=1) - self.most
-            lags = np.zeros(count, dtype=np.int64)
-            lags[self.b[self.a == c]] = own[self.a == c]
-            lags[self.a[self.b == c]] = -own[self.b == c]
-            starts.append(lags)
-        return min((self._downhill(lags) for lags in starts), key=self.of)
-
-    def _downhill(self, lags: np.ndarray) -> np.ndarray:
-        tried = np.arange(-self.most, self.most + 1)
-        before = np.inf
-        while self.of(lags) < before:
-            before = self.of(lags)
-            for c in range(len(lags)):
-                options = np.repeat(lags[None], len(tried), axis=0)
-                options[:, c] = tried
-                lags = min((lags, *options), key=self.of)
-        return lags

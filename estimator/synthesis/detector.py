@@ -38,7 +38,40 @@ def keypoints(
     names, layout = (COCO17, "coco17") if whole else (body.landmark_names, "landmarks")
     points = _landmarks(body, q, names)
     noise = noise_px, outlier_fraction, missing_fraction
-    return [_track(names, layout, points, camera, rng, noise, fps) for camera in cameras]
+    return [of_points(names, layout, points, camera, rng, noise, fps) for camera in cameras]
+
+
+def of_points(
+    names: tuple[str, ...],
+    layout: str,
+    points: np.ndarray,
+    camera: Camera,
+    rng: np.random.Generator,
+    noise: tuple[float, float, float],
+    fps: float,
+) -> KeypointTrack:
+    """Keypoints of points (T, J, 3) [m] of some names in one camera; noise: `noise_px`, `outlier_fraction` and
+    `missing_fraction` of `keypoints`."""
+    noise_px, outlier_fraction, missing_fraction = noise
+    exact = camera.project(points)
+    spread = landmark_spread(names)
+    sigma = noise_px * spread / spread.mean()
+    scatter = _correlated(rng, exact.shape) * sigma[:, None]
+    outlier = rng.random(exact.shape[:2]) < outlier_fraction
+    angle, length = rng.uniform(0.0, 2.0 * np.pi, exact.shape[:2]), rng.uniform(*_OUTLIER_PIXELS, exact.shape[:2])
+    jump = (length * np.stack([np.cos(angle), np.sin(angle)])).transpose(1, 2, 0)
+    pixels = exact + scatter + np.where(outlier[..., None], jump, 0.0)
+    confidence = np.clip(rng.normal(0.88, 0.05, outlier.shape) - 0.25 * outlier, 0.3, 0.99)
+    lost = ~_inside(pixels, camera) | (rng.random(outlier.shape) < missing_fraction)
+    return KeypointTrack(
+        layout=layout,
+        names=names,
+        pixels=np.where(lost[..., None], np.nan, pixels),
+        confidence=np.where(lost, 0.0, confidence),
+        image_size=camera.image_size,
+        fps=fps,
+        source=camera.name,
+    )
 
 
 def first_frame(body: Body, q: np.ndarray, cameras: Sequence[Camera], fps: float = 30.0) -> list[KeypointTrack]:
@@ -78,37 +111,6 @@ def _inside(pixels: np.ndarray, camera: Camera) -> np.ndarray:
     """Which pixels (..., 2) are in the picture; none that is NaN."""
     inside = (pixels > -0.5).all(axis=-1) & (pixels < np.array(camera.image_size) - 0.5).all(axis=-1)
     return np.asarray(inside)
-
-
-def _track(
-    names: tuple[str, ...],
-    layout: str,
-    points: np.ndarray,
-    camera: Camera,
-    rng: np.random.Generator,
-    noise: tuple[float, float, float],
-    fps: float,
-) -> KeypointTrack:
-    noise_px, outlier_fraction, missing_fraction = noise
-    exact = camera.project(points)
-    spread = landmark_spread(names)
-    sigma = noise_px * spread / spread.mean()
-    scatter = _correlated(rng, exact.shape) * sigma[:, None]
-    outlier = rng.random(exact.shape[:2]) < outlier_fraction
-    angle, length = rng.uniform(0.0, 2.0 * np.pi, exact.shape[:2]), rng.uniform(*_OUTLIER_PIXELS, exact.shape[:2])
-    jump = (length * np.stack([np.cos(angle), np.sin(angle)])).transpose(1, 2, 0)
-    pixels = exact + scatter + np.where(outlier[..., None], jump, 0.0)
-    confidence = np.clip(rng.normal(0.88, 0.05, outlier.shape) - 0.25 * outlier, 0.3, 0.99)
-    lost = ~_inside(pixels, camera) | (rng.random(outlier.shape) < missing_fraction)
-    return KeypointTrack(
-        layout=layout,
-        names=names,
-        pixels=np.where(lost[..., None], np.nan, pixels),
-        confidence=np.where(lost, 0.0, confidence),
-        image_size=camera.image_size,
-        fps=fps,
-        source=camera.name,
-    )
 
 
 def _correlated(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:

@@ -43,7 +43,7 @@ class InputOptions:
     person
         Which of several people: auto (one camera: the largest, then continuity; several: the person they see
         together), an id of the keypoint files, or CAMERA=ID for some cameras; the others then take the person that
-        fits them.
+        fits them. With `track` also all: everybody, matched across cameras, into OUT.person1.run, ...
     keypoint_size
         [NAME=]WxH of the pictures that the detector saw, as 960x540, where the keypoint files do not say it.
     fps
@@ -51,6 +51,9 @@ class InputOptions:
     offset
         NAME=SECONDS that a camera's first frame was taken after moment 0: above 0 for a camera that started late,
         below for one that started early. What it shows at its own time t belongs to t + SECONDS.
+    sync
+        auto finds the offsets of cameras that none is given for, from what moves in their keypoints, up to 10 s, and
+        says how sure they are; what is not sure is refused.
     start
         Begin here, in seconds; frames before it are left out. Or `index`: the first pose comes from an index of
         examples, without keypoints; that takes depth.
@@ -68,6 +71,7 @@ class InputOptions:
     keypoint_size: Files = None
     fps: Files = None
     offset: Files = None
+    sync: Literal["off", "auto"] = "off"
     start: float | Literal["index"] | None = None
     end: float | None = None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-Format = Literal["npz", "csv", "trc", "mot", "c3d", "bvh", "glb", "rrd"]
+Format = Literal["npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "glb", "rrd"]
 
 
 def view(run: Path, /, *, html: Path | None = None) -> None:
@@ -135,15 +135,19 @@ def export(
 ) -> None:
     """Write a run for other programs.
 
-    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim; c3d landmarks and
-    joint angles; bvh a skeleton in centimetres and its turns; glb the moving body; rrd all of it for rerun, with
-    hypotheses, cameras and keypoints. npz and rrd have all hypotheses, the others the best path.
+    npz has everything; csv the joint angles; trc the landmarks; mot the joint angles for OpenSim, and osim the model
+    that they drive; gait2392-mot and rajagopal-mot the joint angles of a whole person as those gait models of OpenSim
+    name and measure them; c3d landmarks and joint angles; bvh a skeleton in centimetres and its turns; glb the moving
+    body; rrd all of it for rerun, with hypotheses, cameras and keypoints. npz and rrd have all hypotheses, the others
+    the best path.
 
     Examples:
 
-    kinemode export walk.run --format csv walk.csv
-
     kinemode export walk.run walk.csv --degrees --filter 6
+
+    kinemode export walk.run walk.osim
+
+    kinemode export walk.run walk-gait.mot --format rajagopal-mot
 
     Parameters
     ----------
@@ -152,7 +156,7 @@ def export(
     file
         Where to write.
     format
-        The file's ending unless given.
+        One of these; the file's ending unless given.
     degrees
         Of csv: joint angles in degrees, with their standard deviations beside them.
     filter
@@ -161,6 +165,31 @@ def export(
     import kinemode as km
 
     print(km.export(run, file, format=format, degrees=degrees, filter=filter))
+
+
+def gait(run: Path, /, *, out: Path | None = None) -> None:
+    """Tell heel strikes, toe-offs and strides of a person who walks.
+
+    By where the feet are relative to the hips (Zeni et al. 2008), of the best hypothesis. Where nobody walks, or the
+    clip is too short for a stride, it says so.
+
+    Example: kinemode gait walk.run --out strides.csv
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        Write the strides as csv there.
+    """
+    import kinemode as km
+
+    walked = km.gait(run)
+    from kinemode.terminal import report
+
+    report.print_gait(walked)
+    if out is not None:
+        print(walked.write(out))
 
 
 def evaluate(run: Path, /, *, reference: Path) -> None:

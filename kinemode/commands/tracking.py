@@ -48,6 +48,8 @@ def track(
 
     kinemode track walk.mp4 --detect --out walk.run
 
+    kinemode track --cameras calibration.json --keypoints cam01.json cam02.json --person all --out them.run
+
     Parameters
     ----------
     detect
@@ -83,7 +85,8 @@ def track(
     )
     from kinemode.terminal import report
 
-    report.print_run(run)
+    for tracked in run.values() if isinstance(run, dict) else [run]:
+        report.print_run(tracked)
 
 
 def compare(
@@ -143,6 +146,7 @@ def live(
     /,
     *,
     keypoints: Path | None = None,
+    finder: DetectorOptions = MEDIAPIPE,
     subject: SubjectOption = "human34",
     cameras: Path | None = None,
     camera: str | None = None,
@@ -168,6 +172,8 @@ def live(
 
     Examples:
 
+    kinemode live 0 --subject me.urdf
+
     kinemode live walk.mp4 --keypoints walk.json --subject me.urdf
 
     kinemode live walk.mp4 --keypoints walk.json --no-realtime --no-show --out walk.run
@@ -177,7 +183,7 @@ def live(
     source
         The number of a camera of this machine, or a clip, which is played at its own rate.
     keypoints
-        A keypoint file of the clip, which is played back.
+        A keypoint file of the clip, which is played back; a detector finds them unless given.
     cameras
         JSON with K, distortion, R, t; guessed without it.
     camera
@@ -214,9 +220,9 @@ def live(
     import kinemode as km
 
     session = km.live(
-        source, keypoints=keypoints, subject=subject, cameras=cameras, camera=camera, cues=cues, background=background,
-        tracker=tracker, modes=modes, settings=settings, seed=seed, lag=lag, index=index, realtime=realtime, out=out,
-        overwrite=overwrite, show=show, port=port, open_browser=browser,
+        source, keypoints=keypoints, detect=finder.arguments(), subject=subject, cameras=cameras, camera=camera,
+        cues=cues, background=background, tracker=tracker, modes=modes, settings=settings, seed=seed, lag=lag,
+        index=index, realtime=realtime, out=out, overwrite=overwrite, show=show, port=port, open_browser=browser,
     )  # fmt: skip
     print(session.summary())
     if out is not None:

@@ -8,7 +8,7 @@ from estimator.formats.keypoints import KeypointTrack
 from estimator.media.clip import DEFAULT_FPS, Clip
 from estimator.sequences.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
 from humanoid.support.errors import InputError
-from kinemode.inputs.declared import Declared
+from kinemode.inputs.declared import OFF, Declared
 from kinemode.inputs.named import by_name
 
 
@@ -65,7 +65,8 @@ def _without_clips(
         name: keypoint_clock(track.frame_count, known[name] or usual or DEFAULT_FPS, offsets[name])
         for name, track in tracks.items()
     }
-    return clocks, notes + _lengths(tracks, clocks)
+    # where offsets are still to be found, lengths tell nothing
+    return clocks, notes + (_lengths(tracks, clocks) if told.sync == OFF else [])
 
 
 def _lengths(tracks: Mapping[str, KeypointTrack], clocks: Mapping[str, CameraClock]) -> list[str]:

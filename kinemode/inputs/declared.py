@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
 Rates = float | str | Iterable[str] | Mapping[str, float] | None
 Offsets = str | Iterable[str] | Mapping[str, float] | None
-BY_INDEX = "index"
+BY_INDEX, ALL = "index", "all"
+OFF, SYNC = "off", "auto"
+SYNC_CHOICES = (OFF, SYNC)
 _SECONDS = "a number of seconds"
 _SIZE = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 
@@ -31,6 +33,7 @@ class Declared:
     offset: by camera, seconds that its first frame was taken after the moment 0 of the common clock.
     keypoint_size and fps hold for all cameras, or by name as a mapping or as "NAME=VALUE" texts; offset always by name.
     start, end: of the part that is tracked, on the common clock [s].
+    sync: "auto" finds the offsets of cameras that none is given for, "off" takes them for 0.
     """
 
     keypoint_size: Sizes = None
@@ -38,6 +41,7 @@ class Declared:
     offset: Offsets = None
     start: float | str | None = None
     end: float | None = None
+    sync: str = OFF
 
     def sizes(self, names: Iterable[str]) -> dict[str, Size]:
         """Size of the pictures that each camera's detector saw, where it is given."""
@@ -71,6 +75,11 @@ class Declared:
 def moment(start: float | str | None) -> tuple[float | None, str | None]:
     """What `start` is: when a track begins [s], or what its first pose comes from ("index")."""
     return (None, BY_INDEX) if isinstance(start, str) and start == BY_INDEX else (start, None)  # type: ignore[return-value]
+
+
+def wants_all(person: Any) -> bool:
+    """Whether `--person` means everybody."""
+    return person == ALL or (isinstance(person, (list, tuple)) and list(person) == [ALL])
 
 
 def _size(value: Any) -> Size:

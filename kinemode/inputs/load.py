@@ -12,24 +12,27 @@ import numpy as np
 
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import KeypointTrack, load_people
+from estimator.formats.keypoints import KeypointTrack, PeopleFile, load_people
 from estimator.formats.keypoints_layouts import KINDS
+from estimator.formats.people_choice import AUTO
 from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from estimator.media.clip import Clip
 from estimator.people.across_cameras import subject_tracks
+from estimator.people.everybody import everybody
 from estimator.sequences.resampling import at_places
 from estimator.sequences.sequence import assemble
 from estimator.sequences.timing import CameraClock, Timeline, timeline
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
-from kinemode.inputs.declared import Declared
+from kinemode.inputs.declared import SYNC, Declared
 from kinemode.inputs.depth import check_depths, check_together, pairs_of
 from kinemode.inputs.doubts import checked_agreement
 from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, InputFiles
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
+from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
@@ -74,6 +77,77 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
     Raises InputError: no keypoints, files without a partner, no camera for one of several clips, too few masks, sizes
     or times that contradict each other.
     """
+    read = _read(body, files, persons_of(files.person, _names(files)), keypoints_needed)
+    if not read.people:
+        return _inputs(body, read, read.outlines, ())
+    return _inputs(body, read, *subject_tracks(read.people, read.detectors, read.persons, read.times))
+
+
+def load_everybody(body: Body, files: InputFiles) -> tuple[list[Inputs], tuple[str, ...]]:
+    """As `load_inputs`, once for each person in the keypoint files, from when the person is first seen to the last; and
+    notes on who is left out.
+
+    Raises InputError: as `load_inputs` does; no keypoints; nobody who is seen long enough.
+    """
+    read = _read(body, files, dict.fromkeys(_names(files), AUTO), lambda: True)
+    people, notes = everybody(read.people, read.detectors, read.times)
+    start, stop = read.told.part()
+    inputs = []
+    for tracks in people:
+        begin, end = _presence(tracks, read.times)
+        begin, end = max(begin, -np.inf if start is None else start), min(end, np.inf if stop is None else stop)
+        if begin <= end:
+            inputs.append(_inputs(body, read, tracks, (), (begin, end)))
+    if absent := len(people) - len(inputs):
+        notes += (f"{absent} of {len(people)} people are not there between --start and --end",)
+    if not inputs:
+        raise InputError("--person all", "finds nobody between --start and --end", remedy="choose another part")
+    return inputs, notes
+
+
+def _presence(tracks: Mapping[str, KeypointTrack], times: Mapping[str, np.ndarray]) -> tuple[float, float]:
+    """When somebody is first seen and last [s]; times: of each camera's frames."""
+    seen = {name: np.any(track.confidence[: len(times[name])] > 0.0, axis=1) for name, track in tracks.items()}
+    every = np.concatenate([times[name][np.flatnonzero(there)] for name, there in seen.items()])
+    return (float(every.min()), float(every.max())) if len(every) else (np.inf, -np.inf)
+
+
+@dataclass(frozen=True)
+class _Read:
+    """What was read of the files: people is empty, and outlines have no points, where there are no keypoints.
+
+    detectors: the cameras of pictures of the size that the detectors saw. times: of each file's frames, on one clock.
+    """
+
+    told: Declared
+    known: _KnownCameras
+    named: frozenset[str]
+    clips: Mapping[str, Path]
+    masks: Mapping[str, Path]
+    backgrounds: Mapping[str, Path]
+    depths: Mapping[str, Path]
+    pairs: Mapping[str, str]
+    people: Mapping[str, PeopleFile]
+    persons: Mapping[str, str]
+    outlines: Mapping[str, KeypointTrack]
+    sizes: Mapping[str, Size]
+    detectors: Mapping[str, Camera]
+    clocks: Mapping[str, CameraClock]
+    notes: tuple[str, ...]
+    clock_notes: tuple[str, ...]
+
+    @property
+    def times(self) -> dict[str, np.ndarray]:
+        return {name: clock.offset + clock.keypoints for name, clock in self.clocks.items()}
+
+
+def _names(files: InputFiles) -> list[str]:
+    """What the cameras with keypoints are called."""
+    clips, keypoints = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
+    return list(_of_clips(clips, keypoints, chosen_names(files.keypoints, KEYPOINTS))[0]) if keypoints else []
+
+
+def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_needed: Callable[[], bool]) -> _Read:
     told, known = files.declared, _KnownCameras.of(files.cameras)
     clip_files, keypoint_files = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     if not keypoint_files and (not clip_files or keypoints_needed()):
@@ -86,7 +160,6 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
         for given, what in ((files.masks, MASK), (files.backgrounds, BACKGROUND), (files.depths, DEPTH))
     )
     pairs = pairs_of(files.stereo, clip_files)
-    persons = persons_of(files.person, keypoint_files)
     people = {name: load_people(path) for name, path in keypoint_files.items()}
     named = chosen_names(files.clips, CLIP) | chosen_names(files.keypoints, KEYPOINTS)
     with ExitStack() as stack:
@@ -97,24 +170,39 @@ def load_inputs(body: Body, files: InputFiles, keypoints_needed: Callable[[], bo
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
         _, used, _ = _one_size(outlines, sizes, known, named, told)
         clocks, clock_notes = clocks_of(outlines, opened, told)
-    times = {name: clock.offset + clock.keypoints for name, clock in clocks.items()}
-    tracks, choice_notes = outlines, tuple[str, ...]()
-    if people:
-        tracks, choice_notes = subject_tracks(people, _as_detected(outlines, used, told), persons, times)
-    tracks, used, size_notes = _one_size(tracks, sizes, known, named, told)
-    line = timeline(clocks).cut(*told.part())
-    notes += choice_notes
+    detectors = _as_detected(outlines, used, told)
+    if told.sync == SYNC:
+        clocks, of_motion = synchronised_clocks(body.landmark_names, people, detectors, clocks, persons, told)
+        clock_notes += of_motion
+    return _Read(
+        told, known, named, clip_files, mask_files, background_files, depth_files, pairs, people, persons, outlines,
+        sizes, detectors, clocks, tuple(notes), tuple(clock_notes),
+    )  # fmt: skip
+
+
+def _inputs(
+    body: Body,
+    read: _Read,
+    chosen: Mapping[str, KeypointTrack],
+    choice_notes: tuple[str, ...],
+    part: tuple[float | None, float | None] | None = None,
+) -> Inputs:
+    """What there is to track of one person, whose keypoints were chosen; part [s]: the user's unless given."""
+    told, clocks, pairs = read.told, read.clocks, read.pairs
+    tracks, used, size_notes = _one_size(chosen, read.sizes, read.known, read.named, told)
+    line = timeline(clocks).cut(*(told.part() if part is None else part))
+    notes = [*read.notes, *choice_notes]
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
-    notes += [*size_notes, *clock_notes, *notes_on_time(clocks, line)]
+    notes += [*size_notes, *read.clock_notes, *notes_on_time(clocks, line)]
     check_together(pairs, clocks, line)
-    for name, path in mask_files.items():
+    for name, path in read.masks.items():
         _check_masks(path, int(line.frames[name].max()) + 1)
-    for name, path in depth_files.items():
+    for name, path in read.depths.items():
         check_depths(path, used[name].image_size, int(line.frames[name].max()) + 1)
     observations = _observations(body, tracks, used, line, clocks)
     notes += checked_agreement(observations, tracks, {n: clock.offset for n, clock in clocks.items()}, told)
     clips, masks, backgrounds, depths = (
-        tuple(paths.get(name) for name in tracks) for paths in (clip_files, mask_files, background_files, depth_files)
+        tuple(paths.get(name) for name in tracks) for paths in (read.clips, read.masks, read.backgrounds, read.depths)
     )
     frames = tuple(_unlike_instants(line.frames.get(name)) for name in tracks)
     rights = tuple(list(tracks).index(pairs[name]) if name in pairs else None for name in tracks)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from estimator.formats.people_choice import AUTO
+from humanoid.support.errors import InputError
+from kinemode.inputs.declared import ALL
 from kinemode.inputs.named import named_pairs, named_values
 
 Persons = str | int | Iterable[str] | Mapping[str, str | int]
@@ -13,6 +15,9 @@ Persons = str | int | Iterable[str] | Mapping[str, str | int]
 def persons_of(given: Persons, names: Iterable[str]) -> dict[str, str]:
     """The person of each camera, "auto" where none is given; see `named_values` for what may be given and raised."""
     names = list(names)
+    if any(person == ALL for _, person in named_pairs(given)):
+        problem = "all is everybody in all cameras, each tracked into a run of their own"
+        raise InputError("--person", problem, remedy="of `kinemode track` only, and nothing beside it")
     needed = "auto, an id of the keypoint file, or CAMERA=ID"
     return dict.fromkeys(names, AUTO) | named_values(given, names, "--person", _person, needed)
 

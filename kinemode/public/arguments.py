@@ -202,6 +202,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "lag": _WHOLE,
     "time": (_number, "a number of seconds"),
     "fit": (_text, "a text"),
+    "sync": (_text, "a text"),
     "person": (_persons, '"auto", a number, the id of a person, or a mapping of camera names to them'),
     "modes": (_or_none(_whole), "a whole number"),
     "seed": _WHOLE,

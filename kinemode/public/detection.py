@@ -60,7 +60,7 @@ def detect(
     """
     check_arguments(clips=clips, overwrite=overwrite, progress=progress)
     check_as("file", out=out)
-    wanted = _wanted(detector=detector, model=model, boxes=boxes, people=people, python=python)
+    wanted = wanted_detector(detector=detector, model=model, boxes=boxes, people=people, python=python)
     paths = named_paths(clips, CLIP)
     if not paths:
         raise InputError("clips", "there is none", remedy="name a video or a folder of images")
@@ -85,7 +85,7 @@ def with_detected(
         yield files
         return
     given = {} if how is True else {"detector": how} if isinstance(how, str) else dict(how)
-    wanted = _wanted(**given)
+    wanted = wanted_detector(**given)
     clips, known = named_paths(files.clips, CLIP), named_paths(files.keypoints, KEYPOINTS)
     missing = {} if len(clips) == len(known) == 1 else {n: path for n, path in clips.items() if n not in known}
     if not clips:
@@ -101,7 +101,7 @@ def with_detected(
         yield replace(files, keypoints=[*_as_texts(files.keypoints), *made])
 
 
-def _wanted(
+def wanted_detector(
     *,
     detector: str = "mediapipe",
     model: PathLike | None = None,
@@ -109,6 +109,7 @@ def _wanted(
     people: int = 6,
     python: PathLike | None = None,
 ) -> Wanted:
+    """A detector by the arguments of `detect`. Raises InputError for what they cannot be."""
     check_as("tracker", detector=detector)
     check_as("keypoint file", model=model, boxes=boxes, python=python)
     if detector not in DETECTORS:

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from humanoid.support.errors import InputError
 from kinemode.inputs.files import check_exists
 from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, whole
+from kinemode.public.detection import wanted_detector
 from kinemode.public.tracking import loaded_subject
 from kinemode.target import Target
 
@@ -24,6 +24,7 @@ def live(
     source: int | PathLike = 0,
     *,
     keypoints: PathLike | KeypointSource | None = None,
+    detect: str | Mapping[str, Any] = "mediapipe",
     subject: SubjectLike = "human34",
     cameras: Cameras = None,
     camera: str | None = None,
@@ -52,7 +53,8 @@ def live(
     ----------
     source: the number of a camera of this machine, or a clip, which is played at its own rate.
     keypoints: what finds the person: a function of a picture (H, W, 3) uint8 BGR and its time [s] that gives keypoints
-        (K, 3), x, y [px] and confidence, or None; or a keypoint file of the clip, which is played back.
+        (K, 3), x, y [px] and confidence, or None; or a keypoint file of the clip, which is played back. Without them
+        a detector finds the largest person. detect: its name, or a mapping of arguments of `kinemode.detect`.
     subject: who, taken as it is; `kinemode.fit` fits one to a person beforehand.
     cameras: a camera file, or cameras by name; guessed unless given. camera: the name of the one that is looked
         through, where it is not the clip's.
@@ -69,7 +71,7 @@ def live(
 
     Raises
     ------
-    InputError: no such camera or clip, no keypoints; and as `kinemode.Tracker`.
+    InputError: no such camera or clip, a detector that cannot be had; and as `kinemode.Tracker`.
     """
     check_arguments(
         subject=subject, cameras=cameras, camera=camera, layout=layout, cues=cues, tracker=tracker, modes=modes,
@@ -79,7 +81,7 @@ def live(
     check_as("one file", background=background)
     seed, lag, port = whole("seed", seed, 0), whole("lag", lag, 0), whole("port", port, 0)
     device = _device(source)
-    finder = _finder(keypoints)
+    finder = wanted_detector(**_named(detect)) if keypoints is None else _finder(keypoints)
     for path in (cameras, settings, index, background):
         if isinstance(path, (str, Path)):
             check_exists(path)
@@ -110,10 +112,11 @@ def _device(source: int | PathLike) -> int | Path:
     return Path(source)
 
 
+def _named(detect: str | Mapping[str, Any]) -> dict[str, Any]:
+    return {"detector": detect} if isinstance(detect, str) else dict(detect)
+
+
 def _finder(keypoints: Any) -> Path | KeypointSource:
-    if keypoints is None:
-        remedy = "name a keypoint file of the clip, or in Python a function that finds them"
-        raise InputError("keypoints", "have to come from somewhere", remedy=remedy)
     if callable(keypoints):
         return keypoints
     check_as("one file", keypoints=keypoints)

@@ -17,6 +17,7 @@ from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
     from estimator.results.evaluation import Evaluation
+    from estimator.results.gait.gait import Gait
     from estimator.results.reference_motion import Reference
     from estimator.results.run_reader import Run
 
@@ -153,10 +154,11 @@ def export(
     ----------
     run: a run, or the path of its file; one that is not finished is exported as far as it goes.
     format: "npz", everything (see `estimator.results.export.export_arrays` for names, shapes and units); "csv", joint
-        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim; "c3d",
-        landmarks and joint angles (ezc3d); "bvh", a skeleton [cm] and its turns; "glb", the moving body; "rrd", body,
-        hypotheses, cameras, keypoints and angles for rerun. What the file's ending says unless given. npz and rrd have
-        all hypotheses, the others the best path.
+        angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim; "osim", the
+        subject as the OpenSim model that the mot drives; "gait2392-mot" and "rajagopal-mot", joint angles as those
+        models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
+        [cm] and its turns; "glb", the moving body; "rrd", body, hypotheses, cameras, keypoints and angles for rerun.
+        What the file's ending says unless given. npz and rrd have all hypotheses, the others the best path.
     degrees: of csv, joint angles in degrees, their standard deviations beside them; otherwise these are its last
         columns, and both are in radians.
     filter: cut-off of a Butterworth filter of the best path [Hz], see `kinemode.Run.butterworth`; off unless given.
@@ -172,6 +174,28 @@ def export(
     from viz.exports.formats import FORMATS as OF_BODIES
 
     return formats.export(opened, Path(file), format, degrees=degrees, more=OF_BODIES)
+
+
+def gait(run: RunLike) -> Gait:
+    """When the feet of a run's best hypothesis touch and leave the ground, and the strides of walking between.
+
+    Heel strikes and toe-offs by Zeni et al., Gait & Posture 27(4), 2008, from heels, toes and hips in the world, z up;
+    see `estimator.results.gait.events` for the method, `estimator.results.gait.strides.Stride` for what a stride has.
+    Where nobody walks there are no strides, and `remark` says why.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file; one that is not finished is looked at as far as it goes.
+
+    Raises
+    ------
+    InputError: no run, or a subject without heels, toes or hips.
+    """
+    check_arguments(run=run)
+    opened = _opened(run)
+    from estimator.results.gait.gait import gait_of_run
+
+    return gait_of_run(opened)
 
 
 def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[str] | None = None) -> Evaluation:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kinemode.inputs.arrays import Spool
-from kinemode.inputs.declared import Declared, Offsets, Rates, Sizes, moment
+from kinemode.inputs.declared import SYNC_CHOICES, Declared, Offsets, Rates, Sizes, moment, wants_all
 from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
@@ -54,6 +54,7 @@ def track(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
+    sync: str = "off",
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -61,7 +62,7 @@ def track(
     index: PathLike | None = None,
     detect: Detect = False,
     progress: Reporter | None = None,
-) -> Run:
+) -> Run | Any:
     """Track a subject through one clip, or several synchronised ones, into a run file.
 
     Parameters
@@ -96,11 +97,17 @@ def track(
     out: the run file. Without it a temporary one, which is gone when no `Run` of it is left.
     resume: go on with `out` if it is there. overwrite: replace it.
     person: which of several people in the keypoint files: "auto" or an id, for all cameras, or by camera as a mapping
-        or as CAMERA=ID texts. Cameras left to "auto" take the person that fits the others.
+        or as CAMERA=ID texts. Cameras left to "auto" take the person that fits the others. "all": everybody, each with
+        a fit and a run of their own, from when they are first seen to the last; returned is a dict of the runs by
+        "person1", "person2", ..., the largest first, and `out` "walk.run" becomes "walk.person1.run", ... Who cannot
+        be tracked is missing in it, and told.
     keypoint_size: width and height [px] of the pictures that the detector saw, where the files do not say it and it is
         not the clip's: (540, 960), or by name.
     fps: frames per second of folders of pictures, and beside videos of keypoint files that declare none; or by name.
     offset: seconds that a camera's first frame was taken after moment 0, by name: above 0 for one that started late.
+    sync: "auto" finds the offsets of the cameras that none is given for from what moves in their keypoints, up to 10 s;
+        where that is not sure it is refused, with the best guess. The first camera then is the one at 0, unless others
+        have offsets.
     start, end: track from here to here [s], both included. start="index" instead: from the beginning, the first pose
         comes from an index of examples, so that no keypoints are needed; it takes depth. (For both, the settings have
         search.start.)
@@ -128,8 +135,8 @@ def track(
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = Declared(keypoint_size, fps, offset, begin, end)
-    if out is not None:
+    told = _declared(keypoint_size, fps, offset, begin, end, sync)
+    if out is not None and not wants_all(person):
         Target(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
@@ -145,7 +152,7 @@ def track(
         index=index, start=start_by,
     )  # fmt: skip
     with spool.telling(), with_detected(files, detect, out, progress) as seen:
-        return jobs.track_subject(loaded, seen, wanted)
+        return _work(person)(loaded, seen, wanted)
 
 
 def fit(
@@ -165,6 +172,7 @@ def fit(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
+    sync: str = "off",
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
@@ -179,7 +187,7 @@ def fit(
         background=background, stereo=stereo, depth=depth, person=person, out=out,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
-    told = Declared(keypoint_size, fps, offset, start, end)
+    told = _declared(keypoint_size, fps, offset, start, end, sync)
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
@@ -216,6 +224,7 @@ def compare(
     keypoint_size: Sizes = None,
     fps: Rates = None,
     offset: Offsets = None,
+    sync: str = "off",
     start: float | str | None = None,
     end: float | None = None,
     settings: Mapping[str, Any] | PathLike | None = None,
@@ -248,7 +257,7 @@ def compare(
     seed = whole("seed", seed, 0)
     choice("fit", fit, FIT_CHOICES)
     begin, start_by = moment(start)
-    told = Declared(keypoint_size, fps, offset, begin, end)
+    told = _declared(keypoint_size, fps, offset, begin, end, sync)
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()
@@ -265,6 +274,24 @@ def compare(
     )  # fmt: skip
     with spool.telling():
         return compare_trackers(loaded, files, trackers, wanted, reference)
+
+
+def _declared(
+    keypoint_size: Sizes, fps: Rates, offset: Offsets, start: float | None, end: float | None, sync: str
+) -> Declared:
+    choice("sync", sync, SYNC_CHOICES)
+    return Declared(keypoint_size, fps, offset, start, end, sync)
+
+
+def _work(person: Persons) -> Callable[..., Run | dict[str, Run]]:
+    """What tracks one person, or everybody."""
+    if wants_all(person):
+        from kinemode.everybody import track_everybody
+
+        return track_everybody
+    from kinemode.jobs import track_subject
+
+    return track_subject
 
 
 def loaded_subject(subject: SubjectLike) -> Subject:

@@ -13,9 +13,11 @@ from estimator.imaging.observation import Observation
 from estimator.trackers.frame_result import FrameResult
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
+from kinemode.detection.detectors import Wanted
 from kinemode.inputs.load import camera_for
 from kinemode.notices import InputWarning
 from kinemode.streams.capture import Camera, DeviceCamera, FileCamera, Shot
+from kinemode.streams.detecting import Detecting
 from kinemode.streams.recording import Recording, live_header, recording
 from kinemode.streams.session import Session, Show, run_session
 from kinemode.streams.sources import KeypointSource, PlayedBack
@@ -31,9 +33,9 @@ Ready = Callable[[str], None]
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Arguments of `kinemode.live`, of the same names, which have been checked."""
+    """Arguments of `kinemode.live`, of the same names, which have been checked; of `detect` what it names."""
 
-    keypoints: Path | KeypointSource
+    keypoints: Path | KeypointSource | Wanted
     cameras: Cameras
     camera: str | None
     background: Path | None
@@ -50,20 +52,20 @@ def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: S
     taking: Camera = DeviceCamera(device) if isinstance(device, int) else FileCamera(device, paced=wanted.realtime)
     name = wanted.camera or taking.name
     camera, notes = camera_for(name, taking.image_size, wanted.cameras, chosen=wanted.camera is not None)
-    source, how, more = _keypoints(wanted.keypoints, name, taking, how)
-    for note in (*notes, *more):
-        warnings.warn(note, InputWarning, stacklevel=3)
-    if wanted.background is not None:
-        how = replace(how, backgrounds={camera.name: wanted.background})
     kept: list[Recording] = []
 
     def watch(observation: Observation, result: FrameResult) -> None:
         for each in kept:
             each.keep(stepper, observation, result)
 
-    stepper = Stepper(subject, (camera,), how, watch)
-    header = live_header(stepper, how.seed, None if isinstance(device, int) else device)
     with ExitStack() as stack:
+        source, how, more = _keypoints(wanted.keypoints, name, taking, how, stack)
+        for note in (*notes, *more):
+            warnings.warn(note, InputWarning, stacklevel=3)
+        if wanted.background is not None:
+            how = replace(how, backgrounds={camera.name: wanted.background})
+        stepper = Stepper(subject, (camera,), how, watch)
+        header = live_header(stepper, how.seed, None if isinstance(device, int) else device)
         if wanted.out is not None:
             kept.append(stack.enter_context(recording(wanted.out, replace(header, notes=(*header.notes, *notes)))))
         show = stack.enter_context(_preview(stepper, wanted)) if wanted.show else _unseen
@@ -77,9 +79,12 @@ def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: S
 
 
 def _keypoints(
-    given: Path | KeypointSource, name: str, taking: Camera, how: StepOptions
+    given: Path | KeypointSource | Wanted, name: str, taking: Camera, how: StepOptions, stack: ExitStack
 ) -> tuple[KeypointSource, StepOptions, tuple[str, ...]]:
-    """Where the keypoints come from, the options with what they are called, and notes."""
+    """Where the keypoints come from, ended with the stack; the options with what they are called, and notes."""
+    if isinstance(given, Wanted):
+        detecting = stack.enter_context(Detecting(given))
+        return detecting, replace(how, layout=detecting.layout), ()
     if not isinstance(given, Path):
         return given, how, ()
     if isinstance(taking, DeviceCamera):

@@ -13,6 +13,7 @@ from estimator.fitting.fit import Fit, ShapeFit
 from estimator.likelihood.registry import CUES
 from estimator.results.coordinate_errors import JointScore
 from estimator.results.evaluation import LIMB_JOINTS, Evaluation
+from estimator.results.gait.gait import Gait
 from estimator.results.run_file import Run
 from estimator.results.shared_landmarks import CENTRED
 from estimator.tracking.registry import TRACKERS
@@ -117,6 +118,30 @@ def _error(score: JointScore, value: float, sign: str = "") -> str:
     if not np.isfinite(value):
         return "-"
     return f"{value:{sign}.2f} deg" if score.unit == "deg" else f"{1e3 * value:{sign}.1f} mm"
+
+
+def print_gait(gait: Gait) -> None:
+    """The strides and their events, and what keeps them from being told."""
+    out = console()
+    if gait.strides:
+        made = table("strides, from a strike of the foot to its next", *_STRIDE_COLUMNS)
+        for s in gait.strides:
+            row = (s.start, s.off, s.end, s.seconds, s.length, s.width, s.speed)
+            rest = (f"{s.cadence:.0f}", f"{s.stance:.0f}", f"{s.swing:.0f}", str(s.unsure))
+            made.add_row(s.side, *(f"{value:.2f}" for value in row), *rest)
+        out.print(made)
+    for kind, words in () if not gait.events else (("strike", "heel strikes"), ("off", "toe-offs")):
+        for side in ("left", "right"):
+            times = [f"{e.time:.2f}" for e in gait.events if (e.kind, e.side) == (kind, side)]
+            out.print(f"{side} {words} [s]: {', '.join(times) or 'none'}", soft_wrap=True)
+    if gait.remark:
+        out.print(gait.remark, soft_wrap=True)
+
+
+_STRIDE_COLUMNS = (
+    "foot", "strike [s]", "off [s]", "strike [s]", "time [s]", "length [m]", "width [m]", "speed [m/s]", "steps/min",
+    "stance [%]", "swing [%]", "unsure frames",
+)  # fmt: skip
 
 
 def print_statuses(statuses: Sequence[str]) -> None:

@@ -20,7 +20,11 @@ def joint_curves(scene: Scene, rows: Sequence[int]) -> list[dict[str, Any]]:
 
     Numbers are rounded to tenths, and None where there is none.
     """
-    return [_curve(scene, list(rows), entry) for entry in joint_entries(scene.body) if entry.kind in _UNITS]
+    return [
+        _curve(scene, list(rows), entry)
+        for entry in joint_entries(scene.body)
+        if entry.kind in _UNITS and not entry.follows
+    ]
 
 
 def _curve(scene: Scene, rows: list[int], entry: JointEntry) -> dict[str, Any]:

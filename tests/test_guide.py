@@ -1,0 +1,47 @@
+"""The guide's commands and programs, run as they stand there, and its pages as a site without a warning."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.common import ROOT
+
+DOCS = ROOT / "docs"
+PAGES = ("first-clip", "uncertainty", "opensim", "several-cameras", "own-robot", "your-video")
+BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Later pages use what earlier ones made."""
+    return tmp_path_factory.mktemp("guide")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_says_works(page: str, folder: Path) -> None:
+    blocks = BLOCK.findall((DOCS / "guide" / f"{page}.md").read_text(encoding="utf-8"))
+    assert blocks
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    for kind, text in blocks:
+        lines = [["-c", text]] if kind == "python" else [["-m", *shlex.split(line)] for line in text.splitlines()]
+        for line in lines:
+            ended = subprocess.run(
+                [sys.executable, *line], cwd=folder, env=environment, capture_output=True, text=True, check=False
+            )
+            assert ended.returncode == 0, f"{' '.join(line)}\n{ended.stderr}"
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx", reason="Sphinx is not installed")
+    line = ["-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path)]
+    ended = subprocess.run([sys.executable, *line], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    pages = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.html")}
+    assert {f"{path.relative_to(DOCS).with_suffix('').as_posix()}.html" for path in DOCS.rglob("*.md")} <= pages

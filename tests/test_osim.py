@@ -1,0 +1,259 @@
+"""Models for OpenSim: their markers are our landmarks, wherever the motion file takes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from builders import body_of, random_pose
+from osim_reader import OsimModel, numbers, offset
+
+from estimator.formats.opensim import R_OPENSIM_WORLD, read_mot, write_mot
+from estimator.formats.osim import body_xyz, component_name, write_osim
+from estimator.results.coordinates import opensim_coordinates
+from estimator.results.opensim_model import opensim_model
+from estimator.results.segment_masses import ADULT, LEAST, flesh_of
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
+
+POSES = 12
+JOINTS_OF_ALL_KINDS = """<robot name="all kinds"><link name="base plate"/>
+<joint name="cart" type="planar"><parent link="base plate"/><child link="cart"/>
+  <origin xyz="1 2 0.5" rpy="0.3 0.1 -0.7"/></joint>
+<link name="cart"/>
+<joint name="wheel" type="continuous"><parent link="cart"/><child link="wheel"/>
+  <origin xyz="0 0.2 0.1" rpy="0 1.5707963267948966 0.4"/><axis xyz="1 2 -0.5"/></joint>
+<link name="wheel"/>
+<joint name="lift" type="prismatic"><parent link="cart"/><child link="lift"/><origin xyz="0 0 1" rpy="1 1 1"/>
+  <axis xyz="0 0.6 0.8"/><limit lower="-0.2" upper="0.5" effort="1" velocity="1"/></joint>
+<link name="lift"/>
+<joint name="yaw" type="revolute"><parent link="lift"/><child link="a"/><origin xyz="0 0.1 0" rpy="0.2 0 0"/>
+  <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="a"/>
+<joint name="pitch" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0" rpy="0.5 -0.4 0.3"/>
+  <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="b"/>
+<joint name="pitch again" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0 0 0"/>
+  <axis xyz="0 1 0.01"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="c"/>
+<joint name="loose" type="floating"><parent link="c"/><child link="d"/><origin xyz="0 0 0.3" rpy="0 0 1"/></joint>
+<link name="d"/>
+<landmark name="on plate" link="base plate" xyz="0.1 0 0"/><landmark name="on cart" link="cart" xyz="0 0.1 0"/>
+<landmark name="on wheel" link="wheel" xyz="0.1 0.2 0.3"/><landmark name="on lift" link="lift" xyz="0 0 0.1"/>
+<landmark name="on c" link="c" xyz="0.3 -0.1 0.2"/><landmark name="on d" link="d" xyz="0.1 0.1 -0.2"/>
+</robot>"""
+
+
+def fitted() -> Body:
+    """human34 as a fit leaves it: other lengths, left and right alike."""
+    subject = load_subject("human34")
+    scales = {p.joint: 1.0 + 0.02 * (i - 3) for i, p in enumerate(subject.proportions)}
+    return Body(subject.scaled(scales))
+
+
+def all_kinds(tmp_path: Path) -> Body:
+    path = tmp_path / "kinds.urdf"
+    path.write_text(JOINTS_OF_ALL_KINDS)
+    return Body(load_subject(path, base="fixed"))
+
+
+NAMES = ("fitted human34", "human30", "upper13", "arm8", "example-robot-data:panda", "joints of all kinds")
+
+
+def body_named(name: str, tmp_path: Path) -> Body:
+    if name == "fitted human34":
+        return fitted()
+    if name == "joints of all kinds":
+        return all_kinds(tmp_path)
+    return body_of(name) if not name.startswith("example") else Body(load_subject(name, meshes="ignore"))
+
+
+def poses(body: Body) -> np.ndarray:
+    """Random poses within the limits; endless and planar joints and inner floating ones anywhere."""
+    rng = np.random.default_rng(4)
+    q = np.array([random_pose(body, rng) for _ in range(POSES)])
+    for row in q:
+        moved = pin.integrate(body.model, row, rng.normal(size=body.nv))
+        free = ~np.isin(np.arange(body.nq), body.bounded_q)
+        row[free] = moved[free]
+    return q
+
+
+def written(body: Body, tmp_path: Path, q: np.ndarray) -> tuple[Path, Path]:
+    """A model and a motion file."""
+    model, motion = tmp_path / "a.osim", tmp_path / "a.mot"
+    write_osim(model, opensim_model(body, "a"))
+    names, values = opensim_coordinates(body, q)
+    write_mot(motion, names, values, np.arange(len(q)) / 30.0, title="a")
+    return model, motion
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_markers_are_the_landmarks(name: str, tmp_path: Path) -> None:
+    """Within a thousandth of a millimetre, by a second reader, at what the motion file says."""
+    body = body_named(name, tmp_path)
+    q = poses(body)
+    model, motion = written(body, tmp_path, q)
+    read = OsimModel(model)
+    (names, values, in_degrees), _ = read_mot(motion)
+    assert in_degrees
+    assert set(names) == set(read.coordinates)
+    lengths = {n for n in names if n in slid(read)}
+    for row, pose in zip(values, q, strict=True):
+        named = {n: v if n in lengths else np.deg2rad(v) for n, v in zip(names, row, strict=True)}
+        places = read.marker_places(named)
+        theirs = np.array([places[component_name(n)] for n in body.landmark_names])
+        ours = body.landmarks(body.at(pose)) @ R_OPENSIM_WORLD.T
+        np.testing.assert_allclose(theirs, ours, atol=1e-6)
+
+
+def slid(read: OsimModel) -> set[str]:
+    """The coordinates that are lengths."""
+    axes = [axis for joint in read.joints for axis in joint.iter("TransformAxis")]
+    named = {axis.findtext("coordinates") or "" for axis in axes if (axis.get("name") or "").startswith("translation")}
+    return named - {""}
+
+
+def test_turns_about_one_point_are_one_joint(tmp_path: Path) -> None:
+    """Where nothing hangs between them; the belly hangs between the turns of the back."""
+    read = OsimModel(written(body_of("human34"), tmp_path, body_of("human34").neutral[None])[0])
+    joints = {joint.get("name"): [c.get("name") for c in joint.iter("Coordinate")] for joint in read.joints}
+    assert joints["left_hip"] == [f"left_hip_{n}" for n in ("flexion", "abduction", "rotation")]
+    assert joints["root"] == [f"root_{n}" for n in ("tilt", "list", "rotation", "x", "y", "z")]
+    assert joints["lumbar_flexion"] == ["lumbar_flexion"]
+    assert joints["lumbar"] == ["lumbar_lateral", "lumbar_axial"]
+    assert len(set(joints)) == len(read.joints) == len(read.segments) == 16
+    parts = OsimModel(written(all_kinds(tmp_path), tmp_path, all_kinds(tmp_path).neutral[None])[0])
+    apart = [[c.get("name") for c in joint.iter("Coordinate")] for joint in parts.joints]
+    assert ["yaw", "pitch"] in apart  # with a fixed turn between them
+    assert ["pitch_again"] in apart  # whose axis is nearly the same
+
+
+def test_coordinates_keep_the_limits_and_start_at_rest(tmp_path: Path) -> None:
+    body = body_of("human34")
+    read = OsimModel(written(body, tmp_path, body.neutral[None])[0])
+    for i in body.bounded_q:
+        coordinate = read.coordinates[body.q_names[i]]
+        np.testing.assert_array_equal(numbers(coordinate, "range"), [body.lower[i], body.upper[i]])
+        assert float(coordinate.findtext("default_value") or "") == body.neutral[i]
+        assert coordinate.findtext("clamped") == "true"
+    assert read.coordinates["root_tilt"].findtext("clamped") == "false"
+
+
+def test_masses_of_the_urdf_are_kept(tmp_path: Path) -> None:
+    """The centre of mass is where Pinocchio has it, and every segment's inertia about any of its own axes."""
+    body = body_named("example-robot-data:panda", tmp_path)
+    q = poses(body)[0]
+    read = OsimModel(written(body, tmp_path, q[None])[0])
+    (names, values) = opensim_coordinates(body, q[None])
+    lengths = slid(read)
+    placed = read.at({n: v if n in lengths else np.deg2rad(v) for n, v in zip(names, values[0], strict=True)})
+    mass = {name: float(segment.findtext("mass") or "") for name, segment in read.segments.items()}
+    centre = {name: placed[name] * numbers(segment, "mass_center") for name, segment in read.segments.items()}
+    total = sum(mass.values())
+    data = body.model.createData()
+    fixed = body.model.inertias[0]  # of what does not move, which Pinocchio leaves out
+    moving = pin.centerOfMass(body.model, data, q)
+    whole = (data.mass[0] * moving + fixed.mass * fixed.lever) / (data.mass[0] + fixed.mass)
+    assert total == pytest.approx(data.mass[0] + fixed.mass)
+    np.testing.assert_allclose(sum(mass[n] * centre[n] for n in mass) / total, R_OPENSIM_WORLD @ whole, atol=1e-9)
+    placements = body.at(q).rotations
+    for j, segment in enumerate(read.segments.values()):
+        xx, yy, zz, xy, xz, yz = numbers(segment, "inertia")
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        R = placed[segment.get("name", "")].rotation
+        world = R_OPENSIM_WORLD @ placements[j] @ body.model.inertias[j].inertia @ placements[j].T @ R_OPENSIM_WORLD.T
+        np.testing.assert_allclose(R @ tensor @ R.T, world, atol=1e-9)
+
+
+def test_masses_of_an_adult_where_the_urdf_has_none(tmp_path: Path) -> None:
+    body = fitted()
+    read = OsimModel(written(body, tmp_path, body.neutral[None])[0])
+    mass = {name: float(segment.findtext("mass") or "") for name, segment in read.segments.items()}
+    assert sum(mass.values()) == pytest.approx(ADULT, abs=0.01)
+    assert mass["left_thigh"] == mass["right_thigh"] == pytest.approx(0.1447 * ADULT)
+    assert mass["left_clavicle"] == LEAST
+    for segment in read.segments.values():
+        moments = numbers(segment, "inertia")
+        assert np.linalg.eigvalsh(np.diag(moments[:3]))[0] > 0.0
+        assert moments[:3].max() < moments[:3].sum() - moments[:3].max()  # as of any body with an extent
+    body_part = np.concatenate(
+        [inside(flesh.size, placed) for flesh, placed in flesh_of(body, joint_of(body, "left_foot"))]
+    )
+    spread = (body_part - body_part.mean(axis=0)) @ R_OPENSIM_WORLD.T
+    tensor = mass["left_foot"] * (np.mean(spread**2) * 3.0 * np.eye(3) - spread.T @ spread / len(spread))
+    foot = read.segments["left_foot"]
+    np.testing.assert_allclose(numbers(foot, "mass_center"), R_OPENSIM_WORLD @ body_part.mean(axis=0), atol=1e-3)
+    np.testing.assert_allclose(numbers(foot, "inertia")[:3], np.diag(tensor), rtol=0.03)
+    assert "65 kg" in (read.model.findtext("credits") or "")
+    assert "those of the URDF" in opensim_model(body_named("example-robot-data:panda", tmp_path), "a").credits
+
+
+def joint_of(body: Body, link: str) -> int:
+    return int(body.model.frames[body.model.getFrameId(link)].parentJoint)
+
+
+def inside(size: tuple[float, float, float], placed: pin.SE3) -> np.ndarray:
+    """Points spread evenly in an ellipsoid, as many as fit its volume, in the frame that it is placed in."""
+    rng, box = np.random.default_rng(5), np.array(size)
+    points = rng.uniform(-box, box, (round(1e8 * box.prod()), 3))
+    return points[np.square(points / box).sum(axis=1) < 1.0] @ placed.rotation.T + placed.translation
+
+
+def test_what_is_displayed_lies_where_the_flesh_does(tmp_path: Path) -> None:
+    body = fitted()
+    read = OsimModel(written(body, tmp_path, body.neutral[None])[0])
+    (frame,) = read.segments["left_thigh"].iterfind("components/PhysicalOffsetFrame")
+    ((flesh, placed),) = flesh_of(body, joint_of(body, "left_thigh"))
+    radii, shown = numbers(frame, "attached_geometry/Ellipsoid/radii"), offset(frame)
+    for ours, theirs in ((2, 1), (0, 0), (1, 2)):  # our z is their y
+        end = placed * (flesh.size[ours] * np.eye(3)[ours])
+        sign = -1.0 if ours == 1 else 1.0
+        np.testing.assert_allclose(shown * (sign * radii[theirs] * np.eye(3)[theirs]), R_OPENSIM_WORLD @ end, atol=1e-9)
+
+
+def test_turns_of_a_frame() -> None:
+    rng = np.random.default_rng(0)
+    right = [pin.exp3(np.array([0.0, side * np.pi / 2, 0.0])) @ pin.exp3(np.array([0.3, 0.0, 0.0])) for side in (1, -1)]
+    for R in [*(pin.exp3(rng.normal(size=3) * 2.0) for _ in range(20)), *right]:
+        x, y, z = body_xyz(R)
+        about = [pin.exp3(angle * axis) for angle, axis in zip((x, y, z), np.eye(3), strict=True)]
+        np.testing.assert_allclose(about[0] @ about[1] @ about[2], R, atol=1e-12)
+
+
+def test_a_joint_that_opensim_has_not_is_refused(tmp_path: Path) -> None:
+    body = body_of("arm8")
+    model = pin.Model(body.model)
+    model.addJoint(1, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    with pytest.raises(InputError, match="ball neither turns nor slides"):
+        opensim_model(Body(body.subject, model), "a")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_opensim_poses_the_markers_as_ours(name: str, tmp_path: Path) -> None:
+    """Measure 3: OpenSim itself loads model and motion; its markers are ours within 1 mm over the clip."""
+    osim: Any = pytest.importorskip("opensim", reason="OpenSim is not installed: pip install opensim")
+    osim.Logger.setLevelString("error")
+    body = body_named(name, tmp_path)
+    q = poses(body)
+    path, motion = written(body, tmp_path, q)
+    model = osim.Model(str(path))
+    state = model.initSystem()
+    table = osim.Storage(str(motion))
+    model.getSimbodyEngine().convertDegreesToRadians(table)
+    labels = [table.getColumnLabels().get(i) for i in range(1, table.getColumnLabels().getSize())]
+    assert set(labels) == {model.getCoordinateSet().get(i).getName() for i in range(model.getNumCoordinates())}
+    worst = 0.0
+    for t, pose in enumerate(q):
+        row = table.getStateVector(t).getData()
+        for i, label in enumerate(labels):
+            model.updCoordinateSet().get(label).setValue(state, row.get(i), False)
+        model.realizePosition(state)
+        places = [model.getMarkerSet().get(component_name(n)).getLocationInGround(state) for n in body.landmark_names]
+        theirs = np.array([[place.get(k) for k in range(3)] for place in places])
+        worst = max(worst, float(np.abs(theirs - body.landmarks(body.at(pose)) @ R_OPENSIM_WORLD.T).max()))
+    assert worst < 1e-6
