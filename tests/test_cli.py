@@ -110,6 +110,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 BAD = {
     "unknown command": (["trac"], "track"),
     "no output": (["track", "--keypoints", "{left}"], "--out"),
+    "no such run to plot": (["plot", "nothing.run", "--out", "{out}"], "nothing.run"),
     "unknown option": (["track", "--bogus", "1", "--out", "{out}"], "bogus"),
     "not a number": (["track", "--modes", "many", "--keypoints", "{left}", "--out", "{out}"], "modes"),
     "no such clip": (["track", "nothing.mp4", "--keypoints", "{left}", "--out", "{out}"], "nothing.mp4"),

@@ -204,11 +204,9 @@ def test_scores_of_joints_are_means_of_differences_the_shorter_way_round() -> No
         assert score.mean_absolute == pytest.approx(np.mean(np.abs(here)))
         assert score.rms == pytest.approx(np.sqrt(np.mean(here**2)))
         assert score.bias == pytest.approx(np.mean(here))
-    long = Body(
-        subject_from_text(body.subject.urdf.replace('lower="-2" upper="2"', 'lower="-5" upper="5"'), source="x")
-    )
-    far = evaluate(run_of(long, np.array([q[0]])), Reference((), np.zeros((1, 0, 3)), None, Coordinates(
-        ("bend",), np.array([[-4.0]]))))  # fmt: skip
+    long = subject_from_text(body.subject.urdf.replace('lower="-2" upper="2"', 'lower="-5" upper="5"'), source="test")
+    there = Reference((), np.zeros((1, 0, 3)), None, Coordinates(("bend",), np.array([[-4.0]])))
+    far = evaluate(run_of(Body(long), q[:1]), there)
     assert far.angle_errors["bend"] == pytest.approx(np.rad2deg(4.1))  # nearly a turn apart, which both can be
 
 

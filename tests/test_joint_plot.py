@@ -97,7 +97,14 @@ def test_what_is_drawn_is_what_the_run_has(run: Run) -> None:
     assert limits == pytest.approx([np.rad2deg(2.0)])  # the lower one is far
     assert (first.get_ylabel(), third.get_ylabel()) == ("degrees", "metres")
     told = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert told == {"90 % interval", "other hypotheses", "joint limit", "hard frames", "unobserved frames"}
+    assert told == {
+        "best hypothesis",
+        "90 % interval",
+        "other hypotheses",
+        "joint limit",
+        "hard frames",
+        "unobserved frames",
+    }
 
 
 def test_files_are_what_their_endings_say(run: Run, tmp_path: Path) -> None:

@@ -14,9 +14,12 @@ from estimator.results.run_file import Run
 from estimator.synthesis.motion_file import motion_of
 from estimator.synthesis.random_motion import random_motion
 from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode import render
 from tests.builders import body_of, inside
+from tests.made_runs import made_run
+from tests.test_evaluation import robot
 from tests.test_exports_of_bodies import run as run  # the fixture
 
 TIMES = np.arange(60) / 30.0
@@ -48,13 +51,23 @@ def test_overlaps_are_avoided_and_not_only_by_luck(monkeypatch: pytest.MonkeyPat
     assert any(collision.penetration(body.at(q)) > 0.0 for q in blind)
 
 
-@pytest.mark.parametrize("ending", ["csv", "npz"])
-def test_what_is_exported_is_rendered_again(run: Run, tmp_path: Path, ending: str) -> None:
-    motion = export(run, tmp_path / f"a.{ending}")
+@pytest.mark.parametrize(("ending", "degrees"), [("csv", False), ("csv", True), ("npz", False)])
+def test_what_is_exported_is_rendered_again(run: Run, tmp_path: Path, ending: str, degrees: bool) -> None:
+    motion = export(run, tmp_path / f"a.{ending}", degrees=degrees)
     clip = render(tmp_path / "clip", motion, subject="human34", fps=30.0, videos=False)
     with np.load(clip.truth) as truth:
         assert truth["q"].shape == run.q.shape
         np.testing.assert_allclose(truth["q"], run.q, atol=1e-7)
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+@pytest.mark.parametrize("body", [robot(), body_of("gripper")], ids=["endless", "follower"])
+def test_joints_of_robots_come_back(body: Body, degrees: bool, tmp_path: Path) -> None:
+    steps = 0.3 * np.arange(4.0)[:, None] * np.linspace(0.2, 1.0, body.nv)
+    q = np.array([body.integrate(body.neutral, step) for step in steps])
+    run = made_run(tmp_path / "a.run", body.subject, q[:, None])
+    file = export(run, tmp_path / "a.csv", degrees=degrees)
+    np.testing.assert_allclose(motion_of(body, read_motion_table(file), run.time), q, atol=1e-8)
 
 
 def table(folder: Path, head: str, *rows: str) -> Path:

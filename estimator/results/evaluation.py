@@ -85,7 +85,12 @@ class Evaluation(Summarised):
 
     def _repr_html_(self) -> str:
         rows = [
-            (name, s.unit, f"{s.mean_absolute:.3g}", f"{s.rms:.3g}", f"{s.bias:+.3g}", s.frames)
+            (
+                name,
+                s.unit,
+                *(f"{x:.{2 if s.unit == 'deg' else 4}f}" for x in (s.mean_absolute, s.rms, s.bias)),
+                s.frames,
+            )
             for name, s in self.joint_scores.items()
         ]
         head = ("joint", "unit", "mean absolute", "RMSE", "bias", "frames")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.results.coordinates import JointEntry, joint_entries
+from estimator.results.coordinates import JointEntry, joint_entries, unwrapped
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, misplaced
 from humanoid.support.near_names import nearest
@@ -98,9 +98,9 @@ def joint_entry(body: Body, name: str) -> JointEntry:
             raise InputError("joint", f"there is no joint {name!r}", remedy=nearest(name, valid, "joints"))
         entry = whole
     if entry.kind not in ONE_NUMBER:
-        place = f"run.q[:, {entry.start}:{entry.start + entry.count}]"
+        place = f"entries {entry.start} to {entry.start + entry.count - 1} of q are"
         problem = f"{name!r} is of a joint of several degrees of freedom, which has no angle"
-        raise InputError("joint", problem, remedy=f"{place} has {', '.join(body.q_names[_of(entry)])}")
+        raise InputError("joint", problem, remedy=f"{place} {', '.join(body.q_names[_of(entry)])}")
     return entry
 
 
@@ -138,17 +138,10 @@ def joint_angles(run: Run) -> tuple[JointAngle, ...]:
 
 def joint_value(entry: JointEntry, q: np.ndarray) -> np.ndarray:
     """The angle or length (T,) of a joint of one number in q (T, nq) [rad, m], unwrapped where it has no limits."""
-    return _unwrapped(_number(entry, q)) if entry.kind == "endless" else _number(entry, q)
+    return unwrapped(_number(entry, q)) if entry.kind == "endless" else _number(entry, q)
 
 
 def _number(entry: JointEntry, q: np.ndarray) -> np.ndarray:
     """The joint's angle or length (T,) in q (T, nq); of a joint without limits from -pi to pi."""
     own = entry.of(q)
     return np.arctan2(own[:, 1], own[:, 0]) if entry.kind == "endless" else own[:, 0]
-
-
-def _unwrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles (T,) without jumps of a whole turn; frames without a value stay so."""
-    out, known = angle.copy(), np.isfinite(angle)
-    out[known] = np.unwrap(angle[known])
-    return out

@@ -25,8 +25,9 @@ def motion_of(body: Body, table: MotionTable, times: np.ndarray) -> np.ndarray:
     """Configurations (K, nq) at times (K,) [s] from the table's first row on, straight from row to row.
 
     Columns are called as the entries of q (`Body.q_names`), with or without a unit behind them: _rad (which counts
-    where there is none), _deg, _m, _cm, _mm. Joints without a column stay at rest, a free root too. Columns that
-    exports have beside q are passed over. Rows without any number are left out.
+    where there is none), _deg, _m, _cm, _mm; joints that turn without limits also by their angle. Joints without a
+    column stay at rest, a free root too. Columns that exports have beside q are passed over. Rows
+    without any number are left out.
 
     Raises
     ------
@@ -39,8 +40,13 @@ def motion_of(body: Body, table: MotionTable, times: np.ndarray) -> np.ndarray:
         raise InputError(table.source, "has no row with a pose")
     rows = np.flatnonzero(kept)
     q = np.tile(body.neutral, (len(rows), 1))
+    endless = {joint.start for joint in joint_entries(body) if joint.kind == "endless"}
     for entry, column in columns.items():
-        q[:, entry] = _scaled(table, column)[rows]
+        values = _scaled(table, column)[rows]
+        if entry in endless and _bare(table.names[column]) not in body.q_names:  # an angle
+            q[:, entry], q[:, entry + 1] = np.cos(values), np.sin(values)
+        else:
+            q[:, entry] = values
     if not np.isfinite(q).all():
         row, entry = np.argwhere(~np.isfinite(q))[0]
         raise InputError(table.source, f"{body.q_names[entry]} has no number", place=_place(table, rows[row]))
@@ -50,7 +56,9 @@ def motion_of(body: Body, table: MotionTable, times: np.ndarray) -> np.ndarray:
 
 def _columns(body: Body, table: MotionTable) -> dict[int, int]:
     """The table's column of each entry of q that it has."""
-    entry_of = {name: i for i, name in enumerate(body.q_names)}
+    angles = {joint.name: joint.start for joint in joint_entries(body) if joint.kind == "endless"}
+    entry_of = {**{name: i for i, name in enumerate(body.q_names)}, **angles}
+    following = {joint.name for joint in joint_entries(body) if joint.follows}
     columns: dict[int, int] = {}
     landmarks = {f"{name}_{axis}_m" for name in body.landmark_names for axis in "xyz"}
     for column, name in enumerate(table.names):
@@ -60,12 +68,18 @@ def _columns(body: Body, table: MotionTable) -> dict[int, int]:
             raise InputError(table.source, f"{shown(bare)} is there twice", place=f"column {shown(name)}")
         if entry is not None:
             columns[entry] = column
-        elif name not in landmarks and not _OF_EXPORTS.fullmatch(name):
+        elif name not in landmarks and bare not in following and not _OF_EXPORTS.fullmatch(name):
             raise InputError(table.source, f"the subject has no joint {shown(bare)}", remedy=_near(bare, body.q_names))
     if not columns:
         raise InputError(table.source, "has no joint of the subject", remedy=f"joints: {', '.join(body.q_names)}")
     for joint in joint_entries(body):
         there = [k in columns for k in range(joint.start, joint.start + joint.count)]
+        if joint.name in angles and there[0] and _bare(table.names[columns[joint.start]]) == joint.name:
+            if there[1]:
+                raise InputError(
+                    table.source, f"{shown(joint.name)} is there twice", remedy="its angle, or cos and sin"
+                )
+            continue
         if any(there) and not all(there):
             missing = body.q_names[joint.start + there.index(False)]
             raise InputError(table.source, f"has no column {missing}", remedy=f"all of {joint.name}, or none")

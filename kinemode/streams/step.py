@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.results.coordinates import joint_entries
+from estimator.results.joint_angle import joint_entry, joint_value
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -60,10 +60,8 @@ class Step:
         ------
         InputError: no such joint, or one that is not measured in an angle.
         """
-        turning = {e.name: e for e in joint_entries(self.body) if e.kind in ("turn", "endless")}
-        if joint not in turning:
-            raise InputError("angle", f"there is no joint {joint!r} that turns", remedy=f"joints: {', '.join(turning)}")
-        entry = turning[joint]
-        part = self.q[entry.start : entry.start + entry.count]
-        angle = float(np.arctan2(part[1], part[0]) if entry.kind == "endless" else part[0])
+        entry = joint_entry(self.body, joint)
+        if entry.kind == "slide":
+            raise InputError("joint", f"{joint!r} slides: it has no angle", remedy="take it from q")
+        angle = float(joint_value(entry, self.q[None])[0])
         return float(np.degrees(angle)) if degrees else angle

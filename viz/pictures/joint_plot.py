@@ -26,7 +26,10 @@ FORMATS = ("png", "svg", "pdf")
 _COLUMNS = 3
 _PANEL = (4.2, 2.45)  # inches
 _HEAD = 0.95  # inches above and below the panels
-_FLAGS = {"hard": "#F4D58D", "unobserved": "#C9CCD1", "lost": "#F0A9A0"}
+_FLAGS: dict[str, dict[str, Any]] = {
+    "hard": {"facecolor": "#FAE9C0", "edgecolor": "none"},
+    "unobserved": {"facecolor": "#F3F4F6", "edgecolor": "#C3C8D0", "hatch": "////"},
+}
 _LEAST = {"deg": 5.0, "m": 0.02}  # that an axis shows at least
 _NEAR_LIMIT = 0.12  # share of the axis from which a limit beyond it is shown
 _FAINT = 0.02  # weight from which a hypothesis is drawn
@@ -60,7 +63,7 @@ def write_joint_plot(run: Run, path: str | Path, joints: str | Iterable[str] | N
 
 
 def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
-    """The whole figure."""
+    """The whole figure; angles are in degrees."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -75,7 +78,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
         for side, curve in panel.curves:
             draw_hypotheses(axes, run, curve, web(ON_PAPER[side]))
             draw_joint(axes, curve, web(ON_PAPER[side]))
-        _dress(axes, panel, run)
+        _dress(axes, panel)
     units = {curve.unit for panel in panels for _, curve in panel.curves}
     for k, axes in enumerate(every):
         axes.set_visible(k < len(panels))
@@ -86,7 +89,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
     filtered = "" if run.filtering is None else f", low-pass filtered at {run.filtering.cutoff:g} Hz"
     figure.suptitle(f"{run.file.name}: {len(run)} frames{filtered}", x=0.01, ha="left", fontweight="bold")
     entries = _legend(run, panels)
-    figure.legend(handles=entries, loc="outside lower left", ncols=2 * columns if columns > 1 else 3, frameon=False)
+    figure.legend(handles=entries, loc="outside lower left", ncols=(3, 4, 8)[columns - 1], frameon=False)
     return figure
 
 
@@ -128,12 +131,11 @@ def mark_flagged(axes: Axes, run: Run) -> None:
     starts = np.flatnonzero(np.concatenate([[True], status[1:] != status[:-1]]))
     for start, end in zip(starts, [*starts[1:], len(time)], strict=True):
         if (name := str(status[start])) in _FLAGS:
-            axes.axvspan(edges[start], edges[end], color=_FLAGS[name], alpha=0.55, linewidth=0.0, zorder=0)
+            axes.axvspan(edges[start], edges[end], **_FLAGS[name], linewidth=0.0, zorder=0)
 
 
-def _dress(axes: Axes, panel: Panel, run: Run) -> None:
+def _dress(axes: Axes, panel: Panel) -> None:
     unit = panel.curves[0][1].unit
-    axes.relim()
     shown = [part for _, c in panel.curves for part in (c.value, c.low, c.high, c.hypotheses[c.weights > _FAINT])]
     values = np.concatenate([part[np.isfinite(part)] for part in shown])
     low, high = float(values.min()), float(values.max())
@@ -159,10 +161,11 @@ def _legend(run: Run, panels: Sequence[Panel]) -> list[Any]:
     from matplotlib.patches import Patch
 
     sides = {side for panel in panels for side, _ in panel.curves}
+    neither = "neither side" if len(sides) > 1 else "best hypothesis"
     entries: list[Any] = [
-        Line2D([], [], color=web(colour), linewidth=1.5, label="middle" if side == "trunk" and len(sides) > 1 else side)
+        Line2D([], [], color=web(colour), linewidth=1.5, label=neither if side == "trunk" else side)
         for side, colour in ON_PAPER.items()
-        if side in sides and (side != "trunk" or len(sides) > 1)
+        if side in sides
     ]
     entries.append(Patch(color="0.5", alpha=0.3, linewidth=0.0, label="90 % interval"))
     if run.hypothesis_count > 1:
@@ -170,5 +173,5 @@ def _legend(run: Run, panels: Sequence[Panel]) -> list[Any]:
     if any(np.isfinite([c.lower, c.upper]).any() for panel in panels for _, c in panel.curves):
         entries.append(Line2D([], [], color="0.55", linewidth=0.8, linestyle=(0, (4, 3)), label="joint limit"))
     there = set(run.status.tolist())
-    entries += [Patch(color=_FLAGS[s], alpha=0.55, linewidth=0.0, label=f"{s} frames") for s in _FLAGS if s in there]
+    entries += [Patch(**_FLAGS[s], linewidth=0.0, label=f"{s} frames") for s in _FLAGS if s in there]
     return entries
