@@ -14,8 +14,7 @@ import pytest
 
 import kinemode as km
 from estimator.media.clip import Clip
-from estimator.results.joint_angle import joint_angles
-from estimator.results.ranges import NINETY, ranges_of_motion
+from estimator.results.ranges import ranges_of_motion
 from humanoid.subject.subject import load_subject
 from kinemode.__main__ import main
 from kinemode.reporting import changed_settings, facts_of, fitted_lengths
@@ -93,7 +92,7 @@ def test_the_page_needs_no_other_file(text: str) -> None:
 
 
 def test_the_table_has_the_runs_values(run: km.Run, text: str) -> None:
-    """Least and greatest angle in the frames that were seen, 1.645 deviations on either side, within the limits."""
+    """Least and greatest angle in the frames that were seen, with the 90 % intervals of these frames."""
     rows = {row[0]: row[1:] for row in Reader(text).rows if len(row) == 7}
     seen = np.flatnonzero(run.status != "unobserved")
     body = run.body
@@ -101,12 +100,11 @@ def test_the_table_has_the_runs_values(run: km.Run, text: str) -> None:
     for k, name in enumerate(body.q_names):
         angles = np.rad2deg(run.q[seen, k])
         for cell, t in ((0, int(np.argmin(angles))), (2, int(np.argmax(angles)))):
-            std = np.rad2deg(run.std[seen[t], k])
-            low, high = angles[t] - 1.6449 * std, angles[t] + 1.6449 * std
+            angle = run[name].degrees
+            ends = [min(angle.low[seen[t]], angles[t]), max(angle.high[seen[t]], angles[t])]
             assert number(rows[name][cell]) == pytest.approx(angles[t], abs=0.051)
             interval = [number(part) for part in rows[name][cell + 1].split(" to ")]
-            ends = np.clip([low, high], *np.rad2deg([body.lower[k], body.upper[k]]))
-            assert interval == pytest.approx(ends.tolist(), abs=0.06)
+            assert interval == pytest.approx(ends, abs=0.06)
         assert number(rows[name][4]) == pytest.approx(np.ptp(angles), abs=0.051)
 
 
@@ -115,13 +113,15 @@ def number(cell: str) -> float:
 
 
 def test_intervals_of_ranges_join_both_ends(run: km.Run) -> None:
-    curves = {curve.name: curve for curve in joint_angles(run)}
+    """Errors of both frames are taken as independent: squares add."""
     for r in ranges_of_motion(run):
-        std = curves[r.joint].std
-        off = NINETY * np.hypot(std[r.least.frame], std[r.greatest.frame])
-        assert r.range_low == pytest.approx(max(0.0, r.range - off))
-        assert r.range_high <= r.range + off + 1e-12
-        assert r.range == r.greatest.value - r.least.value
+        low, high = r.least, r.greatest
+        assert r.range == high.value - low.value
+        less = np.hypot(high.value - high.low, low.high - low.value)
+        more = np.hypot(high.high - high.value, low.value - low.low)
+        assert r.range_low == pytest.approx(max(0.0, r.range - less))
+        assert r.range_high <= r.range + more + 1e-12
+        assert low.low <= low.value <= low.high
 
 
 def test_frames_not_to_be_trusted_are_shown(run: km.Run, text: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,9 +9,6 @@ import numpy as np
 from estimator.results.joint_angle import JointAngle, joint_angles
 from estimator.results.run_reader import Run
 
-NINETY = 1.6448536269514722
-"""Standard deviations of a normal distribution on either side of its mean within which 90 % of it lie."""
-
 
 @dataclass(frozen=True)
 class Extreme:
@@ -39,9 +36,9 @@ class RangeOfMotion:
 def ranges_of_motion(run: Run) -> tuple[RangeOfMotion, ...]:
     """How far each joint went in the frames in which something was seen; joints without a value there are left out.
 
-    The interval of an extreme is that of the frame in which the joint has it, within the joint's limits. That of the
-    range takes the errors of both frames as independent: an error that all frames share, as of a landmark's place,
-    leaves the range alone.
+    The interval of an extreme is that of the frame in which the joint has it, as `JointAngle` has it, widened to the
+    value where that was smoothed or filtered out of it. That of the range takes the errors of both frames as
+    independent: an error that all frames share, as of a landmark's place, leaves the range alone.
     """
     seen = np.asarray(run.status) != "unobserved"
     return tuple(r for curve in joint_angles(run) if (r := _range(curve, seen)) is not None)
@@ -53,14 +50,16 @@ def _range(curve: JointAngle, seen: np.ndarray) -> RangeOfMotion | None:
         return None
     least, greatest = (int(rows[pick(curve.value[rows])]) for pick in (np.argmin, np.argmax))
     span = float(curve.value[greatest] - curve.value[least])
-    off = 0.0 if least == greatest else NINETY * float(np.hypot(curve.std[least], curve.std[greatest]))
-    widest = curve.upper - curve.lower
+    bottom, top = _extreme(curve, least), _extreme(curve, greatest)
+    moves = least != greatest
+    less = float(np.hypot(top.value - top.low, bottom.high - bottom.value)) if moves else 0.0
+    more = float(np.hypot(top.high - top.value, bottom.value - bottom.low)) if moves else 0.0
     return RangeOfMotion(
-        curve.name, curve.slides, _extreme(curve, least), _extreme(curve, greatest),
-        span, max(span - off, 0.0), min(span + off, max(widest, span)),
+        curve.name, curve.slides, bottom, top,
+        span, max(span - less, 0.0), min(span + more, max(curve.upper - curve.lower, span)),
     )  # fmt: skip
 
 
 def _extreme(curve: JointAngle, t: int) -> Extreme:
-    value, off = float(curve.value[t]), NINETY * float(curve.std[t])
-    return Extreme(value, max(value - off, min(curve.lower, value)), min(value + off, max(curve.upper, value)), t)
+    value = float(curve.value[t])
+    return Extreme(value, float(np.minimum(curve.low[t], value)), float(np.maximum(curve.high[t], value)), t)

@@ -74,11 +74,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
     FigureCanvasAgg(figure)  # no window, and none of pyplot's global state
     every = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, panel in zip(every, panels, strict=False):
-        mark_flagged(axes, run)
-        for side, curve in panel.curves:
-            draw_hypotheses(axes, run, curve, web(ON_PAPER[side]))
-            draw_joint(axes, curve, web(ON_PAPER[side]))
-        _dress(axes, panel)
+        draw_panel(axes, run, panel)
     units = {curve.unit for panel in panels for _, curve in panel.curves}
     for k, axes in enumerate(every):
         axes.set_visible(k < len(panels))
@@ -93,15 +89,21 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
     return figure
 
 
-def draw_joint(axes: Axes, curve: JointAngle, colour: str, factor: float = 1.0) -> None:
-    """The best hypothesis and its 90 % band; factor: of all numbers."""
-    time = curve.time
-    axes.fill_between(time, factor * curve.low, factor * curve.high, color=colour, alpha=0.18, linewidth=0.0)
-    alone = "." if len(time) == 1 else ""
-    axes.plot(time, factor * curve.value, color=colour, linewidth=1.5, marker=alone, zorder=3)
+def draw_panel(axes: Axes, run: Run, panel: Panel) -> None:
+    """The curves of a panel with their 90 % bands, other hypotheses, limits, and the frames that are not to be trusted;
+    angles are in degrees."""
+    _mark_flagged(axes, run)
+    for side, curve in panel.curves:
+        colour = web(ON_PAPER[side])
+        _draw_hypotheses(axes, run, curve, colour)
+        axes.fill_between(curve.time, curve.low, curve.high, color=colour, alpha=0.18, linewidth=0.0)
+        axes.plot(
+            curve.time, curve.value, color=colour, linewidth=1.5, marker="." if len(curve.time) == 1 else "", zorder=3
+        )
+    _dress(axes, panel)
 
 
-def draw_hypotheses(axes: Axes, run: Run, curve: JointAngle, colour: str) -> None:
+def _draw_hypotheses(axes: Axes, run: Run, curve: JointAngle, colour: str) -> None:
     """The other hypotheses as thin lines, each led on from the one that it continues, the fainter the lighter it is."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgba
@@ -120,7 +122,7 @@ def draw_hypotheses(axes: Axes, run: Run, curve: JointAngle, colour: str) -> Non
     axes.add_collection(LineCollection(lines, colors=colours, linewidths=0.9, capstyle="round", zorder=2))
 
 
-def mark_flagged(axes: Axes, run: Run) -> None:
+def _mark_flagged(axes: Axes, run: Run) -> None:
     """Frames that are not to be trusted as upright stripes in the colour of their status."""
     time, status = run.time, run.status
     if not len(time):

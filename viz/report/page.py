@@ -128,8 +128,9 @@ def _key(run: Run) -> str:
     sides = [side for side in ("left", "right") if any(name.startswith(side + "_") for name in run.body.q_names)]
     swatches = "".join(f'<span><i style="background:{COLOURS[side]}"></i>{side}</span>' for side in sides)
     return (
-        f"Degrees over seconds (millimetres where a joint slides), positive as the subject's axes have it: line, best"
-        f" hypothesis; band, 90&nbsp;%; strokes at the bottom, frames not to be trusted. {swatches}"
+        f"Degrees over seconds (metres where a joint slides), positive as the subject's axes have it: line, best"
+        f" hypothesis; band, 90&nbsp;%; thin, other hypotheses; dashed, limits; yellow and hatched, frames not to be"
+        f" trusted. {swatches}"
     )
 
 
