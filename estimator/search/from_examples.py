@@ -44,7 +44,10 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
     associations = search.associations(observation)
     starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, how.away, k)]
     case = FrameCase(associations, 0.0, search.likelihood(observation, starts[0].q))
-    return search.best_of(descended_anew(search, starts, looks, observation, case, how), case, count, rng)
+    candidates = [
+        c for side in sides(search.body, starts, looks) for c in descended(search, side, looks, observation, case, how)
+    ]
+    return search.best_of(candidates, case, count, rng)
 
 
 def example_starts(body: Body, looks: Sequence[Looked], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
@@ -60,22 +63,15 @@ def example_starts(body: Body, looks: Sequence[Looked], away: float = 0.0, assoc
     return starts
 
 
-def descended_anew(
-    search: ModeSearch,
-    starts: Sequence[Hypothesis],
-    looks: Sequence[Looked],
-    observation: Observation,
-    case: FrameCase,
-    how: Descent,
-) -> list[Candidate]:
-    """The same as `descended` in a frame without a past. Where one camera alone sees the person, those who face it and
-    those who turn away are searched apart: whichever look a little better after a few steps would else be all that is
-    left, and later frames could not tell."""
+def sides(body: Body, starts: Sequence[Hypothesis], looks: Sequence[Looked]) -> list[list[Hypothesis]]:
+    """The starts of a frame without a past as they are to be searched apart: where one camera alone sees the person,
+    those who face it and those who turn away. Whichever look a little better after a few steps would else be all that
+    is left, and later frames could not tell."""
     if len(looks) != 1:
-        return descended(search, starts, looks, observation, case, how)
-    away = turned_away(search.body, search.body.placed(np.array([h.q for h in starts])), looks[0].frame) > 90.0
-    sides = ([h for h, a in zip(starts, away.tolist(), strict=True) if a is side] for side in (False, True))
-    return [c for side in sides if side for c in descended(search, side, looks, observation, case, how)]
+        return [list(starts)]
+    away = turned_away(body, body.placed(np.array([h.q for h in starts])), looks[0].frame) > 90.0
+    both = ([h for h, a in zip(starts, away.tolist(), strict=True) if a is side] for side in (False, True))
+    return [side for side in both if side]
 
 
 def descended(

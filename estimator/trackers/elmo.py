@@ -25,7 +25,7 @@ from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
-from estimator.search.from_examples import Descent, descended, descended_anew, example_starts
+from estimator.search.from_examples import Descent, descended, example_starts, sides
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
@@ -207,8 +207,9 @@ class Elmo(Begins):
         """The best distinct modes of the likelihood that are reached from the starts."""
         if self.settings.rounds == 0:
             return self._likeliest(starts, case)
-        search = descended_anew if anew else descended
-        candidates = search(self.search, starts, looks, observation, case, self.settings.descent)
+        how = self.settings.descent
+        groups = sides(self.body, starts, looks) if anew else [starts]
+        candidates = [c for some in groups for c in descended(self.search, some, looks, observation, case, how)]
         return self.search.best_of(candidates, case, self.settings.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
