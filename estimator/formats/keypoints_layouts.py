@@ -21,9 +21,9 @@ import numpy as np
 
 from estimator.formats.cameras_json import image_size
 from estimator.formats.checked_json import mapping, member, number_between, numbers, read_json, sequence
-from estimator.formats.keypoints_arrays import read_arrays
 from estimator.formats.keypoints_coco import is_coco, read_coco
 from estimator.formats.keypoints_deeplabcut import read_deeplabcut
+from estimator.formats.keypoints_npy import read_arrays
 from estimator.formats.keypoints_people import Person
 from estimator.formats.keypoints_reading import MOST_FRAMES, Reading, as_landmarks, frame_numbers
 from estimator.formats.keypoints_rtmlib import is_rtmlib, read_rtmlib

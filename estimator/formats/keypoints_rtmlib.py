@@ -3,7 +3,7 @@
 
 As JSON a list of {"keypoints", "scores"}, one a frame, or one object whose two lists have an entry a frame; a frame may
 have "frame_id" (or "frame") and "track_ids" (N), as rtmlib's PoseTracker keeps them. As arrays in an npz: see
-keypoints_arrays. The OpenPose-like files that Sports2D and Pose2Sim write with it are folders of OpenPose's.
+keypoints_npy. The OpenPose-like files that Sports2D and Pose2Sim write with it are folders of OpenPose's.
 """
 
 from __future__ import annotations

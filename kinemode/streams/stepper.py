@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from estimator.cameras.camera import Camera
-from estimator.formats.keypoint_arrays import Layout
+from estimator.formats.keypoints_in_memory import Layout
 from estimator.imaging.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES
