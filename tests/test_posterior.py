@@ -132,6 +132,7 @@ def test_so_much_lies_below_a_quantile() -> None:
     assert ((x >= m.low) & (x <= m.high)).all()
     wide = Marginals(m.weight, m.mean, np.maximum(m.std, 0.1), 0.0 * m.lean, np.full(9, -np.inf), np.full(9, np.inf))
     np.testing.assert_allclose(wide.cdf(wide.quantile(0.05)[:, None])[:, 0], 0.05, atol=1e-9)
+    np.testing.assert_array_equal(wide.quantiles(0.0, 1.0), np.outer([-np.inf, np.inf], np.ones(9)))
 
 
 def test_coordinates_are_the_same_alone_and_below_others() -> None:

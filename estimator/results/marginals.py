@@ -78,7 +78,8 @@ class Marginals:
         own = np.array([self._component_quantiles(p) for p in levels])
         i, p = np.tile(np.arange(len(self.mean)), len(levels)), np.repeat(levels, len(self.mean))
         ends = tuple(edge.ravel() for edge in (own.min(axis=2), own.max(axis=2)))
-        root = find_root(over, ends, args=(i, p))
+        with np.errstate(invalid="ignore"):  # ends of p = 0 or 1 without limits
+            root = find_root(over, ends, args=(i, p))
         # where all components agree, rounding can leave both ends on one side
         nearest = np.where(root.f_bracket[0] >= 0.0, root.bracket[0], root.bracket[1])
         return np.where(root.success, root.x, nearest).reshape(own.shape[:2])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from estimator.results.marginals import Marginals
+from humanoid.support.errors import InputError
 
 if TYPE_CHECKING:
     from estimator.results.run_reader import Run
@@ -30,7 +31,10 @@ class Spread(NamedTuple):
 
 
 def spread_of(run: Run, level: float) -> Spread:
-    """The spread of all frames of a run, with the central intervals of this probability."""
+    """The spread of all frames of a run, with the central intervals of this probability; raises InputError where it is
+    none."""
+    if not 0.0 <= level <= 1.0:
+        raise InputError("level", f"{level:g} is no probability", remedy="0 to 1, as 0.9")
     body, count = run.body, len(run)
     std, best = np.full((count, body.nv), np.nan), np.full((count, body.nq), np.nan)
     ends = np.full((count, 2, body.nv), np.nan)
