@@ -111,12 +111,12 @@ def test_the_interval_is_that_of_the_mixture(run: Run) -> None:
 def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
     """Over more frames than are worked on at once, one of them without a pose, at limits and apart."""
     body, rng = body_of("arm8"), np.random.default_rng(2)
-    q = np.array([[body.integrate(body.neutral, rng.normal(size=body.nv)) for _ in range(2)] for _ in range(20)])
+    q = np.array([[body.integrate(body.neutral, rng.normal(size=body.nv)) for _ in range(2)] for _ in range(40)])
     q[5] = np.nan
     run = made_run(tmp_path / "arm.run", body.subject, q, weight=(0.6, 0.4))
     interval = run.interval(0.8)
     spread = spread_of(run, 0.8)
-    for t in {*range(20)} - {5}:
+    for t in {*range(40)} - {5}:
         alone = run.posterior(t).marginals()
         ends = alone.quantiles(0.1, 0.9)
         np.testing.assert_allclose(spread.std[t], alone.moments()[1], rtol=1e-9)

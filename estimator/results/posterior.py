@@ -58,7 +58,7 @@ class Posterior:
             raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
         with np.errstate(divide="ignore"):
             tempered = np.log(result.weight) / c.weight_temperature
-        weight = np.exp(tempered - logsumexp(tempered))
+        weight = np.exp(tempered - np.logaddexp.reduce(tempered))
         some = weight > _FAINT
         q = result.q[some]
         prior = Stabilisers(body)

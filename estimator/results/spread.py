@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 LEVEL = 0.9
 """The level of the intervals that plots, pages and tables show."""
-_AT_ONCE = 16  # frames whose coordinates are searched together: fewer cost more calls, more leave the cache
+_AT_ONCE = 400  # components of frames that are searched together: fewer cost more calls, more leave the cache
 
 
 class Spread(NamedTuple):
@@ -39,12 +39,17 @@ def spread_of(run: Run, level: float) -> Spread:
     std, best = np.full((count, body.nv), np.nan), np.full((count, body.nq), np.nan)
     ends = np.full((count, 2, body.nv), np.nan)
     known = np.flatnonzero(np.isfinite(run.mode_weight).any(axis=1)).tolist()
-    for first in range(0, len(known), _AT_ONCE):
-        rows = known[first : first + _AT_ONCE]
-        posteriors = [run.posterior(t) for t in rows]
-        best[rows] = [posterior.best for posterior in posteriors]
-        marginals = Marginals.stacked([posterior.marginals() for posterior in posteriors])
-        std[rows] = marginals.moments()[1].reshape(-1, body.nv)
-        quantiles = marginals.quantiles(0.5 - 0.5 * level, 0.5 + 0.5 * level)
-        ends[rows] = quantiles.reshape(2, -1, body.nv).transpose(1, 0, 2)
+    rows: list[int] = []
+    parts: list[Marginals] = []
+    for t in known:
+        posterior = run.posterior(t)
+        best[t] = posterior.best
+        rows.append(t)
+        parts.append(posterior.marginals())
+        if t == known[-1] or sum(part.weight.shape[-1] for part in parts) >= _AT_ONCE:
+            marginals = Marginals.stacked(parts)
+            std[rows] = marginals.moments()[1].reshape(-1, body.nv)
+            quantiles = marginals.quantiles(0.5 - 0.5 * level, 0.5 + 0.5 * level)
+            ends[rows] = quantiles.reshape(2, -1, body.nv).transpose(1, 0, 2)
+            rows, parts = [], []
     return Spread(std, best, ends)
