@@ -121,16 +121,18 @@ class Proposals:
 
     def examples(self, count: int) -> list[Hypothesis]:
         """What an index of examples says of the pictures: of those that look like them the best of all looked at,
-        first searched without a past, then as jumps of the whole body from the best parent."""
-        search = self._search
-        starts = example_starts(search.body, search.examples.looked(self._observation, Descent().neighbours))
+        first searched without a past, then as jumps of the whole body from the best parent. Those that turn their back
+        to the only camera pay for it, as in a first frame."""
+        search, how = self._search, Descent()
+        looks = search.examples.looked_anew(self._observation, how.neighbours)
+        starts = example_starts(search.body, looks, how.away)
         led = search.explored(search.screened(starts, self._case, count), self._case)
         paid = self._settings.example_penalty if self._settings.transition else 0.0
         best, hypotheses = int(np.argmax(self._prior.weights)), []
         for candidate in search.distinct(led, count):
             origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None), paid)
             h = self._continued(best, candidate.q, candidate.hypothesis.association, origin)
-            hypotheses.append(h._replace(prior_score=h.prior_score - paid))
+            hypotheses.append(h._replace(prior_score=h.prior_score + candidate.hypothesis.prior_score - paid))
         return hypotheses
 
     def _parents(self, count: int) -> np.ndarray:
