@@ -29,7 +29,7 @@ HIDDEN = (1.2, 2.0)  # s
 _FPS = 15.0
 _SEED = 34  # the clip stays the same; the seed a user gives is the tracker's
 _LEFT, _RIGHT = "cam01", "cam01_right"
-RECIPE = IndexRecipe(examples=4000, pairs=1000, variants=8)
+RECIPE = IndexRecipe(examples=4000, headings=120.0, pairs=1000, variants=8)
 """Few examples, so that they are soon painted; an index that is to be good has many more."""
 
 

@@ -44,7 +44,7 @@ from kinemode.testing import check_tracker
 from tests.test_tracker_contract import BY_DEPTH
 from tests.tiny_clip import named
 
-SMALL = IndexRecipe(examples=1000, pairs=200, variants=2, tables=10, key_bits=12)
+SMALL = IndexRecipe(examples=1000, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12)
 UP = np.array([0.0, 0.0, 1.0])
 
 

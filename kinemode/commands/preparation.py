@@ -129,7 +129,7 @@ def train_index(
     *,
     out: Path,
     examples: int = 60_000,
-    headings: float = 120.0,
+    headings: float = 360.0,
     legs: Flag = False,
     elevation: float = 8.0,
     seed: int = 0,
@@ -149,7 +149,7 @@ def train_index(
     examples
         How many.
     headings
-        Range of the body's heading about facing the camera, in degrees; 360 for who turns round.
+        Range of the body's heading about facing the camera, in degrees; 120 for who never turns away.
     legs
         Legs move too, as far as their rest positions let them.
     elevation

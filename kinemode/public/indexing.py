@@ -22,7 +22,7 @@ def train_index(
     out: PathLike,
     *,
     examples: int = 60_000,
-    headings: float = 120.0,
+    headings: float = 360.0,
     legs: bool = False,
     elevation: float = 8.0,
     seed: int = 0,

@@ -42,7 +42,7 @@ class IndexRecipe:
     """
 
     examples: int = 60_000
-    headings: float = 120.0
+    headings: float = 360.0
     legs: bool = False
     elevation: float = 8.0
     variants: int = 24

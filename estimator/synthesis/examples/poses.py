@@ -26,7 +26,7 @@ class PoseSampler:
     `estimator.imaging.person_view` looks. legs: whether they move as far as their stabilisers say, or only a little.
     """
 
-    def __init__(self, body: Body, *, headings: float = 120.0, legs: bool = False) -> None:
+    def __init__(self, body: Body, *, headings: float = 360.0, legs: bool = False) -> None:
         self.body, self._half = body, 0.5 * np.radians(headings)
         self._collision = SelfCollision(body)
         arms, lower = _limb_dofs(body)
