@@ -39,6 +39,17 @@ class OsimModel:
         self.joints = list(model.find("JointSet/objects") or [])
         self.markers = {marker.get("name", ""): marker for marker in model.iterfind("MarkerSet/objects/Marker")}
         self.coordinates = {c.get("name", ""): c for joint in self.joints for c in joint.iter("Coordinate")}
+        self.couplings = list(model.iterfind("ConstraintSet/objects/CoordinateCouplerConstraint"))
+
+    def coupled(self, values: Mapping[str, float]) -> dict[str, float]:
+        """All coordinates [rad, m] from those that no constraint gives, whatever else the values are."""
+        out = dict(values)
+        for coupling in self.couplings:
+            assert coupling.findtext("isEnforced") == "true"
+            slope, start = numbers(coupling, "coupled_coordinates_function/LinearFunction/coefficients")
+            leader = values[coupling.findtext("independent_coordinate_names", "")]
+            out[coupling.findtext("dependent_coordinate_name", "")] = slope * leader + start
+        return out
 
     def at(self, values: Mapping[str, float]) -> dict[str, pin.SE3]:
         """The segments in the ground at coordinates [rad, m]."""

@@ -18,6 +18,7 @@ from test_evaluation import robot
 import kinemode as km
 from estimator.results.calibration import Calibration
 from estimator.results.run_file import Run
+from estimator.results.spread import spread_of
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -102,9 +103,28 @@ def test_the_interval_is_that_of_the_mixture(run: Run) -> None:
         middles = (float(joint.hypotheses[3, 0]), float(joint.hypotheses[3, 0]) + apart)
         for end, level in ((joint.low[3], 0.05), (joint.high[3], 0.95)):
             expected = brentq(lambda x, p=level, m=middles: below(x, m) - p, middles[0] - 1.0, middles[1] + 1.0)
-            assert end == pytest.approx(expected, abs=2e-3)
+            assert end == pytest.approx(expected, abs=1e-9)
     bend = run["bend"]
     assert bend.high[3] - np.mean(bend.hypotheses[3]) < 0.85 * 1.645 * bend.std[3]
+
+
+def test_frames_are_as_sure_together_as_alone(tmp_path: Path) -> None:
+    """Over more frames than are worked on at once, one of them without a pose, at limits and apart."""
+    body, rng = body_of("arm8"), np.random.default_rng(2)
+    q = np.array([[body.integrate(body.neutral, rng.normal(size=body.nv)) for _ in range(2)] for _ in range(40)])
+    q[5] = np.nan
+    run = made_run(tmp_path / "arm.run", body.subject, q, weight=(0.6, 0.4))
+    interval = run.interval(0.8)
+    spread = spread_of(run, 0.8)
+    for t in {*range(40)} - {5}:
+        alone = run.posterior(t).marginals()
+        ends = alone.quantiles(0.1, 0.9)
+        np.testing.assert_allclose(spread.std[t], alone.moments()[1], rtol=1e-9)
+        np.testing.assert_allclose(spread.ends[t], ends, atol=1e-9)
+        np.testing.assert_allclose(interval[t], run.posterior(t).best + ends, atol=1e-9)  # joints of one number alone
+    assert np.isnan(interval[5]).all()
+    with pytest.raises(InputError, match="level: 90 is no probability"):
+        run.interval(90)
 
 
 def test_what_has_no_angle_is_refused_with_what_it_may_be(run: Run, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from builders import body_of, random_pose
+from builders import MULTIPLIER, OFFSET, body_of, gripper, random_pose
 from osim_reader import OsimModel, numbers, offset
 
 from estimator.formats.opensim import R_OPENSIM_WORLD, read_mot, write_mot
@@ -17,7 +17,7 @@ from estimator.results.coordinates import opensim_coordinates
 from estimator.results.opensim_model import opensim_model
 from estimator.results.segment_masses import ADULT, LEAST, flesh_of
 from humanoid.kinematics.body import Body
-from humanoid.subject.subject import load_subject
+from humanoid.subject.subject import load_subject, subject_from_text
 from humanoid.support.errors import InputError
 
 POSES = 12
@@ -61,12 +61,20 @@ def all_kinds(tmp_path: Path) -> Body:
     return Body(load_subject(path, base="fixed"))
 
 
-NAMES = ("fitted human34", "human30", "upper13", "arm8", "example-robot-data:panda", "joints of all kinds")
+NAMES = (
+    "fitted human34", "human30", "upper13", "arm8", "example-robot-data:panda", "joints of all kinds",
+    "gripper", "gripper, sliding", "gripper, still",
+)  # fmt: skip
 
 
 def body_named(name: str, tmp_path: Path) -> Body:
     if name == "fitted human34":
         return fitted()
+    if name == "gripper, sliding":
+        return Body(subject_from_text(gripper(master="knuckle", kind="prismatic"), source=name))
+    if name == "gripper, still":  # a follower that its master does not move
+        text = gripper().replace(f'multiplier="{MULTIPLIER}"', 'multiplier="0"')
+        return Body(subject_from_text(text, source=name))
     if name == "joints of all kinds":
         return all_kinds(tmp_path)
     return body_of(name) if not name.startswith("example") else Body(load_subject(name, meshes="ignore"))
@@ -109,6 +117,27 @@ def test_markers_are_the_landmarks(name: str, tmp_path: Path) -> None:
         theirs = np.array([places[component_name(n)] for n in body.landmark_names])
         ours = body.landmarks(body.at(pose)) @ R_OPENSIM_WORLD.T
         np.testing.assert_allclose(theirs, ours, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "follower"), [("gripper", "inner"), ("gripper, sliding", "inner"), ("gripper, still", "")]
+)
+def test_followers_go_where_their_leader_takes_them(name: str, follower: str, tmp_path: Path) -> None:
+    """The model's own constraints give what the motion file says of followers, from the other coordinates alone."""
+    body = body_named(name, tmp_path)
+    model, motion = written(body, tmp_path, poses(body))
+    read = OsimModel(model)
+    (names, values, _), _ = read_mot(motion)
+    assert {c.findtext("dependent_coordinate_name") for c in read.couplings} == ({follower} if follower else set())
+    assert ("inner" in read.coordinates) == bool(follower)  # one that cannot move is welded, at its offset
+    for coupling in read.couplings:
+        said = numbers(coupling, "coupled_coordinates_function/LinearFunction/coefficients")
+        np.testing.assert_array_equal(said, [MULTIPLIER, OFFSET])
+    lengths = slid(read)
+    for row in values:
+        named = {n: v if n in lengths else np.deg2rad(v) for n, v in zip(names, row, strict=True)}
+        leaders = {n: 9.0 if n == follower else v for n, v in named.items()}
+        assert read.coupled(leaders) == pytest.approx(named, abs=1e-8)  # digits of the file
 
 
 def slid(read: OsimModel) -> set[str]:
@@ -233,27 +262,51 @@ def test_a_joint_that_opensim_has_not_is_refused(tmp_path: Path) -> None:
         opensim_model(Body(body.subject, model), "a")
 
 
+@pytest.fixture
+def osim() -> Any:
+    module: Any = pytest.importorskip("opensim", reason="OpenSim is not installed: pip install opensim")
+    module.Logger.setLevelString("error")
+    return module
+
+
+class InOpenSim:
+    """A model and a motion as OpenSim itself loads them."""
+
+    def __init__(self, osim: Any, path: Path, motion: Path) -> None:
+        self.model = osim.Model(str(path))
+        self.state = self.model.initSystem()
+        self.table = osim.Storage(str(motion))
+        self.model.getSimbodyEngine().convertDegreesToRadians(self.table)
+        labels = self.table.getColumnLabels()
+        self.labels = [labels.get(i) for i in range(1, labels.getSize())]
+        coordinates = self.model.updCoordinateSet()
+        self.following = {name for name in self.labels if coordinates.get(name).isDependent(self.state)}
+
+    def places(self, t: int, names: tuple[str, ...], *, coupled: bool) -> np.ndarray:
+        """Markers (L, 3) [m] at row t; coupled: followers are left to the model's constraints."""
+        row = self.table.getStateVector(t).getData()
+        for i, label in enumerate(self.labels):
+            if not (coupled and label in self.following):
+                self.model.updCoordinateSet().get(label).setValue(self.state, row.get(i), False)
+        if coupled:
+            self.model.assemble(self.state)
+        self.model.realizePosition(self.state)
+        markers = self.model.getMarkerSet()
+        points = [markers.get(component_name(name)).getLocationInGround(self.state) for name in names]
+        return np.array([[point.get(k) for k in range(3)] for point in points])
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_opensim_poses_the_markers_as_ours(name: str, tmp_path: Path) -> None:
-    """Measure 3: OpenSim itself loads model and motion; its markers are ours within 1 mm over the clip."""
-    osim: Any = pytest.importorskip("opensim", reason="OpenSim is not installed: pip install opensim")
-    osim.Logger.setLevelString("error")
+def test_opensim_poses_the_markers_as_ours(osim: Any, name: str, tmp_path: Path) -> None:
+    """Measure 3: OpenSim itself loads model and motion; its markers are ours within 1e-3 mm over the clip, also where
+    joints follow others and only their leaders are driven."""
     body = body_named(name, tmp_path)
     q = poses(body)
-    path, motion = written(body, tmp_path, q)
-    model = osim.Model(str(path))
-    state = model.initSystem()
-    table = osim.Storage(str(motion))
-    model.getSimbodyEngine().convertDegreesToRadians(table)
-    labels = [table.getColumnLabels().get(i) for i in range(1, table.getColumnLabels().getSize())]
-    assert set(labels) == {model.getCoordinateSet().get(i).getName() for i in range(model.getNumCoordinates())}
-    worst = 0.0
-    for t, pose in enumerate(q):
-        row = table.getStateVector(t).getData()
-        for i, label in enumerate(labels):
-            model.updCoordinateSet().get(label).setValue(state, row.get(i), False)
-        model.realizePosition(state)
-        places = [model.getMarkerSet().get(component_name(n)).getLocationInGround(state) for n in body.landmark_names]
-        theirs = np.array([[place.get(k) for k in range(3)] for place in places])
-        worst = max(worst, float(np.abs(theirs - body.landmarks(body.at(pose)) @ R_OPENSIM_WORLD.T).max()))
-    assert worst < 1e-6
+    there = InOpenSim(osim, *written(body, tmp_path, q))
+    coordinates = there.model.getCoordinateSet()
+    assert set(there.labels) == {coordinates.get(i).getName() for i in range(coordinates.getSize())}
+    assert there.following == {component_name(mimic.joint) for mimic in body.subject.mimics}
+    for coupled in (False, True) if there.following else (False,):
+        for t, pose in enumerate(q):
+            ours = body.landmarks(body.at(pose)) @ R_OPENSIM_WORLD.T
+            np.testing.assert_allclose(there.places(t, body.landmark_names, coupled=coupled), ours, atol=1e-6)

@@ -91,7 +91,7 @@ def test_a_table_in_degrees_between_its_rows(tmp_path: Path) -> None:
     ("subject", "head", "rows", "said"),
     [
         ("arm8", "time,left_elbow_flex_deg", ["0,1"], r"no joint 'left_elbow_flex' \(did you mean left_elbow_flexion"),
-        ("arm8", "time,colour", ["0,1"], r"no joint 'colour' \(joints: left_clavicle_elevation"),
+        ("arm8", "time,colour", ["0,1"], r"no joint 'colour' \(valid joints: left_clavicle_elevation"),
         ("arm8", "left_elbow_flexion", ["0"], "line 1: has 0 columns of time.*called one of time_s, time"),
         ("arm8", "t,left_elbow_flexion", ["0,0.1", "0,0.2"], "row 1: the times are not all numbers that rise"),
         ("arm8", "t,left_elbow_flexion", ["0,0.1", "1"], "line 3: has 1 cells, 2 are expected"),

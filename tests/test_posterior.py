@@ -86,6 +86,68 @@ def test_a_symmetric_mixture_is_symmetric_and_its_region_has_two_parts() -> None
     assert marginals.cdf(np.array([[-3.0, 0.0, 3.0]]))[0] == pytest.approx([0.25, 0.5, 0.75], abs=1e-6)
 
 
+def many_kinds() -> Marginals:
+    """Cut off on one side, on both, a sliver of a Gaussian, all alike, leaning on either limit beside a Gaussian,
+    leaning with hardly any room, certain, and far narrower than another."""
+    rows = [  # low, high, then mean, std, lean of both components
+        (-0.1, 9.0, (0.0, 0.3, 0.0), (0.2, 0.1, 0.0)),
+        (-0.5, 0.2, (0.0, 0.3, 0.0), (0.2, 4.0, 0.0)),
+        (-1e-4, 2e-4, (0.0, 3.0, 0.0), (1e-4, 1.0, 0.0)),
+        (-1.0, 1.0, (0.3, 0.2, 0.0), (0.3, 0.2, 0.0)),
+        (0.0, 0.7, (0.0, 0.0, 0.2), (0.3, 0.1, 0.0)),
+        (-0.7, 0.0, (0.0, 0.0, -0.2), (-0.3, 0.4, 0.0)),
+        (0.0, 1e-5, (0.0, 0.0, 0.3), (1e-5, 0.0, -0.2)),
+        (-0.2, 0.6, (0.1, 0.0, 0.0), (0.1, 0.0, 0.0)),
+        (-0.9, 0.6, (0.1, 1e-4, 0.0), (-0.2, 0.3, 0.0)),
+    ]
+    low, high = (np.array([row[i] for row in rows]) for i in (0, 1))
+    mean, std, lean = (np.array([[row[2][i], row[3][i]] for row in rows]) for i in range(3))
+    return Marginals(np.array([0.7, 0.3]), mean, std, lean, low, high)
+
+
+def test_moments_are_the_integrals_of_the_distribution() -> None:
+    """E x = low + integral of 1 - F; E (x - low)^2 = 2 integral of (x - low) (1 - F)."""
+    m = many_kinds()
+    mean, std = m.moments()
+    for i, (low, high) in enumerate(zip(m.low, m.high, strict=True)):
+        near = m.mean[i, :, None] + np.maximum(m.std[i, :, None], 1e-9) * np.linspace(-9.0, 9.0, 4001)
+        x = np.unique(np.clip(np.append(np.linspace(low, high, 40001), near), low, high))
+        own = Marginals(m.weight, m.mean[[i]], m.std[[i]], m.lean[[i]], m.low[[i]], m.high[[i]])
+        above = 1.0 - own.cdf(x[None])[0]
+        first, second = np.trapezoid(above, x), 2.0 * np.trapezoid((x - low) * above, x)
+        assert mean[i] - low == pytest.approx(first, rel=1e-6)
+        assert std[i] == pytest.approx(np.sqrt(max(second - first**2, 0.0)), rel=1e-5, abs=2e-9)
+
+
+def test_so_much_lies_below_a_quantile() -> None:
+    m = many_kinds()
+    levels = (0.0, 1e-4, 0.05, 0.5, 0.9, 1.0)
+    x = m.quantiles(*levels)
+    certain = (m.std == 0.0).all(axis=1) & (m.lean == 0.0).all(axis=1)
+    for p, row in zip(levels, x, strict=True):
+        np.testing.assert_allclose(m.cdf(row[:, None])[~certain, 0], p, atol=1e-9)
+        np.testing.assert_array_equal(row, m.quantile(p))
+    np.testing.assert_allclose(x[2:5, certain], 0.1, atol=1e-8)
+    assert (np.diff(x, axis=0) >= 0.0).all()
+    assert ((x >= m.low) & (x <= m.high)).all()
+    wide = Marginals(m.weight, m.mean, np.maximum(m.std, 0.1), 0.0 * m.lean, np.full(9, -np.inf), np.full(9, np.inf))
+    np.testing.assert_allclose(wide.cdf(wide.quantile(0.05)[:, None])[:, 0], 0.05, atol=1e-9)
+    np.testing.assert_array_equal(wide.quantiles(0.0, 1.0), np.outer([-np.inf, np.inf], np.ones(9)))
+
+
+def test_coordinates_are_the_same_alone_and_below_others() -> None:
+    body = body_of("human34")
+    parts = [many_kinds(), mixture(body).marginals(), gaussian(body).marginals()]
+    whole = Marginals.stacked(parts)
+    for of_whole, of_parts in (
+        (whole.quantile(0.05), [part.quantile(0.05) for part in parts]),
+        (whole.moments()[0], [part.moments()[0] for part in parts]),
+        (whole.moments()[1], [part.moments()[1] for part in parts]),
+        (whole.cdf(np.full((len(whole.low), 1), 0.05)), [p.cdf(np.full((len(p.low), 1), 0.05)) for p in parts]),
+    ):
+        np.testing.assert_allclose(of_whole, np.concatenate(of_parts), rtol=1e-9, atol=1e-12)
+
+
 def mixture(body: Body, scale: float = 1.0) -> Posterior:
     """Two modes, one near limits; covariances said to be `scale` times what they are."""
     rng = np.random.default_rng(3)

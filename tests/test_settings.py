@@ -249,7 +249,8 @@ def test_a_pose_prior_that_the_body_does_not_suit_is_noted() -> None:
 BAD = {
     "[cots]\n": ("no setting 'cots'", "did you mean cost?"),
     "[cost]\nkeypoint_nois = 1.0\n": ("[cost]: no setting 'keypoint_nois'", "did you mean keypoint_noise?"),
-    "[cost]\nedge_noise = 1.0\n": ("[cost]: no setting 'edge_noise'", "[cost.image]"),
+    "[cost]\nturn_spee = 1.0\n": ("[cost]: no setting 'turn_spee'", "did you mean turn_speed?"),
+    "[cost]\nedge_noise = 1.0\n": ("[cost]: no setting 'edge_noise' (it belongs to [cost.image]; here: one of",),
     "[cost.image]\nzzz = 1\n": ("[cost.image]: no setting 'zzz'", "edge_noise, edge_window"),
     "[css]\nmodes = 2.0\n": ("[css] modes: 2.0 is no whole number",),
     "[css]\nmodes = 0\n": ("[css] modes: 0 cannot work", "1 or more"),

@@ -1,8 +1,9 @@
-"""OpenSim's model files (.osim, version 4): bodies, joints, coordinates and markers as they are written.
+"""OpenSim's model files (.osim, version 4): bodies, joints, coordinates, couplings and markers as they are written.
 
 Everything here is in OpenSim's axes (y up), metres, kilograms and radians. The elements are those of OpenSim's
-reference pages (CustomJoint, SpatialTransform, PhysicalOffsetFrame); the program: A. Seth et al., OpenSim: Simulating
-musculoskeletal dynamics and neuromuscular control to study human and animal movement, PLoS Comput. Biol. 14(7), 2018.
+reference pages (CustomJoint, SpatialTransform, PhysicalOffsetFrame, CoordinateCouplerConstraint); the program: A. Seth
+et al., OpenSim: Simulating musculoskeletal dynamics and neuromuscular control to study human and animal movement, PLoS
+Comput. Biol. 14(7), 2018.
 """
 
 from __future__ import annotations
@@ -80,6 +81,17 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Coupling:
+    """A coordinate that follows another, of this joint or any: its value is slope times its leader's, plus intercept
+    [rad or m]."""
+
+    follower: str
+    leader: str
+    slope: float
+    intercept: float
+
+
+@dataclass(frozen=True)
 class Marker:
     """A named point (3,) [m] of a segment."""
 
@@ -97,6 +109,7 @@ class Model:
     segments: tuple[Segment, ...]
     joints: tuple[Joint, ...]
     markers: tuple[Marker, ...]
+    couplings: tuple[Coupling, ...] = ()
 
 
 def component_name(text: str) -> str:
@@ -114,6 +127,8 @@ def write_osim(path: Path, model: Model) -> None:
     _text(root, "force_units", "N")
     _add_set(root, "BodySet", "bodyset", map(_segment, model.segments))
     _add_set(root, "JointSet", "jointset", map(_joint, model.joints))
+    if model.couplings:
+        _add_set(root, "ConstraintSet", "constraintset", map(_coupling, model.couplings))
     _add_set(root, "MarkerSet", "markerset", map(_marker, model.markers))
     ET.indent(document, "  ")
     text = ET.tostring(document, encoding="unicode")
@@ -206,9 +221,23 @@ def _transform_axis(name: str, coordinate: str, direction: np.ndarray) -> ET.Ele
     _text(element, "coordinates", coordinate)
     _text(element, "axis", _numbers(direction))
     if coordinate:
-        _text(ET.SubElement(element, "LinearFunction", name="function"), "coefficients", "1 0")
+        _linear(element, 1.0, 0.0)
     else:
         _text(ET.SubElement(element, "Constant", name="function"), "value", "0")
+    return element
+
+
+def _linear(parent: ET.Element, slope: float, intercept: float) -> None:
+    _text(ET.SubElement(parent, "LinearFunction", name="function"), "coefficients", _numbers((slope, intercept)))
+
+
+def _coupling(coupling: Coupling) -> ET.Element:
+    """A constraint between coordinates: the axes of a joint can be functions of that joint's own coordinates alone."""
+    element = ET.Element("CoordinateCouplerConstraint", name=f"{coupling.follower}_follows_{coupling.leader}")
+    _text(element, "isEnforced", "true")
+    _linear(ET.SubElement(element, "coupled_coordinates_function"), coupling.slope, coupling.intercept)
+    _text(element, "independent_coordinate_names", coupling.leader)
+    _text(element, "dependent_coordinate_name", coupling.follower)
     return element
 
 

@@ -1,25 +1,34 @@
-"""One degree of freedom at a time: mixtures of Gaussians cut off at the limits, and of modes that lean on a limit."""
+"""One degree of freedom at a time: mixtures of Gaussians cut off at the limits, and of modes that lean on a limit.
+
+Moments and quantiles of a component are closed forms (N. L. Johnson, S. Kotz and N. Balakrishnan, Continuous Univariate
+Distributions 1, 2nd ed. 1994, 13.10.1 for the Gaussian; the exponential forgets where it began). Quantiles of a mixture
+lie between those of its components, where all coordinates are searched at once.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 _REACH = 8.0  # standard deviations of a component that the grid spans
 _POINTS, _FEWEST_POINTS = 400, 24  # of the grid: for all components, for each at least
 _SMALLEST = 1e-9  # rad or m: standard deviation of what is said to be certain
+_FAR = 40.0  # standard deviations beyond which a Gaussian has no probability in double precision
+_EVEN = 1e-3  # standard deviations of room on which a Gaussian is as good as even
+_LONG, _SHORT = 700.0, 1e-2  # mean distances beyond which an exponential has nothing; below which a series is as exact
 
 
 @dataclass(frozen=True)
 class Marginals:
     """The distribution of every coordinate of a tangent space on its own, as a mixture of K components.
 
-    weight (K,): of the components, sum 1. mean, std (n, K): of the Gaussians before they are cut off at `low` and
-    `high` (n,), infinite where there is no limit. lean (n, K): where it is not zero, the component is instead an
-    exponential that begins at its mean, which is a limit, and leads inside with this mean distance, negative below
-    an upper limit.
+    weight (K,): of the components, sum 1; (n, K) where every coordinate has its own. mean, std (n, K): of the Gaussians
+    before they are cut off at `low` and `high` (n,), infinite where there is no limit. lean (n, K): where it is not
+    zero, the component is instead an exponential that begins at its mean, which is a limit, and leads inside with this
+    mean distance, negative below an upper limit.
     """
 
     weight: np.ndarray
@@ -29,29 +38,57 @@ class Marginals:
     low: np.ndarray
     high: np.ndarray
 
+    @staticmethod
+    def stacked(parts: Sequence[Marginals]) -> Marginals:
+        """The coordinates of all, one below another; components that a part has not get no weight there."""
+        most = max(part.weight.shape[-1] for part in parts)
+
+        def rows(of_part: Sequence[np.ndarray]) -> np.ndarray:
+            return np.concatenate([np.pad(a, ((0, 0), (0, most - a.shape[1])), mode="edge") for a in of_part])
+
+        weights = [np.broadcast_to(p.weight, p.mean.shape) for p in parts]
+        weight = np.concatenate([np.pad(w, ((0, 0), (0, most - w.shape[1]))) for w in weights])
+        mean, std, lean = (rows([getattr(p, name) for p in parts]) for name in ("mean", "std", "lean"))
+        low, high = (np.concatenate([getattr(p, name) for p in parts]) for name in ("low", "high"))
+        return Marginals(weight, mean, std, lean, low, high)
+
     def cdf(self, x: np.ndarray) -> np.ndarray:
         """Probability below x (n, ...), of the same shape."""
-        below = self._below(x)
-        start, end = (self._below(edge[:, None])[:, 0] for edge in (self.low, self.high))
-        shape = (len(start), *[1] * (x.ndim - 1), -1)
-        share = (below - start.reshape(shape)) / np.maximum(end - start, 1e-300).reshape(shape)
-        return np.asarray(np.clip(share, 0.0, 1.0) @ self.weight)
+        shape = (len(self.mean), *[1] * (x.ndim - 1), -1)
+        start, share = (part.reshape(shape) for part in self._within())
+        weight = np.broadcast_to(self.weight, self.mean.shape).reshape(shape)
+        return np.asarray(np.sum(weight * np.clip((self._below(x) - start) / share, 0.0, 1.0), axis=-1))
 
     def quantile(self, p: float) -> np.ndarray:
-        """The value (n,) below which lies the probability p, 0 to 1; linear between the points of a fine grid."""
-        edges = self._grid()
-        return _quantile(edges, self.cdf(edges), p)
+        """The value (n,) below which lies the probability p, 0 to 1."""
+        return self.quantiles(p)[0]
+
+    def quantiles(self, *levels: float) -> np.ndarray:
+        """The values (P, n) below which lie the probabilities, each 0 to 1."""
+        from scipy.optimize.elementwise import find_root  # not at the top: slow to load
+
+        start, share = self._within()
+        scaled = self.weight / share
+        before = np.sum(scaled * start, axis=1)
+
+        def over(x: np.ndarray, i: np.ndarray, p: np.ndarray) -> np.ndarray:
+            below = _below(x[:, None] - self.mean[i], self.std[i], self.lean[i])
+            return np.asarray(np.sum(scaled[i] * below, axis=1) - before[i] - p)
+
+        own = np.array([self._component_quantiles(p) for p in levels])
+        i, p = np.tile(np.arange(len(self.mean)), len(levels)), np.repeat(levels, len(self.mean))
+        ends = tuple(edge.ravel() for edge in (own.min(axis=2), own.max(axis=2)))
+        with np.errstate(invalid="ignore"):  # ends of p = 0 or 1 without limits
+            root = find_root(over, ends, args=(i, p))
+        # where all components agree, rounding can leave both ends on one side
+        nearest = np.where(root.f_bracket[0] >= 0.0, root.bracket[0], root.bracket[1])
+        return np.where(root.success, root.x, nearest).reshape(own.shape[:2])
 
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,), of the distribution within the limits."""
-        return _moments(*self._cells())
-
-    def spread(self, *levels: float) -> tuple[np.ndarray, np.ndarray]:
-        """Standard deviation (n,) as of `moments` and a quantile (P, n) for each level, at the cost of either alone."""
-        edges = self._grid()
-        below = self.cdf(edges)
-        std = _moments(edges, _mass(below))[1]
-        return std, np.array([_quantile(edges, below, p) for p in levels]).reshape(len(levels), len(std))
+        means, variances = self._component_moments()
+        mean = np.sum(self.weight * means, axis=1)
+        return mean, np.sqrt(np.sum(self.weight * (variances + np.square(means - mean[:, None])), axis=1))
 
     def credible_level(self, x: np.ndarray) -> np.ndarray:
         """Credible levels (n,) of x (n,): probability of the smallest region that contains it, 0 at the highest
@@ -85,16 +122,46 @@ class Marginals:
     def _below(self, x: np.ndarray) -> np.ndarray:
         """Probability of each component below x (n, ...), not cut off: (n, ..., K)."""
         shape = (len(self.mean), *[1] * (x.ndim - 1), -1)
-        gap = x[..., None] - self.mean.reshape(shape)
-        below = np.asarray(ndtr(gap / np.maximum(self.std, _SMALLEST).reshape(shape)))
-        for i, k in zip(*np.nonzero(self.lean), strict=True):
-            tail = np.exp(-np.maximum(gap[i, ..., k] / self.lean[i, k], 0.0))
-            below[i, ..., k] = 1.0 - tail if self.lean[i, k] > 0.0 else tail
-        return below
+        mean, std, lean = (part.reshape(shape) for part in (self.mean, self.std, self.lean))
+        return _below(x[..., None] - mean, std, lean)
+
+    def _within(self) -> tuple[np.ndarray, np.ndarray]:
+        """Probability (n, K) of each component below `low`, and that between the limits, never zero."""
+        start, end = (self._below(edge[:, None])[:, 0] for edge in (self.low, self.high))
+        return start, np.maximum(end - start, 1e-300)
+
+    def _component_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and variance (n, K) of each component within the limits."""
+        std = np.maximum(self.std, _SMALLEST)
+        off, square = _cut_gaussian(*((edge[:, None] - self.mean) / std for edge in (self.low, self.high)))
+        mean, variance = self.mean + std * off, np.square(std) * square
+        i, k = leaning = np.nonzero(self.lean)
+        begin, room = self._exponentials(i, k)
+        away, variance[leaning] = _cut_exponential(np.abs(self.lean[leaning]), room)
+        mean[leaning] = begin + np.sign(self.lean[leaning]) * away
+        return mean, variance
+
+    def _component_quantiles(self, p: float) -> np.ndarray:
+        """The value (n, K) below which lies the probability p of each component within the limits."""
+        start, share = self._within()
+        x = self.mean + np.maximum(self.std, _SMALLEST) * ndtri(np.minimum(start + p * share, 1.0))
+        i, k = leaning = np.nonzero(self.lean)
+        begin, room = self._exponentials(i, k)
+        lean = self.lean[leaning]
+        inside = np.where(lean > 0.0, p, 1.0 - p)
+        with np.errstate(divide="ignore"):  # p = 1 without a limit on the other side
+            x[leaning] = begin - lean * np.log1p(inside * np.expm1(-room / np.abs(lean)))
+        return np.asarray(np.clip(x, self.low[:, None], self.high[:, None]))
+
+    def _exponentials(self, i: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the exponentials (E,) that are components k of coordinates i begin within the limits, and how far from
+        there the other limit is."""
+        begin = np.clip(self.mean[i, k], self.low[i], self.high[i])
+        return begin, np.where(self.lean[i, k] > 0.0, self.high[i] - begin, begin - self.low[i])
 
     def _grid(self) -> np.ndarray:
         """Points (n, G), rising, dense where any component is narrow."""
-        steps = np.linspace(-1.0, 1.0, max(_FEWEST_POINTS, _POINTS // len(self.weight)))
+        steps = np.linspace(-1.0, 1.0, max(_FEWEST_POINTS, _POINTS // self.weight.shape[-1]))
         steps = _REACH * steps * np.abs(steps)
         spread = np.where(self.lean == 0.0, np.maximum(self.std, _SMALLEST), np.abs(self.lean))
         points = (self.mean[..., None] + spread[..., None] * steps).reshape(len(self.mean), -1)
@@ -109,21 +176,42 @@ class Marginals:
         return edges, _mass(self.cdf(edges))
 
 
+def _below(gap: np.ndarray, std: np.ndarray, lean: np.ndarray) -> np.ndarray:
+    """Probability of components below what is so far (..., K) above their means, not cut off; std, lean: as in
+    `Marginals`, of shapes that go with it."""
+    below = np.asarray(ndtr(gap / np.maximum(std, _SMALLEST)))
+    leaning = np.broadcast_to(lean != 0.0, below.shape)
+    if leaning.any():
+        own = np.broadcast_to(lean, below.shape)[leaning]
+        tail = np.exp(-np.maximum(gap[leaning] / own, 0.0))
+        below[leaning] = np.where(own > 0.0, 1.0 - tail, tail)
+    return below
+
+
+def _cut_gaussian(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance of a standard normal cut off at both ends, all of one shape."""
+    low, high = np.clip(low, -_FAR, _FAR), np.clip(high, -_FAR, _FAR)
+    at_low, at_high = (np.exp(-0.5 * np.square(z)) / np.sqrt(2.0 * np.pi) for z in (low, high))
+    share = np.maximum(ndtr(high) - ndtr(low), 1e-300)
+    mean = (at_low - at_high) / share
+    variance = np.maximum(1.0 + (low * at_low - high * at_high) / share - np.square(mean), 0.0)
+    even = high - low < _EVEN  # rounding is all that the closed forms leave there
+    return np.where(even, 0.5 * (low + high), mean), np.where(even, np.square(high - low) / 12.0, variance)
+
+
+def _cut_exponential(size: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance (E,) of exponentials with mean distances `size`, cut off at `room`, maybe infinite."""
+    width = np.clip(room / size, 1e-300, _LONG)
+    short = width < _SHORT
+    mean = np.where(short, room * (0.5 - width / 12.0), size * (1.0 - width / np.expm1(width)))
+    even = np.square(room) * (1.0 / 12.0 - np.square(width) / 240.0)
+    full = np.square(size) * (1.0 - np.square(0.5 * width / np.sinh(0.5 * width)))
+    return mean, np.where(short, even, full)
+
+
 def _mass(below: np.ndarray) -> np.ndarray:
     """Probabilities (n, G - 1) of the cells between points with so much (n, G) below them."""
     return np.maximum(np.diff(below, axis=1), 0.0)
-
-
-def _moments(edges: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation (n,) from cells between edges (n, G) with probabilities mass (n, G - 1)."""
-    middle = 0.5 * (edges[:, 1:] + edges[:, :-1])
-    mean = np.sum(mass * middle, axis=1)
-    return mean, np.sqrt(np.sum(mass * np.square(middle - mean[:, None]), axis=1))
-
-
-def _quantile(edges: np.ndarray, below: np.ndarray, p: float) -> np.ndarray:
-    """The value (n,) with probability p below it, from the probabilities (n, G) below edges (n, G)."""
-    return np.array([np.interp(p, shares, edge) for shares, edge in zip(below, edges, strict=True)])
 
 
 def _cells_of(edges: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.formats.opensim import R_OPENSIM_WORLD
-from estimator.formats.osim import GROUND, Axis, Joint, Marker, Model, Place, Segment, Shape, component_name
+from estimator.formats.osim import GROUND, Axis, Coupling, Joint, Marker, Model, Place, Segment, Shape, component_name
 from estimator.results.coordinates import JointEntry, joint_entries, opensim_names
 from estimator.results.segment_masses import Mass, flesh_of, links_of, segment_masses
 from humanoid.kinematics.body import Body
@@ -28,8 +28,10 @@ _STILL = pin.SE3.Identity()
 def opensim_model(body: Body, name: str) -> Model:
     """The model of a body: one segment for each joint, or for each group of turns about one point, as at a hip.
 
-    What hangs on fixed (also locked) joints is part of the segment that carries it. Raises InputError for a joint that
-    neither turns nor slides.
+    What hangs on fixed (also locked) joints is part of the segment that carries it. A joint that follows another has a
+    coordinate of its own, coupled to its leader's: OpenSim's joints know no coordinates of others.
+
+    Raises InputError for a joint that neither turns nor slides.
     """
     links, (masses, told) = links_of(body), segment_masses(body)
     names = {j: component_name(of_joint[0]) for j, of_joint in links.items()}
@@ -50,7 +52,7 @@ def opensim_model(body: Body, name: str) -> Model:
         for landmark, j, place in zip(body.landmark_names, body.landmark_joint, body.landmark_local, strict=True)
     ]
     credits = f"Written by kinemode of the subject {body.subject.name}. {told}"
-    return Model(name, credits, tuple(segments), tuple(joints), tuple(markers))
+    return Model(name, credits, tuple(segments), tuple(joints), tuple(markers), tuple(_couplings(body)))
 
 
 @dataclass(frozen=True)
@@ -106,8 +108,18 @@ def _axis(joint: pin.JointModel, entry: JointEntry) -> np.ndarray:
     at_zero = np.zeros(entry.start + entry.count)
     at_zero[entry.start] = float(entry.kind == "endless")  # the cosine
     joint.calc(data, at_zero)
-    motion = np.asarray(data.S).reshape(6) / entry.multiplier  # a follower's is its master's motion
+    # a follower's is its master's motion; its multiplier is not 0: that follower was fixed when the subject was read
+    motion = np.asarray(data.S).reshape(6) / entry.multiplier
     return np.asarray(motion[:3] + motion[3:])  # one of them is zero
+
+
+def _couplings(body: Body) -> Iterator[Coupling]:
+    """What the coordinates of joints that follow others are, from those of their leaders."""
+    leaders = {entry.start: entry for entry in joint_entries(body) if not entry.follows}
+    for entry in joint_entries(body):
+        if entry.follows:
+            (follower,), (leader,) = (opensim_names(body, each) for each in (entry, leaders[entry.start]))
+            yield Coupling(follower, leader, entry.multiplier, entry.offset)
 
 
 def _joint(body: Body, group: _Group, parent: str, child: str) -> Joint:

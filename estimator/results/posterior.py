@@ -58,10 +58,13 @@ class Posterior:
             raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
         with np.errstate(divide="ignore"):
             tempered = np.log(result.weight) / c.weight_temperature
-        weight = np.exp(tempered - logsumexp(tempered))
+        weight = np.exp(tempered - np.logaddexp.reduce(tempered))
         some = weight > _FAINT
         q = result.q[some]
-        told = [_with_prior(body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)]
+        prior = Stabilisers(body)
+        told = [
+            _with_prior(prior, body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)
+        ]
         covariance = c.covariance_scale * np.array(told)
         lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
         if seen_from is not None and body.has_free_root:
@@ -93,13 +96,15 @@ class Posterior:
         means for the others is not followed up.
         """
         body, at = self.body, self.best if reference is None else reference
-        mean = np.array([body.difference(at, mode) for mode in self.q])
-        std = []
-        for mode, covariance in zip(self.q, self.covariance, strict=True):
-            carry = pin.dDifference(body.model, at, mode, pin.ARG1)
-            std.append(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", carry, covariance, carry), 0.0)))
+        about: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}  # several components share a mode
+        for mode in self.q:
+            if mode.tobytes() not in about:
+                carry = pin.dDifference(body.model, at, mode, pin.ARG1)
+                about[mode.tobytes()] = body.difference(at, mode), carry
+        mean, carry = (np.array(part) for part in zip(*(about[mode.tobytes()] for mode in self.q), strict=True))
+        std = np.sqrt(np.maximum(np.sum((carry @ self.covariance) * carry, axis=2), 0.0))
         low, high = body.tangent_bounds(at)
-        return Marginals(self.weight, mean.T, np.array(std).T, self.lean.T, low, high)
+        return Marginals(self.weight, mean.T, std.T, self.lean.T, low, high)
 
     def landmarks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weights (K,), means (K, L, 3) [m] and covariances (K, L, 3, 3) of every landmark in the world: a mixture of
@@ -165,13 +170,15 @@ class Posterior:
         return drawn
 
 
-def _with_prior(body: Body, q: np.ndarray, covariance: np.ndarray, prior_weight: float) -> np.ndarray:
+def _with_prior(
+    stabilisers: Stabilisers, body: Body, q: np.ndarray, covariance: np.ndarray, prior_weight: float
+) -> np.ndarray:
     """Covariance (nv, nv) of a mode with the prior on rest positions counted so many times."""
     free = np.flatnonzero(np.diagonal(covariance) > 0.0)
     if prior_weight == 1.0 or len(free) == 0:
         return covariance.astype(np.float64)
     prior = np.zeros((body.nv, body.nv))
-    Stabilisers(body).accumulate(body.at(q), np.zeros(body.nv), prior)
+    stabilisers.accumulate(body.at(q), np.zeros(body.nv), prior)
     block = np.ix_(free, free)
     known = covariance[block].astype(np.float64)
     told = np.zeros((body.nv, body.nv))

@@ -346,7 +346,10 @@ class Run(Summarised):
 
     def interval(self, level: float) -> np.ndarray:
         """(T, 2, nq) ends of the calibrated central interval of this probability for every joint that one number places
-        [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any."""
+        [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any.
+
+        Raises InputError for a level outside 0 to 1.
+        """
         body, spread = self.body, self.spread if level == LEVEL else spread_of(self, level)
         single = [j for j in range(1, body.model.njoints) if body.model.nqs[j] == body.model.nvs[j] == 1]
         in_q, in_v = (np.array(list(indices))[single] for indices in (body.model.idx_qs, body.model.idx_vs))

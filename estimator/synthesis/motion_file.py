@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from difflib import get_close_matches
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +11,7 @@ from estimator.formats.motion_table import MotionTable
 from estimator.results.coordinates import JointEntry, joint_entries
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
+from humanoid.support.near_names import nearest
 
 _UNITS = {"_rad": 1.0, "_deg": np.pi / 180.0, "_m": 1.0, "_cm": 0.01, "_mm": 1e-3}
 _OF_EXPORTS = re.compile(r".*_[xyz]_m|.*_std(_.*)?|std_.*|weight|energy|status|frame")
@@ -69,7 +68,9 @@ def _columns(body: Body, table: MotionTable) -> dict[int, int]:
         if entry is not None:
             columns[entry] = column
         elif name not in landmarks and bare not in following and not _OF_EXPORTS.fullmatch(name):
-            raise InputError(table.source, f"the subject has no joint {shown(bare)}", remedy=_near(bare, body.q_names))
+            raise InputError(
+                table.source, f"the subject has no joint {shown(bare)}", remedy=nearest(bare, body.q_names, "joints")
+            )
     if not columns:
         raise InputError(table.source, "has no joint of the subject", remedy=f"joints: {', '.join(body.q_names)}")
     for joint in joint_entries(body):
@@ -88,11 +89,6 @@ def _columns(body: Body, table: MotionTable) -> dict[int, int]:
 
 def _bare(name: str) -> str:
     return next((name.removesuffix(unit) for unit in _UNITS if name.endswith(unit)), name)
-
-
-def _near(name: str, known: Sequence[str]) -> str:
-    close = get_close_matches(name, known, n=3, cutoff=0.5)
-    return f"did you mean {' or '.join(close)}?" if close else f"joints: {', '.join(known)}"
 
 
 def _scaled(table: MotionTable, column: int) -> np.ndarray:

@@ -53,14 +53,15 @@ class ElmoSettings:
     from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
     so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
     are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
-    beside those of the neighbours. away: what a pose pays [nats] in the first frame that turns its back to the only
-    camera: most people are filmed from in front, and depth hardly tells. jump: no pose pays more than this [nats] for
-    being far from all modes of the frame before, which may be lost; the paper has no such bound. settle: the product
-    of likelihood and prior as it is: modes are weighed with their covariances, and searched on from with the transition
-    since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the likelihood has them
-    and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
-    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
-    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
+    beside those of the neighbours. away: what a pose pays [nats] that turns its back to the only camera in the first
+    frame, or the first after some without the person: most people are filmed from in front, and depth hardly
+    tells. jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost;
+    the paper has no such bound. settle: the product of likelihood and prior as it is: modes are weighed with their
+    covariances, and searched on from with the transition since the mode that each continues in the energy. Off, eqs. 5
+    and 6, which leave modes where the likelihood has them and count as far from the past what is only unknown.
+    turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may change at least, as standard deviations,
+    however short it was; the rest of C_eta (eq. 4) is the transition's since the last frame in which the person was
+    seen.
     """
 
     neighbours: int = setting(_USUAL.neighbours, at_least=0)
@@ -177,11 +178,12 @@ class Elmo(Begins):
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
-        looks = self.looked(observation) if state is not None else self._looked_anew(observation)
-        starts = self._starts(looks, state)
+        anew = state is None or state.seen < state.time  # who was hidden may have turned
+        looks = self._looked_anew(observation) if anew else self.looked(observation)
+        starts = self._starts(looks, state, anew)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameCase(self.search.associations(observation), 0.0, likelihood)
-        mixture = self._modes(starts, looks, observation, case, state is None)  # 3
+        mixture = self._modes(starts, looks, observation, case, anew)  # 3
         if state is not None:
             mixture = self._weighed(mixture, state, observation.time)  # 6
             if self.settings.settle:
@@ -190,8 +192,8 @@ class Elmo(Begins):
         told = _told(looks, starts, StepCounts.between(before, self.search.steps))
         return self._judged(observation, mixture, told)
 
-    def _starts(self, looks: Sequence[Looked], state: ElmoState | None) -> list[Hypothesis]:
-        starts = example_starts(self.body, looks, self.settings.away if state is None else 0.0)
+    def _starts(self, looks: Sequence[Looked], state: ElmoState | None, anew: bool) -> list[Hypothesis]:
+        starts = example_starts(self.body, looks, self.settings.away if anew else 0.0)
         if state is not None and self.settings.keep:
             starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
         return starts

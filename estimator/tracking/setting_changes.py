@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 from humanoid.support.errors import InputError, shown
+from humanoid.support.near_names import near_names
 from humanoid.support.settings import LARGEST, Valid, declared, every_setting, is_group, members, with_members
 
 _KINDS = {bool: "true or false (bool)", int: "whole number (int)", float: "number (float)", str: "text (str)"}
@@ -106,10 +106,10 @@ class _Changes:
 
     def _meant(self, name: str, table: str, known: list[str]) -> str:
         """What may have been meant."""
-        close = get_close_matches(name, known, n=1, cutoff=0.6)
         elsewhere = [place for place, setting, _ in every_setting(self.root) if setting == name and place != table]
+        close = near_names(name, known, most=1)
         said = f"did you mean {close[0]}? " if close else ""
-        if elsewhere and not close:
+        if elsewhere:  # a name that there is says more than one that looks like it
             said = f"it belongs to {' or '.join(f'[{place}]' for place in elsewhere)}; here: "
         return said + "one of " + ", ".join(known)
 

@@ -12,10 +12,10 @@ _LISTED = 40
 
 
 def near_names(name: str, valid: Iterable[str], most: int = 3) -> list[str]:
-    """The valid names that are nearest: those that contain the name, then those that are alike, the nearest first, then
-    those of which a word is alike."""
+    """The valid names that are nearest: those that contain the name, the shortest first, then those that are alike, the
+    nearest first, then those of which a word is alike."""
     names, part = sorted(set(valid)), name.strip().lower()
-    within = [n for n in names if len(part) >= _PART and part in n.lower()]
+    within = sorted((n for n in names if len(part) >= _PART and part in n.lower()), key=len)
     alike = difflib.get_close_matches(name, names, n=most, cutoff=_CLOSE)
     words = {word for n in names for word in n.lower().split("_")}
     meant = set(difflib.get_close_matches(part, words, n=1, cutoff=_CLOSE_WORD))
