@@ -1,4 +1,4 @@
-"""A film of the live view on the demonstration's clip, as it is in docs/pictures.
+"""A film of the live view on the demonstration's clip, as it is in docs/pictures: an mp4, and a GIF for pages.
 
 Every frame is waited for until the browser has drawn it, which without a graphics card takes longer than tracking it;
 the film has the clip's rate, not that of this machine."""
@@ -24,6 +24,7 @@ from kinemode.target import made_folder
 SIZE = (720, 640)  # px, of the window
 TURN = 0.5  # share of the clip after which it is looked at from the side
 PATIENCE = 30.0  # s that a frame is waited for
+GIF_EVERY = 3  # of the pictures, or it would be larger than a megabyte
 
 
 def main(*, out: Path, frames: int | None = None, work: Path | None = None) -> None:
@@ -32,7 +33,7 @@ def main(*, out: Path, frames: int | None = None, work: Path | None = None) -> N
     Parameters
     ----------
     out
-        The film, an mp4.
+        The film, an mp4; a GIF of every third picture is written beside it.
     frames
         Only so many of the first.
     work
@@ -56,7 +57,9 @@ def main(*, out: Path, frames: int | None = None, work: Path | None = None) -> N
             film.take(len(points) - 1)
     tell(session.summary())
     write_film(out, film.pictures, FPS)
-    tell(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+    gif = write_film(out.with_suffix(".gif"), film.pictures[::GIF_EVERY], FPS / GIF_EVERY)
+    for written in (out, gif):
+        tell(f"{written}: {written.stat().st_size / 1e6:.2f} MB")
 
 
 class Film:
