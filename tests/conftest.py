@@ -54,7 +54,8 @@ def small_index() -> Any:
     from humanoid.subject.subject import load_subject
 
     return train_index(
-        load_subject("human34"), IndexRecipe(examples=1000, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12)
+        load_subject("human34"),
+        IndexRecipe(examples=1000, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12),
     )
 
 
