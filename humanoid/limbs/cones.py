@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-_NEAR = 0.01  # m; what is farther from the cone counts less and less, as a foot on a shank
 _THINNEST = 1e-3  # m
 _FEWEST = 6  # nodes, below which nothing is fitted
 
@@ -42,10 +41,11 @@ def _distance(p: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(outside > 0.0, outside, np.maximum(side, cap)))
 
 
-def fitted_cone(points: np.ndarray, near: float = _NEAR) -> Cone:
-    """The cone nearest to points (N, 3) in its frame [m]; distances beyond `near` [m] count linearly.
+def fitted_cone(points: np.ndarray, near: float) -> Cone:
+    """The cone nearest to points (N, 3) in its frame [m].
 
-    Starts from the points' own extent and spread.
+    Distances beyond `near` [m] count linearly. Starts from the points' own extent and spread; no semi-axis becomes
+    longer than the points reach along it.
     """
     z = points[:, 2]
     low, high = float(z.min()), float(z.max())
@@ -56,12 +56,12 @@ def fitted_cone(points: np.ndarray, near: float = _NEAR) -> Cone:
     if len(points) < _FEWEST:
         return Cone(low, high, spread, spread.copy())
     size = high - low
-    widest = 2.0 * float(np.abs(points[:, :2]).max()) + 4.0 * _THINNEST
+    widest = np.abs(points[:, :2]).max(axis=0) + 4.0 * _THINNEST
     # the ends stay apart: each has its own half of the extent, and a little beyond
     middle, over = (low + high) / 2.0, 0.1 * size
     lower = np.array([low - over, middle + 0.05 * size, *(4 * [_THINNEST])])
-    upper = np.array([middle - 0.05 * size, high + over, *(4 * [widest])])
-    first = np.array([low, high, *spread, *spread])
+    upper = np.array([middle - 0.05 * size, high + over, *widest, *widest])
+    first = np.clip([low, high, *spread, *spread], lower, upper)
     fit = least_squares(_distance, first, bounds=(lower, upper), loss="soft_l1", f_scale=near, args=(points,), max_nfev=100)
     start, end = float(fit.x[0]), float(fit.x[1])
     return Cone(start, end, fit.x[2:4].copy(), fit.x[4:6].copy())

@@ -21,6 +21,7 @@ from humanoid.support.errors import InputError
 
 NODES = 3000
 """Nodes of the surface that cones are fitted to."""
+_NEAR = 0.02  # of the longest body: nodes farther than this from a limb's cone are no part of its shape
 _SAME_PLACE = 0.02  # of the longest body: how far two mirrored ends may miss each other
 
 
@@ -44,8 +45,8 @@ def limb_graph(
     The neighbour with the most neighbours takes them; never are fewer than two limbs left. A limb of several moving
     bodies is rigid: as the bodies are at rest, carried by the longest of them (`Limb.link`).
 
-    Cones are fitted to all nodes of a limb's bodies that are not inside another part of it, distances beyond 1 cm
-    counting less. Edges join limbs that a joint joins. Limbs mirror each other whose links' names differ in left and
+    Cones are fitted to all nodes of a limb's bodies that are not inside another part of it; distances well beyond 0.02
+    of the longest body count all the same, or a foot would widen the shank that it is merged with. Edges join limbs that a joint joins. Limbs mirror each other whose links' names differ in left and
     right, else those that a body at rest has mirrored in the root's plane y = 0.
 
     subject: or a body, whose lengths count then; flesh is always the subject's, so for other lengths give
@@ -89,7 +90,7 @@ def _limb(
     nodes = _outer_nodes(bodies, group)
     proximal, distal = change.joints(body, bodies, group, name)
     frame = frame_of(bodies, group, [g for g in groups if g is not group], nodes, proximal, distal)
-    cone = change.cone(fitted_cone(frame.inside(nodes)), name)
+    cone = change.cone(fitted_cone(frame.inside(nodes), _NEAR * bodies.longest), name)
     carrier = max(bodies.links[group.carrier], key=lambda link: bodies.area[link])
     place = body.model.frames[body.model.getFrameId(carrier, pin.FrameType.BODY)].placement
     R = bodies.posed.rotations[group.carrier] @ place.rotation
