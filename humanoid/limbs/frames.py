@@ -48,7 +48,7 @@ def frame_of(
     t = bodies.pivot[group.members[0]] if proximal is None else proximal
     end = _end(bodies, group, others, t) if distal is None else distal
     if end is None:
-        z = _along(nodes - t)
+        z = axis_through(nodes - t)
         length = float(((nodes - t) @ z).max(initial=0.0))
     else:
         z, length = (end - t) / np.linalg.norm(end - t), float(np.linalg.norm(end - t))
@@ -70,7 +70,7 @@ def _end(bodies: Bodies, group: Group, others: list[Group], t: np.ndarray) -> np
     return None
 
 
-def _along(offset: np.ndarray) -> np.ndarray:
+def axis_through(offset: np.ndarray) -> np.ndarray:
     """The unit vector of the line through the origin nearest to points (N, 3), to the side of their mean."""
     axis = np.linalg.eigh(offset.T @ offset)[1][:, 2]
     side = offset.mean(axis=0) @ axis

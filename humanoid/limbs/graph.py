@@ -10,7 +10,7 @@ import pinocchio as pin
 from humanoid.kinematics.body import Body
 from humanoid.limbs.bodies import Bodies, bodies_of
 from humanoid.limbs.cones import Cone, fitted_cone
-from humanoid.limbs.frames import Frame, frame_of
+from humanoid.limbs.frames import Frame, axis_through, frame_of
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.limbs.merging import RULES, Detail, Group, merged, topmost_first
 from humanoid.limbs.override_file import Change, Overrides, read_overrides
@@ -21,7 +21,8 @@ from humanoid.support.errors import InputError
 
 NODES = 3000
 """Nodes of the surface that cones are fitted to."""
-_NEAR = 0.02  # of the longest body: nodes farther than this from a limb's cone are no part of its shape
+_NEAR = 0.02  # of the longest body: how far from a limb's cone nodes count by their squared distance
+_ASTRAY = np.cos(np.radians(45.0))  # of a merged end's axis to its limb's
 _SAME_PLACE = 0.02  # of the longest body: how far two mirrored ends may miss each other
 
 
@@ -45,9 +46,10 @@ def limb_graph(
     The neighbour with the most neighbours takes them; never are fewer than two limbs left. A limb of several moving
     bodies is rigid: as the bodies are at rest, carried by the longest of them (`Limb.link`).
 
-    Cones are fitted to all nodes of a limb's bodies that are not inside another part of it; distances well beyond 0.02
-    of the longest body count all the same, or a foot would widen the shank that it is merged with. Edges join limbs that a joint joins. Limbs mirror each other whose links' names differ in left and
-    right, else those that a body at rest has mirrored in the root's plane y = 0.
+    Cones are fitted to all nodes of a limb's bodies that are not inside another part of it, without ends whose axis is
+    more than 45 degrees off: a foot moves with its shank and does not widen it. Edges join limbs that a joint joins.
+    Limbs mirror each other whose links' names differ in left and right, else those that a body at rest has mirrored in
+    the root's plane y = 0.
 
     subject: or a body, whose lengths count then; flesh is always the subject's, so for other lengths give
     `subject.scaled`. overrides: a TOML file or what `read_overrides` made of it. like: a graph of a body with the same
@@ -87,9 +89,10 @@ def _name(bodies: Bodies, group: Group) -> str:
 def _limb(
     body: Body, bodies: Bodies, group: Group, groups: list[Group], name: str, change: Change
 ) -> tuple[Frame, Limb]:
-    nodes = _outer_nodes(bodies, group)
     proximal, distal = change.joints(body, bodies, group, name)
+    nodes = outer_nodes(bodies, list(group.members))
     frame = frame_of(bodies, group, [g for g in groups if g is not group], nodes, proximal, distal)
+    nodes = outer_nodes(bodies, along_axis(bodies, group, frame.R[:, 2]))
     cone = change.cone(fitted_cone(frame.inside(nodes), _NEAR * bodies.longest), name)
     carrier = max(bodies.links[group.carrier], key=lambda link: bodies.area[link])
     place = body.model.frames[body.model.getFrameId(carrier, pin.FrameType.BODY)].placement
@@ -101,11 +104,23 @@ def _limb(
     return frame, Limb(name, links, carrier, *in_link, *size)
 
 
-def _outer_nodes(bodies: Bodies, group: Group) -> np.ndarray:
-    """The nodes of a group that are inside no other part of it, (N, 3) [m], with the body at rest."""
-    points = np.concatenate([bodies.points[j] for j in group.members])
-    part = np.concatenate([bodies.part[j] for j in group.members])
-    outward = np.concatenate([bodies.outward[j] for j in group.members])
+def along_axis(bodies: Bodies, group: Group, z: np.ndarray) -> list[int]:
+    """The bodies of a group but for ends whose own axis is more than 45 degrees off its axis z (3,)."""
+    kept = set(group.members)
+    for unit in {int(bodies.unit[j]) for j in group.members} - {int(bodies.unit[group.carrier])}:
+        own = [j for j in group.members if bodies.unit[j] == unit]
+        behind = [k for k in range(len(bodies.parent)) if k not in own and int(bodies.parent[k]) in own]
+        nodes = np.concatenate([bodies.points[j] for j in own])
+        if not behind and len(nodes) and axis_through(nodes - bodies.pivot[unit]) @ z < _ASTRAY:
+            kept -= set(own)
+    return [j for j in group.members if j in kept]
+
+
+def outer_nodes(bodies: Bodies, members: list[int]) -> np.ndarray:
+    """The nodes of some bodies that are inside no other part of them, (N, 3) [m], with the body at rest."""
+    points = np.concatenate([bodies.points[j] for j in members])
+    part = np.concatenate([bodies.part[j] for j in members])
+    outward = np.concatenate([bodies.outward[j] for j in members])
     hidden = np.zeros(len(points), dtype=bool)
     for k in np.unique(part):
         own = part == k
