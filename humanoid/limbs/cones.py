@@ -62,7 +62,9 @@ def fitted_cone(points: np.ndarray, near: float) -> Cone:
     lower = np.array([low - over, middle + 0.05 * size, *(4 * [_THINNEST])])
     upper = np.array([middle - 0.05 * size, high + over, *widest, *widest])
     first = np.clip([low, high, *spread, *spread], lower, upper)
-    fit = least_squares(_distance, first, bounds=(lower, upper), loss="soft_l1", f_scale=near, args=(points,), max_nfev=100)
+    fit = least_squares(
+        _distance, first, bounds=(lower, upper), loss="soft_l1", f_scale=near, args=(points,), max_nfev=100
+    )
     start, end = float(fit.x[0]), float(fit.x[1])
     return Cone(start, end, fit.x[2:4].copy(), fit.x[4:6].copy())
 

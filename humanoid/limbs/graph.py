@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from humanoid.kinematics.body import Body
 from humanoid.limbs.bodies import Bodies, bodies_of
-from humanoid.limbs.cones import Cone, fitted_cone
+from humanoid.limbs.cones import fitted_cone
 from humanoid.limbs.frames import Frame, axis_through, frame_of
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.limbs.merging import RULES, Detail, Group, merged, topmost_first
@@ -131,7 +131,9 @@ def outer_nodes(bodies: Bodies, members: list[int]) -> np.ndarray:
 
 def _edges(bodies: Bodies, groups: list[Group]) -> tuple[tuple[int, int], ...]:
     owner = {j: k for k, group in enumerate(groups) for j in group.members}
-    pairs = [(owner[int(bodies.parent[g.members[0]])], k) for k, g in enumerate(groups) if bodies.parent[g.members[0]] >= 0]
+    pairs = [
+        (owner[int(bodies.parent[g.members[0]])], k) for k, g in enumerate(groups) if bodies.parent[g.members[0]] >= 0
+    ]
     return tuple(sorted((min(pair), max(pair)) for pair in pairs))
 
 

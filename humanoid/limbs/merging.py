@@ -116,7 +116,11 @@ def _shortest(groups: Groups, rule: Rule) -> tuple[int, int] | None:
     around, options = groups.neighbours(), []
     for top, group in groups.all.items():
         open_ones = [t for t in around[top] if not groups.all[t].fixed]
-        if not group.fixed and open_ones and groups.length[top] < groups.bodies.longest * _limit(groups, around, top, rule):
+        if (
+            not group.fixed
+            and open_ones
+            and groups.length[top] < groups.bodies.longest * _limit(groups, around, top, rule)
+        ):
             is_root = bool(groups.bodies.parent[top] == -1)
             options.append((is_root, groups.length[top], top, _most_neighbours(around, open_ones)))
     return min(options)[2:] if options else None

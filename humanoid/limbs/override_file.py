@@ -191,12 +191,12 @@ def _is_number(value: Any) -> bool:
 def _group(bodies: Bodies, name: str, change: Change) -> Group:
     """The bodies of given links, with all whose joints act as one with theirs and what has no surface in between."""
     place = f"[limbs.{name}] links"
-    body_of_link = {
-        link: j for j, links in enumerate(bodies.links) for link in links if bodies.parent[j] >= -1
-    }
+    body_of_link = {link: j for j, links in enumerate(bodies.links) for link in links if bodies.parent[j] >= -1}
     for link in (*(change.links or ()), *(() if change.link is None else (change.link,))):
         if link not in body_of_link:
-            raise InputError(change.path, f"there is no link {link!r}", place=place, remedy=nearest(link, body_of_link, "links"))
+            raise InputError(
+                change.path, f"there is no link {link!r}", place=place, remedy=nearest(link, body_of_link, "links")
+            )
     units = {int(bodies.unit[body_of_link[link]]) for link in change.links or ()}
     members = {j for j in range(len(bodies.parent)) if bodies.parent[j] >= -1 and int(bodies.unit[j]) in units}
     _connect(bodies, members, change, place)
@@ -207,7 +207,9 @@ def _group(bodies: Bodies, name: str, change: Change) -> Group:
         carrier = body_of_link[change.link]
     if carrier not in members:
         problem = f"{change.link!r} is none of the links"
-        raise InputError(change.path, problem, place=f"[limbs.{name}] link", remedy="name one of " + ", ".join(change.links or ()))
+        raise InputError(
+            change.path, problem, place=f"[limbs.{name}] link", remedy="name one of " + ", ".join(change.links or ())
+        )
     return Group(tuple(topmost_first(bodies, members)), carrier, fixed=True, name=name)
 
 
@@ -227,9 +229,7 @@ def _connect(bodies: Bodies, members: set[int], change: Change, place: str) -> N
         raise InputError(change.path, f"{names} are not connected", place=place, remedy=remedy)
 
 
-def _joint_place(
-    path: str, body: Body, bodies: Bodies, group: Group, asked: tuple[str, str, str]
-) -> np.ndarray:
+def _joint_place(path: str, body: Body, bodies: Bodies, group: Group, asked: tuple[str, str, str]) -> np.ndarray:
     """Where a joint on a limb is at rest (3,) [m]; asked: the limb, the entry, the joint."""
     name, key, joint = asked
     model, place = body.model, f"[limbs.{name}] {key}"
@@ -248,5 +248,7 @@ def _joint_place(
     if not sides & set(group.members):
         on_it = [n for n, k in moving.items() if {k, int(bodies.parent[k])} & set(group.members)]
         on_it += [n for n, f in fixed.items() if f.parentJoint in group.members]
-        raise InputError(path, f"joint {joint!r} is not on this limb", place=place, remedy=nearest(joint, on_it, "joints"))
+        raise InputError(
+            path, f"joint {joint!r} is not on this limb", place=place, remedy=nearest(joint, on_it, "joints")
+        )
     return np.asarray(where)
