@@ -99,9 +99,9 @@ def _limb(
     R = bodies.posed.rotations[group.carrier] @ place.rotation
     t = bodies.posed.rotations[group.carrier] @ place.translation + bodies.posed.translations[group.carrier]
     links = tuple(link for j in group.members for link in bodies.links[j])
-    in_link = R.T @ (frame.t - t), R.T @ frame.R
-    size = (frame.length, cone.start, cone.end, cone.proximal, cone.distal)
-    return frame, Limb(name, links, carrier, *in_link, *size)
+    t_link_limb, R_link_limb = R.T @ (frame.t - t), R.T @ frame.R
+    ends = cone.start, cone.end, cone.proximal, cone.distal
+    return frame, Limb(name, links, carrier, t_link_limb, R_link_limb, frame.length, *ends)
 
 
 def along_axis(bodies: Bodies, group: Group, z: np.ndarray) -> list[int]:

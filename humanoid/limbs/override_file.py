@@ -15,7 +15,6 @@ All entries may be left out. What `links` leaves over is merged by the rule; wit
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,13 +28,8 @@ from humanoid.limbs.cones import Cone
 from humanoid.limbs.merging import Group, topmost_first
 from humanoid.subject.urdf_document import PLAUSIBLE
 from humanoid.support.errors import InputError, shown
-from humanoid.support.files import read_bytes
+from humanoid.support.files import read_toml
 from humanoid.support.near_names import nearest
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _KINDS = {
     "links": "a list of names",
@@ -138,12 +132,7 @@ def read_overrides(path: str | Path) -> Overrides:
     InputError: the file cannot be read, is not TOML, or has an entry that is unknown or misshapen.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(read_bytes(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, f"is not TOML: {error}", remedy='limbs look like [limbs.torso] links = ["a"]') from error
+    content = read_toml(path, remedy='a limb begins with [limbs.NAME], then entries such as link = "thigh"')
     for table in content:
         if table != "limbs":
             raise InputError(path, "unknown table", place=f"[{table}]", remedy="write [limbs.NAME]")
