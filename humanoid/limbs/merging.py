@@ -80,6 +80,11 @@ class Groups:
                 around[up].append(top)
         return around
 
+    def joined(self, a: int, b: int) -> bool:
+        """Whether a joint joins two neighbours; see `Bodies.hung`."""
+        lower = a if self.bodies.parent[a] in self.all[b].members else b
+        return not self.bodies.hung[lower]
+
     def merge(self, top: int, into: int, carried: bool) -> None:
         """Two groups become one; `carried`: by what carried the second, else by the longer's."""
         first, second = self.all.pop(top), self.all.pop(into)
@@ -108,14 +113,14 @@ def _bare(groups: Groups) -> tuple[int, int] | None:
     around = groups.neighbours()
     for top in sorted(groups.all):
         if groups.bodies.size(list(groups.all[top].members)) == 0 and around[top]:
-            return top, _most_neighbours(around, around[top])
+            return top, _most_neighbours(around, [t for t in around[top] if groups.joined(top, t)] or around[top])
     return None
 
 
 def _shortest(groups: Groups, rule: Rule) -> tuple[int, int] | None:
     around, options = groups.neighbours(), []
     for top, group in groups.all.items():
-        open_ones = [t for t in around[top] if not groups.all[t].fixed]
+        open_ones = [t for t in around[top] if not groups.all[t].fixed and groups.joined(top, t)]
         if (
             not group.fixed
             and open_ones
