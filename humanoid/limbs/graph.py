@@ -39,7 +39,7 @@ def limb_graph(
     from joint to joint, of a last body twice the way to the middle of its surface, and are compared with the longest:
 
     - "paper": ends of chains below 0.5 (hands, feet), ends that hang on a hub, a limb with three neighbours or more,
-      below 0.25 (fingers), what leads from a hub to one other limb on a joint of one or two degrees of freedom below
+      below 0.2 (fingers), what leads from a hub to one other limb on a joint of one or two degrees of freedom below
       0.5 (clavicles, an abdomen), and the root below 0.5 (a pelvis). The built-in adult has the paper's ten limbs.
     - "fine": only what is below 0.1, and what leads from a hub below 0.45.
 

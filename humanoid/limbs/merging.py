@@ -28,7 +28,7 @@ class Rule:
     link: float
 
 
-RULES: dict[str, Rule] = {"paper": Rule(0.5, 0.5, 0.25, 0.5), "fine": Rule(0.1, 0.1, 0.1, 0.45)}
+RULES: dict[str, Rule] = {"paper": Rule(0.5, 0.5, 0.2, 0.5), "fine": Rule(0.1, 0.1, 0.1, 0.45)}
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,7 @@ class Groups:
         """Two groups become one; `carried`: by what carried the second, else by the longer's."""
         first, second = self.all.pop(top), self.all.pop(into)
         longer = second if carried or self.length[into] >= self.length[top] else first
-        upper, lower = (second, first) if self.bodies.parent[top] in second.members else (first, second)
-        members = upper.members + lower.members
+        members = tuple(topmost_first(self.bodies, first.members + second.members))
         self.all[members[0]] = Group(members, longer.carrier, second.fixed, second.name)
         self.length[members[0]] = self.bodies.length(list(members))
 

@@ -31,6 +31,7 @@ from humanoid.support.errors import InputError, shown
 from humanoid.support.files import read_toml
 from humanoid.support.near_names import nearest
 
+_THINNEST = 1e-4  # m
 _KINDS = {
     "links": "a list of names",
     "link": "a name",
@@ -38,8 +39,8 @@ _KINDS = {
     "distal": "a name",
     "start": "a number",
     "end": "a number",
-    "proximal_radii": "two positive numbers",
-    "distal_radii": "two positive numbers",
+    "proximal_radii": "two lengths of 0.1 mm or more",
+    "distal_radii": "two lengths of 0.1 mm or more",
 }
 
 
@@ -76,7 +77,7 @@ class Change:
         """The fitted cone with what is given instead."""
         start = fitted.start if self.start is None else self.start
         end = fitted.end if self.end is None else self.end
-        if end <= start:
+        if end < start + _THINNEST:
             problem = f"the cone would begin at {start:g} m and end at {end:g} m"
             raise InputError(self.path, problem, place=f"[limbs.{name}]", remedy="give an end beyond its start")
         proximal = fitted.proximal if self.proximal_radii is None else np.array(self.proximal_radii)
@@ -170,7 +171,7 @@ def _is_kind(kind: str, value: Any) -> bool:
         return isinstance(value, list) and len(value) > 0 and all(isinstance(v, str) for v in value)
     if kind == "a number":
         return _is_number(value)
-    return isinstance(value, list) and len(value) == 2 and all(_is_number(v) and v > 0.0 for v in value)
+    return isinstance(value, list) and len(value) == 2 and all(_is_number(v) and v >= _THINNEST for v in value)
 
 
 def _is_number(value: Any) -> bool:
