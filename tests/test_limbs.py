@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -301,8 +300,10 @@ def test_bodies_without_limbs_are_refused(graphs: dict[tuple[str, str], LimbGrap
     with pytest.raises(InputError, match=r"bare: surface: has no geometry \(add <flesh>"):
         limb_graph(bare)
     single = f'<robot name="r"><link name="a"/><link name="b">{BALL.format(r=0.1)}</link>{joint}</robot>'
+    body = Body(subject_from_text(single, source="single"))
+    assert body.at(body.neutral).spatial_jacobian.shape == (1, 6)
     with pytest.raises(InputError, match="1 limb"):
-        limb_graph(subject_from_text(single, source="single"))
+        limb_graph(body)
     with pytest.raises(InputError, match="paper, fine"):
         limb_graph(body_of("arm8"), "coarse")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no link"):
