@@ -192,10 +192,8 @@ def test_a_cone_is_found_again() -> None:
     points = cone_surface(cone, 40, 20)
     assert np.abs(cone_distance(cone, points)).max() < 1e-9
     fitted = fitted_cone(points, 0.01)
-    for a, b in pairwise((fitted, cone)):
-        np.testing.assert_allclose(
-            [a.start, a.end, *a.proximal, *a.distal], [b.start, b.end, *b.proximal, *b.distal], atol=1e-4
-        )
+    sizes = [[c.start, c.end, *c.proximal, *c.distal] for c in (fitted, cone)]
+    np.testing.assert_allclose(sizes[0], sizes[1], atol=1e-4)
     straight = Cone(0.0, 1.0, np.array([0.1, 0.1]), np.array([0.1, 0.1]))
     points = np.array([[0.15, 0.0, 0.5], [0.0, 0.05, 0.5], [0.0, 0.0, 1.2], [0.13, 0.0, 1.04], [0.0, 0.0, 0.97]])
     np.testing.assert_allclose(cone_distance(straight, points), [0.05, -0.05, 0.2, 0.05, -0.03], atol=1e-12)
