@@ -60,7 +60,9 @@ def learned(names: Sequence[str], examples: Sequence[Examples]) -> LimbModels:
         return fitted(np.stack(states, axis=1), levels, pairs)
 
     kinds = [name.split("_", 1)[-1] if name.startswith(("left_", "right_")) else name for name in names]
-    of_kind = {kind: model(positive[np.isin(limb, [i for i, k in enumerate(kinds) if k == kind])]) for kind in set(kinds)}
+    of_kind = {
+        kind: model(positive[np.isin(limb, [i for i, k in enumerate(kinds) if k == kind])]) for kind in set(kinds)
+    }
     by_name = {name: of_kind[kind] for name, kind in zip(names, kinds, strict=True)}
     return LimbModels(bins, model(negative), by_name, model(positive))
 

@@ -165,7 +165,10 @@ def speed_of(shown: Shown, count: int = 20_000) -> dict[str, float]:
     """Likelihoods a second of one core over all of an instant's views, and what the filters of a picture take."""
     limbs, rng = person()[1], np.random.default_rng(0)
     likelihood = LimbLikelihood(limbs, shown.views)
-    poses = [(moved_away(rng, t, count, 0.0, 0.5), np.repeat(R[None], count, axis=0)) for t, R in zip(shown.t, shown.R, strict=True)]
+    poses = [
+        (moved_away(rng, t, count, 0.0, 0.5), np.repeat(R[None], count, axis=0))
+        for t, R in zip(shown.t, shown.R, strict=True)
+    ]
     likelihood.log_ratio(0, *poses[0])
     began = time.process_time()
     for i, (t, R) in enumerate(poses):
@@ -177,7 +180,10 @@ def speed_of(shown: Shown, count: int = 20_000) -> dict[str, float]:
     for _ in range(10):
         ridges_of(picture)
     filters = 100.0 * (time.process_time() - began)
-    return {f"limb likelihoods a second, {len(shown.views)} views": len(limbs) * count / spent, "filters [ms a picture]": filters}
+    return {
+        f"limb likelihoods a second, {len(shown.views)} views": len(limbs) * count / spent,
+        "filters [ms a picture]": filters,
+    }
 
 
 if __name__ == "__main__":

@@ -77,9 +77,7 @@ def _reduced(grey: np.ndarray, step: int) -> np.ndarray:
     if step == 1:
         return grey
     height, width = grey.shape
-    return np.asarray(
-        cv2.resize(grey, (max(1, width // step), max(1, height // step)), interpolation=cv2.INTER_AREA)
-    )
+    return np.asarray(cv2.resize(grey, (max(1, width // step), max(1, height // step)), interpolation=cv2.INTER_AREA))
 
 
 def _derivatives(grey: np.ndarray, sigma: float, step: int) -> tuple[np.ndarray, np.ndarray]:

@@ -65,7 +65,9 @@ def fitted(
         sizes = [levels[i] * levels[j] for i, j in marginals]
         parts = np.split(flat, np.cumsum(sizes)[:-1])
         return Gibbs(
-            levels, marginals, tuple(p.reshape(levels[i], levels[j]) for p, (i, j) in zip(parts, marginals, strict=True))
+            levels,
+            marginals,
+            tuple(p.reshape(levels[i], levels[j]) for p, (i, j) in zip(parts, marginals, strict=True)),
         )
 
     def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
@@ -76,7 +78,9 @@ def fitted(
         return value, had - wanted + regularisation * flat
 
     start = np.zeros(len(wanted))
-    solution = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 1000, "ftol": 1e-12, "gtol": 1e-6})
+    solution = minimize(
+        loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 1000, "ftol": 1e-12, "gtol": 1e-6}
+    )
     return made(solution.x)
 
 

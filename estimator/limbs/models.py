@@ -100,7 +100,9 @@ def load_models(path: str | Path = SHIPPED) -> LimbModels:
         if len(tables) != len(marginals):
             raise InputError(path, f"{len(marginals)} tables are needed, found {len(tables)}", place=place)
         sizes = [(levels[i], levels[j]) for i, j in marginals]
-        weights = (shaped(t, size, path, f"{place}[{k}]") for k, (t, size) in enumerate(zip(tables, sizes, strict=True)))
+        weights = (
+            shaped(t, size, path, f"{place}[{k}]") for k, (t, size) in enumerate(zip(tables, sizes, strict=True))
+        )
         return Gibbs(levels, marginals, tuple(weights))
 
     limbs = mapping(member(content, "limbs", path, ""), path, "limbs")
