@@ -44,7 +44,8 @@ class Spool:
     """Makes files of the clips and keypoints that are given as arrays; what is given as files stays as it is.
 
     clips: also arrays (T, H, W, 3) uint8 BGR, or iterators of pictures (H, W, 3). keypoints: also arrays (T, K, 2) or
-    (T, K, 3), see `estimator.formats.keypoints_in_memory`, which has `layout` too. Both alone or in a mapping by camera.
+    (T, K, 3), see `estimator.formats.keypoints_in_memory`, which has `layout` too. Both alone or in a mapping by
+    camera.
 
     Attributes
     ----------

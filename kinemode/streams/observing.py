@@ -23,7 +23,8 @@ REMEMBERED = 150  # frames from which it is told how much keypoints tremble
 class Observer:
     """Makes the observations of a stream, in order.
 
-    layout: see `estimator.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or of all
+    layout: see `estimator.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or of
+    all
     (`Observation.jitter`); None tells it from the last frames, `REMEMBERED` at most.
     """
 

@@ -1,0 +1,163 @@
+"""The limb graph of any subject: bodies merged into limbs, frames, cones, edges, and which limbs mirror each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from humanoid.kinematics.body import Body
+from humanoid.limbs.bodies import Bodies, bodies_of
+from humanoid.limbs.cones import Cone, fitted_cone
+from humanoid.limbs.frames import Frame, axis_through, frame_of
+from humanoid.limbs.limb import Limb, LimbGraph
+from humanoid.limbs.merging import RULES, Detail, Group, merged, topmost_first
+from humanoid.limbs.override_file import Change, Overrides, read_overrides
+from humanoid.shape.surface import surface_of
+from humanoid.subject.subject import Subject
+from humanoid.subject.urdf_reshape import mirror_parts
+from humanoid.support.errors import InputError
+
+NODES = 3000
+"""Nodes of the surface that cones are fitted to."""
+_NEAR = 0.02  # of the longest body: how far from a limb's cone nodes count by their squared distance
+_ASTRAY = np.cos(np.radians(45.0))  # of a merged end's axis to its limb's
+_SAME_PLACE = 0.02  # of the longest body: how far two mirrored ends may miss each other
+
+
+def limb_graph(
+    subject: Subject | Body,
+    detail: Detail = "paper",
+    overrides: str | Path | Overrides | None = None,
+    like: LimbGraph | None = None,
+) -> LimbGraph:
+    """Limbs of a subject, from its joints and its flesh, else its visual or collision shapes.
+
+    Bodies of fixed links are one body. Joints that act as one (`bodies_of`) begin a limb together, carried by the
+    outermost, and bodies without surface belong to a neighbour. Of what is left, short bodies are merged; lengths are
+    from joint to joint, of a last body twice the way to the middle of its surface, and are compared with the longest:
+
+    - "paper": ends of chains below 0.5 (hands, feet), ends that hang on a hub, a limb with three neighbours or more,
+      below 0.25 (fingers), what leads from a hub to one other limb on a joint of one or two degrees of freedom below
+      0.5 (clavicles, an abdomen), and the root below 0.5 (a pelvis). The built-in adult has the paper's ten limbs.
+    - "fine": only what is below 0.1, and what leads from a hub below 0.45.
+
+    The neighbour with the most neighbours takes them; never are fewer than two limbs left. A limb of several moving
+    bodies is rigid: as the bodies are at rest, carried by the longest of them (`Limb.link`).
+
+    Cones are fitted to all nodes of a limb's bodies that are not inside another part of it, without ends whose axis is
+    more than 45 degrees off: a foot moves with its shank and does not widen it. Edges join limbs that a joint joins.
+    Limbs mirror each other whose links' names differ in left and right, else those that a body at rest has mirrored in
+    the root's plane y = 0.
+
+    subject: or a body, whose lengths count then; flesh is always the subject's, so for other lengths give
+    `subject.scaled`. overrides: a TOML file or what `read_overrides` made of it. like: a graph of a body with the same
+    links, whose limbs are kept whatever the rule says, as for one person's lengths; detail has no effect then.
+
+    Raises
+    ------
+    InputError: no flesh or geometry, under two limbs, `detail` unknown, or overrides that do not fit.
+    """
+    body = subject if isinstance(subject, Body) else Body(subject)
+    source = body.subject.source
+    if detail not in RULES:
+        raise InputError(repr(detail), "is no detail of limbs", remedy="one of " + ", ".join(RULES))
+    bodies = bodies_of(body, surface_of(body, NODES))
+    given = read_overrides(overrides) if isinstance(overrides, str | Path) else overrides or Overrides()
+    fixed = given.groups(bodies) if like is None else _as_in(like, bodies, source)
+    groups = merged(bodies, RULES[detail], fixed)
+    if len(groups) < 2:
+        remedy = 'give shapes to two links that a joint parts, or base="free" with more of them'
+        raise InputError(source, f"has {len(groups)} limb, which is no graph", place="limbs", remedy=remedy)
+    names = [group.name or _name(bodies, group) for group in groups]
+    given.check(names)
+    frames, limbs = [], []
+    for group, name in zip(groups, names, strict=True):
+        frame, limb = _limb(body, bodies, group, groups, name, given.limbs.get(name, Change()))
+        frames.append(frame)
+        limbs.append(limb)
+    return LimbGraph(tuple(limbs), _edges(bodies, groups), _mirror(bodies, limbs, frames))
+
+
+def _name(bodies: Bodies, group: Group) -> str:
+    """Of the link with the most surface."""
+    links = [name for j in (group.carrier, *group.members) for name in bodies.links[j]]
+    return max(links, key=lambda name: bodies.area[name])
+
+
+def _limb(
+    body: Body, bodies: Bodies, group: Group, groups: list[Group], name: str, change: Change
+) -> tuple[Frame, Limb]:
+    proximal, distal = change.joints(body, bodies, group, name)
+    nodes = outer_nodes(bodies, list(group.members))
+    frame = frame_of(bodies, group, [g for g in groups if g is not group], nodes, proximal, distal)
+    nodes = outer_nodes(bodies, along_axis(bodies, group, frame.R[:, 2]))
+    cone = change.cone(fitted_cone(frame.inside(nodes), _NEAR * bodies.longest), name)
+    carrier = max(bodies.links[group.carrier], key=lambda link: bodies.area[link])
+    place = body.model.frames[body.model.getFrameId(carrier, pin.FrameType.BODY)].placement
+    R = bodies.posed.rotations[group.carrier] @ place.rotation
+    t = bodies.posed.rotations[group.carrier] @ place.translation + bodies.posed.translations[group.carrier]
+    links = tuple(link for j in group.members for link in bodies.links[j])
+    in_link = R.T @ (frame.t - t), R.T @ frame.R
+    size = (frame.length, cone.start, cone.end, cone.proximal, cone.distal)
+    return frame, Limb(name, links, carrier, *in_link, *size)
+
+
+def along_axis(bodies: Bodies, group: Group, z: np.ndarray) -> list[int]:
+    """The bodies of a group but for ends whose own axis is more than 45 degrees off its axis z (3,)."""
+    kept = set(group.members)
+    for unit in {int(bodies.unit[j]) for j in group.members} - {int(bodies.unit[group.carrier])}:
+        own = [j for j in group.members if bodies.unit[j] == unit]
+        behind = [k for k in range(len(bodies.parent)) if k not in own and int(bodies.parent[k]) in own]
+        nodes = np.concatenate([bodies.points[j] for j in own])
+        if not behind and len(nodes) and axis_through(nodes - bodies.pivot[unit]) @ z < _ASTRAY:
+            kept -= set(own)
+    return [j for j in group.members if j in kept]
+
+
+def outer_nodes(bodies: Bodies, members: list[int]) -> np.ndarray:
+    """The nodes of some bodies that are inside no other part of them, (N, 3) [m], with the body at rest."""
+    points = np.concatenate([bodies.points[j] for j in members])
+    part = np.concatenate([bodies.part[j] for j in members])
+    outward = np.concatenate([bodies.outward[j] for j in members])
+    hidden = np.zeros(len(points), dtype=bool)
+    for k in np.unique(part):
+        own = part == k
+        level = np.einsum("ni,ni->n", points[own], outward[own])
+        hidden[~own] |= (points[~own] @ outward[own].T < level).all(axis=1)
+    return points if hidden.all() else points[~hidden]
+
+
+def _edges(bodies: Bodies, groups: list[Group]) -> tuple[tuple[int, int], ...]:
+    owner = {j: k for k, group in enumerate(groups) for j in group.members}
+    pairs = [(owner[int(bodies.parent[g.members[0]])], k) for k, g in enumerate(groups) if bodies.parent[g.members[0]] >= 0]
+    return tuple(sorted((min(pair), max(pair)) for pair in pairs))
+
+
+def _mirror(bodies: Bodies, limbs: list[Limb], frames: list[Frame]) -> tuple[int, ...]:
+    """Pairs by the links' names; limbs without one by where they are at rest."""
+    mirror = mirror_parts([limb.name for limb in limbs])
+    R, t = bodies.posed.rotations[bodies.root], bodies.posed.translations[bodies.root]
+    ends = np.array([[f.t, f.t + f.length * f.R[:, 2]] for f in frames])
+    ends = (ends - t) @ R
+    for i in range(len(limbs)):
+        for k in range(i + 1, len(limbs)):
+            off = np.abs(ends[i] * np.array([1.0, -1.0, 1.0]) - ends[k]).max()
+            if mirror[i] == i and mirror[k] == k and off < _SAME_PLACE * bodies.longest:
+                mirror[i], mirror[k] = k, i
+    return tuple(int(k) for k in mirror)
+
+
+def _as_in(like: LimbGraph, bodies: Bodies, source: str) -> list[Group]:
+    """The groups of another graph."""
+    body_of_link = {link: j for j, links in enumerate(bodies.links) for link in links}
+    groups = []
+    for limb in like.limbs:
+        missing = [link for link in limb.links if link not in body_of_link]
+        if missing:
+            remedy = "give a graph of the same subject, with whatever lengths"
+            raise InputError(source, f"has no link {missing[0]!r}", place=f"limb {limb.name}", remedy=remedy)
+        members = topmost_first(bodies, {body_of_link[link] for link in limb.links})
+        groups.append(Group(tuple(members), body_of_link[limb.link], fixed=True, name=limb.name))
+    return groups
