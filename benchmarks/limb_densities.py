@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.limb_pictures import Cone, Shown, jittered, nowhere
+from benchmarks.limb_pictures import Shown, jittered, nowhere
 from estimator.limbs.features import FEATURES, SWAPPED
 from estimator.limbs.gibbs import Gibbs, all_pairs, fitted
 from estimator.limbs.models import LimbModels
+from humanoid.limbs.limb import LimbGraph
 
 QUANTILES = {"edge": 6, "ridge": 6}  # levels of the filters' answers, evenly filled
 SHARES = {"inside": (0.12, 0.45, 0.78, 0.95), "beside": (0.1, 0.5, 0.9)}  # borders of the person's
@@ -28,25 +29,25 @@ class Examples(NamedTuple):
     scene: np.ndarray
 
 
-def examples_of(instants: Iterable[Shown], limbs: Sequence[Cone], rng: np.random.Generator) -> Examples:
+def examples_of(instants: Iterable[Shown], rng: np.random.Generator) -> Examples:
     """What every view has of true poses, occluded or not, and of places without the limb; each measure is known."""
     limb, features, scene = [], [], []
     for shown in instants:
         absent, t, R = nowhere(rng, shown, PLACES, *BORDER)
-        for i in range(len(limbs)):
-            near = jittered(rng, *(np.repeat(x[i][None], COPIES, axis=0) for x in (shown.t, shown.R)), *JITTER)
+        for i, limb_here in enumerate(shown.limbs):
+            near = jittered(rng, shown.t[i], shown.R[i], COPIES, *JITTER)
             here = absent == i
             for view in shown.views:
-                features.append(view.features(limbs[i], *near))
+                features.append(view.features(limb_here, *near))
                 limb += [i] * COPIES
-                scene.append(view.features(limbs[i], t[here], R[here]))
+                scene.append(view.features(limb_here, t[here], R[here]))
     shown_limb, positive, negative = np.array(limb), np.concatenate(features), np.concatenate(scene)
     known = np.isfinite(positive).all(axis=1)
     return Examples(shown_limb[known], positive[known], negative[np.isfinite(negative).all(axis=1)])
 
 
-def learned(names: Sequence[str], examples: Sequence[Examples]) -> LimbModels:
-    """The densities that examples have; limbs that differ in their side alone share one.
+def learned(graph: LimbGraph, examples: Sequence[Examples]) -> LimbModels:
+    """The densities that examples of a graph's limbs have; limbs of one name, and those of both sides, share one.
 
     Pictures and their mirror images count alike, and all joint marginals of two features are kept.
     """
@@ -59,10 +60,9 @@ def learned(names: Sequence[str], examples: Sequence[Examples]) -> LimbModels:
         states = [np.searchsorted(b, f) for b, f in zip(bins, both.T, strict=True)]
         return fitted(np.stack(states, axis=1), levels, pairs)
 
-    kinds = [name.split("_", 1)[-1] if name.startswith(("left_", "right_")) else name for name in names]
-    of_kind = {
-        kind: model(positive[np.isin(limb, [i for i, k in enumerate(kinds) if k == kind])]) for kind in set(kinds)
-    }
+    names = [limb.name for limb in graph.limbs]
+    kinds = np.array([min(name, names[k]) for name, k in zip(names, graph.mirror, strict=True)])
+    of_kind = {kind: model(positive[kinds[limb] == kind]) for kind in sorted(set(kinds))}
     by_name = {name: of_kind[kind] for name, kind in zip(names, kinds, strict=True)}
     return LimbModels(bins, model(negative), by_name, model(positive))
 

@@ -1,4 +1,4 @@
-"""The image likelihood of limbs that is shipped: learned from rendered clips, tried on people and rooms it has not seen.
+"""The likelihood of limbs that is shipped: learned from rendered clips, tried on people and rooms it has not seen.
 
 How often the true pose of a limb is likelier than one that is 0.2 to 1 m away, or turned by more than 45 degrees, with
 all cues and without each; and what a likelihood and the filters of a picture cost. `--write` writes the numbers that
@@ -18,18 +18,17 @@ from cyclopts import Parameter
 
 from benchmarks.common import NO_CAPTURE_HERE, in_processes, save, start, tell
 from benchmarks.limb_densities import Examples, examples_of, learned
-from benchmarks.limb_pictures import Cone, Shown, cones_of, moved_away, shown_clip, turned_away
+from benchmarks.limb_pictures import Shown, all_limbs, moved_away, shown_clip, turned_away
 from benchmarks.pose_prior_clips import captured_files, subject_of
 from estimator.imaging.ridges import ridges_of
 from estimator.limbs.features import CUES
 from estimator.limbs.likelihood import LimbLikelihood, LimbSettings
 from estimator.limbs.models import SHIPPED
-from humanoid.kinematics.body import Body
-from humanoid.subject.subject import load_subject
+from humanoid.subject.subject import Subject, load_subject
 from kinemode.terminal.report import console, table
 
 T = TypeVar("T")
-SUBJECT = "human34"
+SUBJECT, PAPER = "human34", 10  # the first of `all_limbs`
 HELD_OUT = ("07", "16", "49")
 """Captured people who are not learned from; the first is the one of walk_straight_07_01."""
 NEVER = "07_01"  # other measures track it: it is not shown here, either
@@ -77,7 +76,7 @@ def main(
     if write:
         chosen = spread([f for f in files if subject_of(f.stem) not in HELD_OUT], clips)
         examples = in_processes(clip_examples, list(enumerate(chosen)), jobs)
-        models = learned([limb.name for limb in person()[1]], examples)
+        models = learned(all_limbs(person()), examples)
         models.save(SHIPPED, ABOUT.format(len(chosen), FRAMES * len(chosen), ", ".join(f.stem for f in chosen)))
         tell(f"{SHIPPED.name}: {SHIPPED.stat().st_size / 1000:.0f} kB")
     unseen = [f for f in files if subject_of(f.stem) in HELD_OUT and NEVER not in f.stem]
@@ -85,17 +84,16 @@ def main(
     shares = in_processes(clip_shares, list(enumerate(chosen, start=1000)), jobs)
     beaten = {key: float(np.mean([s[key] for s in shares])) for key in shares[0]}
     show(beaten)
-    speed = speed_of(next(shown_clip(*person(), chosen[0], 1, 1000)))
+    speed = speed_of(next(shown_clip(person(), chosen[0], 1, 1000)))
     for what, figure in speed.items():
         print(f"{what}: {figure:.4g}")
     save(json, {"measure": "limb likelihood", "true above false": beaten, "speed": speed})
 
 
 @cache
-def person() -> tuple[Body, list[Cone]]:
-    """The body in the pictures and its limbs."""
-    body = Body(load_subject(SUBJECT))
-    return body, cones_of(body)
+def person() -> Subject:
+    """Whose body is in the pictures, with lengths and girths that differ from clip to clip."""
+    return load_subject(SUBJECT)
 
 
 def spread(items: Sequence[T], count: int) -> list[T]:
@@ -107,18 +105,15 @@ def clip_examples(clip: tuple[int, Path]) -> Examples:
     """Of a clip by its number, which is the seed of its room, light and clothes."""
     seed, path = clip
     tell(path.stem)
-    body, limbs = person()
-    return examples_of(shown_clip(body, limbs, path, FRAMES, seed), limbs, np.random.default_rng((seed, 1)))
+    return examples_of(shown_clip(person(), path, FRAMES, seed), np.random.default_rng((seed, 1)))
 
 
 def clip_shares(clip: tuple[int, Path]) -> dict[str, float]:
     """By limb, kind of false pose and cues: how often the true pose of the clip's instants is likelier."""
     seed, path = clip
     tell(path.stem)
-    body, limbs = person()
-    rng, shares = np.random.default_rng((seed, 2)), []
-    for shown in shown_clip(body, limbs, path, FRAMES, seed):
-        shares.append(shares_of(shown, limbs, rng))
+    rng = np.random.default_rng((seed, 2))
+    shares = [shares_of(shown, rng) for shown in shown_clip(person(), path, FRAMES, seed)]
     return {key: float(np.mean([s[key] for s in shares])) for key in shares[0]}
 
 
@@ -129,9 +124,9 @@ def settings_tried() -> dict[str, LimbSettings]:
     return tried | {f"{cue} alone": LimbSettings(**{c: c == cue for c in CUES}) for cue in CUES}
 
 
-def shares_of(shown: Shown, limbs: Sequence[Cone], rng: np.random.Generator) -> dict[str, float]:
-    """See `clip_shares`; of one instant. Poses of one likelihood count half."""
-    shares = {}
+def shares_of(shown: Shown, rng: np.random.Generator) -> dict[str, float]:
+    """See `clip_shares`; of one instant and the limbs of the paper. Poses of one likelihood count half."""
+    shares, limbs = {}, shown.limbs[:PAPER]
     likelihoods = {name: LimbLikelihood(limbs, shown.views, settings=s) for name, s in settings_tried().items()}
     for i, limb in enumerate(limbs):
         t, R = shown.t[i], shown.R[i]
@@ -163,7 +158,7 @@ def show(beaten: dict[str, float]) -> None:
 
 def speed_of(shown: Shown, count: int = 20_000) -> dict[str, float]:
     """Likelihoods a second of one core over all of an instant's views, and what the filters of a picture take."""
-    limbs, rng = person()[1], np.random.default_rng(0)
+    limbs, rng = shown.limbs[:PAPER], np.random.default_rng(0)
     likelihood = LimbLikelihood(limbs, shown.views)
     poses = [
         (moved_away(rng, t, count, 0.0, 0.5), np.repeat(R[None], count, axis=0))

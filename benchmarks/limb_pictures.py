@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,77 +14,48 @@ from estimator.limbs.likelihood import LimbView, limb_view
 from estimator.limbs.volume import common_box
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.clothing import Clothes, dressed_at_random, periodic_noise
+from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.retarget import retarget
-from humanoid.kinematics.body import Body, points_in_world
+from humanoid.kinematics.body import points_in_world
+from humanoid.limbs.graph import limb_graph
+from humanoid.limbs.limb import Limb, LimbGraph, limb_placements
 from humanoid.shape.surface import Surface, surface_of
+from humanoid.subject.subject import Subject
 
 _STEP = 1.0 / 15.0  # s between the frames that a captured motion is followed by
 _SPREAD = 2.0  # grey values of the picture of the empty scene
 _SEED = 1404  # of rooms and clothes; no clip of another measure has them
 
 
-@dataclass(frozen=True)
-class Cone:
-    """A limb as the likelihood takes it (`estimator.limbs.features.LimbShape`), and where it is fixed: R_link_limb
-    (3, 3), t_link_limb (3,) [m] in the frame of a link."""
-
-    name: str
-    link: str
-    t_link_limb: np.ndarray
-    R_link_limb: np.ndarray
-    start: float
-    end: float
-    proximal: tuple[float, float]
-    distal: tuple[float, float]
-
-
 class Shown(NamedTuple):
-    """An instant: its views, and the limbs' true poses t (L, 3), R (L, 3, 3)."""
+    """An instant: its views, the limbs (L) of who is in them, and their true poses t (L, 3), R (L, 3, 3)."""
 
     views: list[LimbView]
+    limbs: tuple[Limb, ...]
     t: np.ndarray
     R: np.ndarray
 
 
-def cones_of(body: Body) -> list[Cone]:
-    """The ten limbs of a person, by hand."""
-    up, down = np.eye(3), np.diag([1.0, -1.0, -1.0])
-    made = [
-        Cone("torso", "torso", np.zeros(3), up, -0.24, 0.42, (0.118, 0.15), (0.105, 0.15)),
-        Cone("head", "head", np.array([0.01, 0.0, -0.1]), up, 0.0, 0.22, (0.085, 0.068), (0.08, 0.065)),
-    ]
-    sizes = {
-        "upper_arm": (0.0, 0.27, (0.052, 0.05), (0.043, 0.041)), "forearm": (0.0, 0.25, (0.043, 0.043), (0.031, 0.031)),
-        "thigh": (0.0, 0.40, (0.098, 0.09), (0.062, 0.058)), "shank": (0.0, 0.38, (0.057, 0.055), (0.04, 0.04)),
-    }  # fmt: skip
-    for side in ("left", "right"):
-        made += [Cone(f"{side}_{n}", f"{side}_{n}", np.zeros(3), down, *size) for n, size in sizes.items()]
-    return made
+def all_limbs(subject: Subject) -> LimbGraph:
+    """The ten limbs of the paper, and of the finer graph those that differ from them; the edges are the paper's."""
+    graph, finer = limb_graph(subject, "paper"), limb_graph(subject, "fine")
+    known = {(limb.name, limb.start, limb.end) for limb in graph.limbs}
+    more = [k for k, limb in enumerate(finer.limbs) if (limb.name, limb.start, limb.end) not in known]
+    mirror = [len(graph.limbs) + more.index(finer.mirror[k]) for k in more]
+    return LimbGraph((*graph.limbs, *(finer.limbs[k] for k in more)), graph.edges, (*graph.mirror, *mirror))
 
 
-def placements(body: Body, limbs: Sequence[Cone], q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses t (L, 3), R (L, 3, 3) of the limbs of a body at a configuration (nq,)."""
-    posed, places = body.at(q), []
-    for limb in limbs:
-        frame = body.model.frames[body.model.getFrameId(limb.link)]
-        R_world, t_world = posed.rotations[frame.parentJoint], posed.translations[frame.parentJoint]
-        t = R_world @ (frame.placement.rotation @ limb.t_link_limb + frame.placement.translation) + t_world
-        places.append((t, R_world @ frame.placement.rotation @ limb.R_link_limb))
-    t, R = zip(*places, strict=True)
-    return np.array(t), np.array(R)
-
-
-def shown_clip(
-    body: Body, limbs: Sequence[Cone], path: Path, frames: int, seed: int, cameras: int = 4
-) -> Iterator[Shown]:
-    """Some frames of a captured motion, spread evenly, in a room, light and clothes drawn from `seed`.
+def shown_clip(subject: Subject, path: Path, frames: int, seed: int, cameras: int = 4) -> Iterator[Shown]:
+    """Some frames of a captured motion, spread evenly, of a person of random lengths and girth, in a room, light and
+    clothes drawn from `seed`.
 
     One in three clips has something before its first camera; the foreground is told from a picture of the empty scene.
     """
     rng = np.random.default_rng((_SEED, seed))
-    mocap = load_mocap(path)
+    body = variants(subject, 1, rng)[0].body
+    graph, mocap = all_limbs(body.subject), load_mocap(path)
     q = retarget(body, mocap, np.arange(0.0, mocap.seconds, _STEP)).q
     q = q[np.linspace(0, len(q) - 1, frames).astype(int)]
     surface = surface_of(body, nodes=500)
@@ -109,15 +79,15 @@ def shown_clip(
         for c, camera in enumerate(seen_by):
             picture = renderer.frame(body.at(pose), c, rng)
             views.append(limb_view(camera, picture, foreground_mask(picture, scenes[c], SilhouetteSettings())))
-        yield Shown(views, *placements(body, limbs, pose))
+        yield Shown(views, graph.limbs, *limb_placements(graph, body, pose))
 
 
 def jittered(
-    rng: np.random.Generator, t: np.ndarray, R: np.ndarray, metres: float, radians: float
+    rng: np.random.Generator, t: np.ndarray, R: np.ndarray, count: int, metres: float, radians: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses t (N, 3), R (N, 3, 3) moved and turned by normal deviates."""
-    turned = R @ Rotation.from_rotvec(radians * rng.standard_normal((len(t), 3))).as_matrix()
-    return t + metres * rng.standard_normal((len(t), 3)), turned
+    """Poses (N, 3), (N, 3, 3) that differ from t (3,), R (3, 3) by normal deviates."""
+    turned = R @ Rotation.from_rotvec(radians * rng.standard_normal((count, 3))).as_matrix()
+    return t + metres * rng.standard_normal((count, 3)), turned
 
 
 def moved_away(rng: np.random.Generator, t: np.ndarray, count: int, near: float, far: float) -> np.ndarray:

@@ -36,7 +36,7 @@ def test_its_joint_marginals_are_those_of_the_examples(examples: np.ndarray) -> 
 
 
 def test_of_a_chain_it_is_the_product_of_conditionals(examples: np.ndarray) -> None:
-    """Of all densities with the marginals (0, 1) and (1, 2) that of greatest entropy has 0 and 2 independent given 1."""
+    """Of densities with the marginals (0, 1) and (1, 2) that of greatest entropy has 0 and 2 independent given 1."""
     p = np.exp(fitted(examples, LEVELS, ((0, 1), (1, 2)), regularisation=0.0).log_density())
     left, right, middle = shares(examples, (0, 1)), shares(examples, (1, 2)), shares(examples, (1,))
     np.testing.assert_allclose(p, left[:, :, None] * right[None] / middle[:, None], atol=1e-4)
@@ -55,4 +55,5 @@ def test_what_was_never_seen_stays_possible() -> None:
     states = np.zeros((1000, 3), dtype=int)
     log_p = fitted(states, LEVELS, all_pairs(3)).log_density()
     assert log_p[0, 0, 0] > np.log(0.9)
-    assert np.isfinite(log_p).all() and log_p.min() > -40.0
+    assert np.isfinite(log_p).all()
+    assert log_p.min() > -40.0

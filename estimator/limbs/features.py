@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from estimator.cameras.projection import project_point
 from estimator.imaging.ridges import Ridges
+from humanoid.limbs.limb import Limb
 from humanoid.support.compiled import jit
 
 FEATURES = ("left edge", "right edge", "ridge", "inside proximal", "inside distal", "left beside", "right beside")
@@ -32,23 +33,7 @@ _BESIDE, _AWAY = 1.3, 1.5  # of the half-width, and px more, where it is looked 
 _EDGE_SCALE = 0.4  # of half the limb's width: edges are taken at finer scales than ridges
 
 
-class LimbShape(Protocol):
-    """What the likelihood knows of a limb: see `humanoid.limbs`. start, end [m]: of the cone, along z from the
-    proximal joint. proximal, distal: semi-axes along x and y there [m]."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def start(self) -> float: ...
-    @property
-    def end(self) -> float: ...
-    @property
-    def proximal(self) -> tuple[float, float]: ...
-    @property
-    def distal(self) -> tuple[float, float]: ...
-
-
-def cone_of(limb: LimbShape) -> np.ndarray:
+def cone_of(limb: Limb) -> np.ndarray:
     """The cone as kernels take it, (6,): start, end, semi-axes along x and y at the start and at the end [m]."""
     return np.array([limb.start, limb.end, *limb.proximal, *limb.distal], dtype=float)
 
@@ -62,8 +47,8 @@ def maps_of(ridges: Ridges) -> tuple[Any, ...]:
 @jit
 def _outlined(cone, t, R, camera, across, points, size):  # type: ignore[no-untyped-def]
     """Fills points (S, 3, 2), the axis and both sides of the outline at every station [px], and across (2,), the unit
-    vector from one side to the other. Returns half the mean width [px], negative where the picture, of size (2,) height
-    and width, shows less than half of the axis.
+    vector across the axis to the first side. Returns half the mean width [px], negative where the picture, of size (2,)
+    height and width, shows less than half of the axis.
 
     cone (6,): see `cone_of`. t (3,), R (3, 3): the limb in the world. camera: see `estimator.cameras.projection`.
     The sides are those points of each elliptic section that lie farthest across the line of sight.
@@ -107,6 +92,10 @@ def _outlined(cone, t, R, camera, across, points, size):  # type: ignore[no-unty
         across[0] += ex
         across[1] += ey
         width += math.sqrt(ex * ex + ey * ey)
+    ex, ey = points[0, 0, 1] - points[stations - 1, 0, 1], points[stations - 1, 0, 0] - points[0, 0, 0]
+    if 2.0 * math.sqrt(ex * ex + ey * ey) * stations > width:  # else it points at the camera, and its axis says little
+        sign = 1.0 if ex * across[0] + ey * across[1] > 0.0 else -1.0
+        across[0], across[1] = sign * ex, sign * ey
     length = math.sqrt(across[0] * across[0] + across[1] * across[1])
     if 2 * shown < stations or not (length > 1e-9 and length < 1e9):
         return -1.0
@@ -117,7 +106,7 @@ def _outlined(cone, t, R, camera, across, points, size):  # type: ignore[no-unty
 @jit
 def _cell(value, step, count):  # type: ignore[no-untyped-def]
     """The nearest of `count` places of a map to a pixel's coordinate."""
-    return min(max(int(math.floor((value + 0.5) / step)), 0), count - 1)
+    return min(max(math.floor((value + 0.5) / step), 0), count - 1)
 
 
 @jit
@@ -185,8 +174,8 @@ def _shares(points, across, half_width, foreground, values):  # type: ignore[no-
 
 @jit
 def measured(cone, t, R, camera, maps, foreground, values):  # type: ignore[no-untyped-def]
-    """Fills values (N, 7), the `FEATURES` of N poses of a limb in one view; all NaN where the view does not show it, the
-    last four where it is not known where the person is.
+    """Fills values (N, 7), the `FEATURES` of N poses of a limb in one view; all NaN where the view does not show it,
+    the last four where it is not known where the person is.
 
     cone (6,), t (N, 3), R (N, 3, 3), foreground (H, W) uint8, or (0, 0) without; the rest: see `_outlined`, `maps_of`.
     """

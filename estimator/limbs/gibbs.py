@@ -1,7 +1,7 @@
 """Maximum entropy: the least committed density of several quantised measurements that has given joint marginals.
 
-p(f) = exp(sum_i <weights_i, xi_i(f)>) / Z, where xi_i selects the entry of one joint marginal, as a one-hot vector (Zhu,
-Wu, Mumford, IJCV 27(2), 1998, eq. 9, with the sign in the weights; Roth, Sigal, Black, CVPR 2004). Its parameters are
+p(f) = exp(sum_i <weights_i, xi_i(f)>) / Z, where xi_i selects the entry of one joint marginal, as a one-hot vector
+(Zhu, Wu, Mumford, IJCV 27(2), 1998; Roth, Sigal, Black, CVPR 2004; the sign is in the weights). Its parameters are
 those of greatest likelihood, a convex problem. With a few measurements of a few levels Z is a sum over all states.
 """
 

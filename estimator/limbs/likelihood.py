@@ -10,9 +10,10 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.imaging.ridges import Ridges, ridges_of
-from estimator.limbs.features import CUES, PERSON, UNKNOWN, LimbShape, add_ratios, cone_of, maps_of, measured
+from estimator.limbs.features import CUES, PERSON, UNKNOWN, add_ratios, cone_of, maps_of, measured
 from estimator.limbs.models import LimbModels, shipped_models
 from estimator.limbs.volume import common_box
+from humanoid.limbs.limb import Limb
 from humanoid.support.settings import check, setting
 
 
@@ -53,7 +54,7 @@ class LimbView:
     ridges: Ridges
     foreground: np.ndarray
 
-    def features(self, limb: LimbShape, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+    def features(self, limb: Limb, t: np.ndarray, R: np.ndarray) -> np.ndarray:
         """The `estimator.limbs.features.FEATURES` (N, 7) of poses t (N, 3), R (N, 3, 3) of a limb, NaN where it is not
         seen or the person's place is not known."""
         values = np.empty((len(t), 7))
@@ -83,7 +84,7 @@ class LimbLikelihood:
     the limb: their ratios are added. Where no view has a word the ratio is that of `LimbSettings.unseen`; outside the
     box around what all cameras see it is minus infinity.
 
-    limbs: of a limb graph, see `estimator.limbs.features.LimbShape`. views: of one instant.
+    limbs: of a limb graph. views: of one instant.
 
     Raises
     ------
@@ -92,7 +93,7 @@ class LimbLikelihood:
 
     def __init__(
         self,
-        limbs: Sequence[LimbShape],
+        limbs: Sequence[Limb],
         views: Sequence[LimbView],
         *,
         models: LimbModels | None = None,

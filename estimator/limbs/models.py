@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -42,14 +42,9 @@ class LimbModels:
         flat, by levels of all features; and by those of edges and ridge, with the person's place unknown."""
         of_limb = self.limbs.get(name, self.any_limb).log_density()
         of_scene = self.background.log_density()
-        without = [c for c in cues if c != "foreground"]
-        first = len(FEATURES) - len(CUES["foreground"])
-        both = (_ratio(of_limb, of_scene, cues), _ratio(of_limb, of_scene, without)[(..., *[0] * (7 - first))])
-        return both[0].ravel(), both[1].ravel()
-
-    def states(self, features: np.ndarray) -> np.ndarray:
-        """Levels (N, 7) int of features (N, 7)."""
-        return np.stack([np.searchsorted(b, f) for b, f in zip(self.bins, features.T, strict=True)], axis=1)
+        filters = min(CUES["foreground"])  # features before these
+        coarse = _ratio(of_limb, of_scene, [cue for cue in cues if cue != "foreground"])
+        return _ratio(of_limb, of_scene, cues).ravel(), coarse.reshape(*coarse.shape[:filters], -1)[..., 0].ravel()
 
     def save(self, path: Path, about: str) -> None:
         """Write a file that `load_models` reads; about: what it was learned from."""
@@ -69,7 +64,7 @@ class LimbModels:
             temporary.write_text(json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8")
 
 
-def _ratio(of_limb: np.ndarray, of_scene: np.ndarray, cues: tuple[str, ...] | list[str]) -> np.ndarray:
+def _ratio(of_limb: np.ndarray, of_scene: np.ndarray, cues: Sequence[str]) -> np.ndarray:
     """log p / p' of every state by some of the cues alone, the others summed over; of the shape of all states."""
     kept = sorted(i for cue in cues for i in CUES[cue])
     shape = [n if i in kept else 1 for i, n in enumerate(of_limb.shape)]
