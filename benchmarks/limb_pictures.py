@@ -51,7 +51,8 @@ def shown_clip(subject: Subject, path: Path, frames: int, seed: int, cameras: in
     """Some frames of a captured motion, spread evenly, of a person of random lengths and girth, in a room, light and
     clothes drawn from `seed`.
 
-    One in three clips has something before its first camera; the foreground is told from a picture of the empty scene.
+    Half of the clips have a post or a box before their first camera, and limbs hide each other; the foreground is told
+    from a picture of the empty scene.
     """
     rng = np.random.default_rng((_SEED, seed))
     body = variants(subject, 1, rng)[0].body

@@ -177,7 +177,8 @@ def measured(cone, t, R, camera, maps, foreground, values):  # type: ignore[no-u
     """Fills values (N, 7), the `FEATURES` of N poses of a limb in one view; all NaN where the view does not show it,
     the last four where it is not known where the person is.
 
-    cone (6,), t (N, 3), R (N, 3, 3), foreground (H, W) uint8, or (0, 0) without; the rest: see `_outlined`, `maps_of`.
+    cone (6,), t (N, 3), R (N, 3, 3), foreground (H, W) uint8, or (0, 0) without; maps (4,): see `maps_of`; camera: see
+    `_outlined`.
     """
     points, across = np.empty((_STATIONS, 3, 2)), np.empty(2)
     size = np.array([maps[2][0].shape[0] * maps[1][0], maps[2][0].shape[1] * maps[1][0]])
@@ -195,9 +196,10 @@ def add_ratios(cone, t, R, camera, maps, foreground, bins, table, coarse, unseen
     """Adds to total (N,) what a view says of N poses of a limb [nats]: the entry of the state of its features, `unseen`
     where the view does not show it.
 
-    bins (7, B): borders between the levels of each feature, infinite where there are no more. table: by levels of all
-    features, flat (K,); coarse (K,): by those of edges and ridge alone, where it is not known where the person is.
-    cone (6,), t (N, 3), R (N, 3, 3), foreground (H, W): see `measured`.
+    bins (7, B): borders between the levels of each feature, infinite where there are no more. table (K,):
+    by levels of all features, flat; coarse (L,): by those of edges and ridge alone, where it is not known where the
+    person is.
+    cone (6,), t (N, 3), R (N, 3, 3), maps (4,), foreground (H, W): see `measured`.
     """
     points, across, values = np.empty((_STATIONS, 3, 2)), np.empty(2), np.empty(7)
     size = np.array([maps[2][0].shape[0] * maps[1][0], maps[2][0].shape[1] * maps[1][0]])

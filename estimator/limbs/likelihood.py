@@ -84,7 +84,9 @@ class LimbLikelihood:
     the limb: their ratios are added. Where no view has a word the ratio is that of `LimbSettings.unseen`; outside the
     box around what all cameras see it is minus infinity.
 
-    limbs: of a limb graph. views: of one instant.
+    limbs: of a limb graph. views: of one instant, at least one. models: learned densities, those that are shipped
+    unless given. box (2, 3) [m]: lowest and highest corner of where limbs can be, for cameras that stand still through
+    many instants; `estimator.limbs.volume.common_box` of the views' cameras unless given.
 
     Raises
     ------
@@ -98,11 +100,13 @@ class LimbLikelihood:
         *,
         models: LimbModels | None = None,
         settings: LimbSettings | None = None,
+        box: np.ndarray | None = None,
     ) -> None:
         self.settings = settings or LimbSettings()
         models = models or shipped_models()
-        self.box = common_box([v.camera for v in views], self.settings.farthest, self.settings.margin)
-        """Lowest and highest corner (2, 3) [m] of where limbs can be."""
+        if box is None:
+            box = common_box([v.camera for v in views], self.settings.farthest, self.settings.margin)
+        self.box = box
         self._cones = [cone_of(limb) for limb in limbs]
         tables = {limb.name: models.log_ratios(limb.name, self.settings.cues) for limb in limbs}
         self._tables = [tables[limb.name] for limb in limbs]

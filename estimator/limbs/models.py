@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -36,15 +36,20 @@ class LimbModels:
     background: Gibbs
     limbs: Mapping[str, Gibbs]
     any_limb: Gibbs
+    _ratios: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     def log_ratios(self, name: str, cues: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """How much more probable every state is of a limb than of the background [nats], by the cues that are named:
         flat, by levels of all features; and by those of edges and ridge, with the person's place unknown."""
-        of_limb = self.limbs.get(name, self.any_limb).log_density()
-        of_scene = self.background.log_density()
-        filters = min(CUES["foreground"])  # features before these
-        coarse = _ratio(of_limb, of_scene, [cue for cue in cues if cue != "foreground"])
-        return _ratio(of_limb, of_scene, cues).ravel(), coarse.reshape(*coarse.shape[:filters], -1)[..., 0].ravel()
+        limb = self.limbs.get(name, self.any_limb)
+        key = (id(limb), *cues)  # sums over all states: once, not once a frame
+        if key not in self._ratios:
+            of_limb, of_scene = limb.log_density(), self.background.log_density()
+            filters = min(CUES["foreground"])  # features before these
+            coarse = _ratio(of_limb, of_scene, [cue for cue in cues if cue != "foreground"])
+            coarse = coarse.reshape(*coarse.shape[:filters], -1)[..., 0]
+            self._ratios[key] = _ratio(of_limb, of_scene, cues).ravel(), coarse.ravel()
+        return self._ratios[key]
 
     def save(self, path: Path, about: str) -> None:
         """Write a file that `load_models` reads; about: what it was learned from."""
