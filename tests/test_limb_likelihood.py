@@ -81,8 +81,8 @@ def test_a_bar_before_black_is_measured_as_it_is() -> None:
     )
     named = dict(zip(FEATURES, values[0], strict=True))
     step = 200.0 / np.sqrt(2.0 * np.pi)
-    assert named["left edge"] == pytest.approx(step, rel=0.15)
-    assert named["right edge"] == pytest.approx(step, rel=0.15)
+    assert named["left edge"] == pytest.approx(step / (step + 4.0), rel=0.02)
+    assert named["right edge"] == pytest.approx(step / (step + 4.0), rel=0.02)
     assert named["ridge"] > 0.3 * 200.0
     assert [named[name] for name in FEATURES[3:]] == [1.0, 1.0, 0.0, 0.0]
 

@@ -30,7 +30,8 @@ _STATIONS = 6
 _FOREGROUND = 3  # index of the first feature that needs to know where the person is
 _INSIDE = 0.55  # of the half-width, where it is looked inside beside the axis
 _BESIDE, _AWAY = 1.3, 1.5  # of the half-width, and px more, where it is looked beside
-_EDGE_SCALE = 0.4  # of half the limb's width: edges are taken at finer scales than ridges
+_EDGE_SCALE = 0.15  # of half the limb's width: edges are taken at finer scales than ridges
+_NOISE = 4.0  # grey values of slope that count half
 
 
 def cone_of(limb: Limb) -> np.ndarray:
@@ -131,7 +132,8 @@ def _filtered(points, across, half_width, maps, values):  # type: ignore[no-unty
         for k in range(stations):
             x = _cell(points[k, side, 0], steps[fine], slope.shape[1])
             y = _cell(points[k, side, 1], steps[fine], slope.shape[0])
-            total += abs(nx * slope[y, x, 0] + ny * slope[y, x, 1])
+            gx, gy = slope[y, x, 0], slope[y, x, 1]
+            total += abs(nx * gx + ny * gy) / (math.sqrt(gx * gx + gy * gy) + _NOISE)
         values[side - 1] = total / stations
     total = 0.0
     for k in range(stations):
