@@ -62,7 +62,7 @@ def shown_clip(subject: Subject, path: Path, frames: int, seed: int, cameras: in
     surface = surface_of(body, nodes=500)
     points = np.array([points_in_world(body.at(pose), surface.joint, surface.local) for pose in q])
     view = ViewSettings(cameras, float(rng.uniform(-180, 180)), float(rng.uniform(0, 20)), float(rng.uniform(0.5, 0.8)))
-    seen_by, place = framing_cameras(points, view), place_of(points, 0.0)
+    seen_by, place = framing_cameras(points, view), place_of(points)
     scene = SceneSettings(
         "room", float(rng.uniform(-180, 180)), float(rng.uniform(30, 80)), ambient=float(rng.uniform(0.3, 0.7)),
         lens_blur=float(rng.uniform(0, 1.2)), noise=float(rng.uniform(1, 4)),
