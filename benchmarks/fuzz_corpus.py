@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 import kinemode as km
-from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, OBJ
+from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, LIMBS, OBJ
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.results.export import export
@@ -215,6 +215,7 @@ def _subjects() -> dict[str, list[Files]]:
     shapes = (("arm.stl", stl), ("arm.obj", OBJ.encode()), ("arm.dae", DAE.encode()))
     return {
         "urdf": [{"arm.urdf": ARM.encode()}, *({"body.urdf": text} for text in built_in)],
+        "limb file": [{"limbs.toml": LIMBS.encode()}],
         "landmark file": [{"arm.landmarks.toml": ARM_LANDMARKS.encode(), "arm.urdf": ARM_MESHES[""].encode()}],
         "mesh": [{name: data, "arm.urdf": ARM_MESHES[name].encode()} for name, data in shapes],
     }

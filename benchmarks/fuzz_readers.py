@@ -29,6 +29,7 @@ from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import stored_state
 from humanoid.kinematics.body import Body
+from humanoid.limbs.graph import limb_graph
 from humanoid.shape.solids import solids_of
 from humanoid.subject.subject import load_subject
 from kinemode.annotation.clicks import clicks_from_page, load_clicks, no_clicks
@@ -93,6 +94,10 @@ def _landmark_file(path: Path) -> object:
     return _body(path.with_name("arm.urdf"))
 
 
+def _limb_file(path: Path) -> object:
+    return limb_graph(load_subject("arm8"), overrides=path)
+
+
 def _run(path: Path) -> object:
     """Everything that can be asked of a run."""
     run = Run.open(path)
@@ -149,6 +154,7 @@ READERS = {
     "trc": Reader("text", Reference.load, 0.05),
     "urdf": Reader("text", _body, 0.008),
     "landmark file": Reader("text", _landmark_file, 0.004),
+    "limb file": Reader("text", _limb_file, 0.004),
     "mesh": Reader("text", lambda path: _body(path.with_name("arm.urdf")), 0.003),
     "run": Reader("run", _run, 0.008),
     "state": Reader("run", _state, 0.004),

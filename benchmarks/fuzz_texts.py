@@ -88,3 +88,14 @@ def _chain(names: list[str], offsets: list[str]) -> list[str]:
 
 _MOVES, _TURNS = "Xposition Yposition Zposition", "Zrotation Yrotation Xrotation"
 BVH_PLAIN, BVH_CMU = _skeleton("Spine"), _skeleton("LowerBack Spine Spine1")
+LIMBS = """[limbs.arm]
+links = ["left_upper_arm", "left_forearm"]
+link = "left_upper_arm"
+proximal = "left_shoulder_elevation"
+distal = "left_wrist_flexion"
+[limbs.left_hand]
+start = 0.01
+end = 0.2
+proximal_radii = [0.04, 0.02]
+distal_radii = [0.03, 0.01]
+"""

@@ -43,7 +43,7 @@ class DataKinematics:
         self._model, self._data = model, model.createData()
         pin.computeJointJacobians(model, self._data, pin.neutral(model))
         self._raw_placements = _raw_placements(self._data, model.njoints)
-        self._raw_columns = self._data.J.T
+        self._raw_columns = self._data.J.reshape(6, -1).T  # a matrix of a single column comes as a vector
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Kinematics`."""

@@ -22,7 +22,8 @@ class Bodies:
     """What each joint moves, the world being body 0, with the body at rest (`Body.neutral`), in the world's frame.
 
     posed: the rest pose. parent (J,): the body on the other side of each body's joint, -1 for the root; -2 for the
-    world where it has no surface and is nothing: what hangs on it hangs on its largest child then.
+    world where it has no surface and is nothing: what hangs on it hangs on its largest child then. hung (J,) bool: the
+    bodies that do so, though that does not move them.
     links: of each body. points: the surface's nodes of each body [m], (N_j, 3). part: the surface's part of each node.
     outward: unit normals of the nodes. area: the number of nodes of every link.
     unit (J,): bodies whose joints act as one have the same; it is the outermost of them.
@@ -33,6 +34,7 @@ class Bodies:
 
     posed: PosedBody
     parent: np.ndarray
+    hung: np.ndarray
     links: tuple[tuple[str, ...], ...]
     points: tuple[np.ndarray, ...]
     part: tuple[np.ndarray, ...]
@@ -50,7 +52,7 @@ class Bodies:
 
     def length(self, members: list[int]) -> float:
         """Length of connected bodies that are one, the topmost first [m]."""
-        return _length(members, self.parent, self.pivot, self.points)
+        return _length(members, np.where(self.hung, -2, self.parent), self.pivot, self.points)
 
     def size(self, members: list[int]) -> int:
         """Nodes on some bodies."""
@@ -75,23 +77,26 @@ def bodies_of(body: Body, surface: Surface) -> Bodies:
     area = dict.fromkeys((name for names in links for name in names), 0)
     for k, link in enumerate(surface.links):
         area[link] += int(np.count_nonzero(surface.part == k))
-    parent = _hung(body.tree.joint_parent, [len(p) for p in points])
-    longest = max(_length([j], parent, posed.translations, points) for j in range(body.njoints) if len(points[j]))
-    unit, pivot = _units(body, posed, parent, ONE_JOINT * longest)
+    parent, hung = _hung(body.tree.joint_parent, [len(p) for p in points])
+    joined = np.where(hung, -2, parent)
+    longest = max(_length([j], joined, posed.translations, points) for j in range(body.njoints) if len(points[j]))
+    unit, pivot = _units(body, posed, joined, ONE_JOINT * longest)
     freedom = np.bincount(unit[body.tree.column_joint], minlength=body.njoints)[unit]
     names, covered = tuple(map(tuple, links)), (tuple(points), tuple(part), tuple(normals))
-    return Bodies(posed, parent, names, *covered, area, unit, pivot, freedom, longest)
+    return Bodies(posed, parent, hung, names, *covered, area, unit, pivot, freedom, longest)
 
 
-def _hung(joint_parent: np.ndarray, nodes: list[int]) -> np.ndarray:
-    parent = joint_parent.copy()
+def _hung(joint_parent: np.ndarray, nodes: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """`Bodies.parent` and `Bodies.hung`."""
+    parent, hung = joint_parent.copy(), np.zeros(len(joint_parent), dtype=bool)
     parent[0] = -1
     if nodes[0] == 0:  # the world is no body
         children = 1 + np.flatnonzero(joint_parent[1:] == 0)
         largest = int(max(children, key=lambda j: nodes[j]))
         parent[children], parent[0] = largest, -2
         parent[largest] = -1
-    return parent
+        hung[children] = children != largest
+    return parent, hung
 
 
 def _length(members: list[int], parent: np.ndarray, pivot: np.ndarray, points: Sequence[np.ndarray]) -> float:
@@ -115,7 +120,7 @@ def _units(body: Body, posed: PosedBody, parent: np.ndarray, near: float) -> tup
         axis = _axis(body, posed, j)
         if axis is None:
             continue
-        run = runs.get(int(parent[j]), [])
+        run = runs.get(int(parent[j]), []) if parent[j] >= 0 else []
         if 0 < len(run) < _MOST_AXES and children[parent[j]] == 1:
             point, off = _meeting([*(_axis(body, posed, k) for k in run), axis], posed.translations[[*run, j]])
             if off < near:
@@ -123,8 +128,7 @@ def _units(body: Body, posed: PosedBody, parent: np.ndarray, near: float) -> tup
                 unit[run], pivot[run] = j, point
                 runs[j] = run
                 continue
-        if parent[j] >= 0:
-            runs[j] = [j]
+        runs[j] = [j]
     return unit, pivot
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 _THINNEST = 1e-3  # m
+_MOST = 100  # evaluations of a fit
 _FEWEST = 6  # nodes, below which nothing is fitted
 
 
@@ -62,9 +63,10 @@ def fitted_cone(points: np.ndarray, near: float) -> Cone:
     lower = np.array([low - over, middle + 0.05 * size, *(4 * [_THINNEST])])
     upper = np.array([middle - 0.05 * size, high + over, *widest, *widest])
     first = np.clip([low, high, *spread, *spread], lower, upper)
-    fit = least_squares(_distance, first, bounds=(lower, upper), loss="soft_l1", f_scale=near, args=(points,), max_nfev=100)
-    start, end = float(fit.x[0]), float(fit.x[1])
-    return Cone(start, end, fit.x[2:4].copy(), fit.x[4:6].copy())
+    x = least_squares(
+        _distance, first, bounds=(lower, upper), loss="soft_l1", f_scale=near, args=(points,), max_nfev=_MOST
+    ).x
+    return Cone(float(x[0]), float(x[1]), x[2:4].copy(), x[4:6].copy())
 
 
 def cone_surface(cone: Cone, around: int = 48, along: int = 24) -> np.ndarray:

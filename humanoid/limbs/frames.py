@@ -57,7 +57,8 @@ def frame_of(
 
 def _end(bodies: Bodies, group: Group, others: list[Group], t: np.ndarray) -> np.ndarray | None:
     """Where the distal joint is (3,) [m]; None where there is none far enough."""
-    outside = [g.members[0] for g in others if bodies.parent[g.members[0]] in group.members]
+    tops = [g.members[0] for g in others]
+    outside = [top for top in tops if bodies.parent[top] in group.members and not bodies.hung[top]]
     unit = bodies.unit[group.carrier]
     inside = [k for k in group.members if bodies.unit[k] != unit and bodies.unit[max(bodies.parent[k], 0)] == unit]
     for joints in (outside, inside):

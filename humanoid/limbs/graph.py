@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from humanoid.kinematics.body import Body
 from humanoid.limbs.bodies import Bodies, bodies_of
-from humanoid.limbs.cones import Cone, fitted_cone
+from humanoid.limbs.cones import fitted_cone
 from humanoid.limbs.frames import Frame, axis_through, frame_of
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.limbs.merging import RULES, Detail, Group, merged, topmost_first
@@ -39,7 +39,7 @@ def limb_graph(
     from joint to joint, of a last body twice the way to the middle of its surface, and are compared with the longest:
 
     - "paper": ends of chains below 0.5 (hands, feet), ends that hang on a hub, a limb with three neighbours or more,
-      below 0.25 (fingers), what leads from a hub to one other limb on a joint of one or two degrees of freedom below
+      below 0.2 (fingers), what leads from a hub to one other limb on a joint of one or two degrees of freedom below
       0.5 (clavicles, an abdomen), and the root below 0.5 (a pelvis). The built-in adult has the paper's ten limbs.
     - "fine": only what is below 0.1, and what leads from a hub below 0.45.
 
@@ -99,9 +99,9 @@ def _limb(
     R = bodies.posed.rotations[group.carrier] @ place.rotation
     t = bodies.posed.rotations[group.carrier] @ place.translation + bodies.posed.translations[group.carrier]
     links = tuple(link for j in group.members for link in bodies.links[j])
-    in_link = R.T @ (frame.t - t), R.T @ frame.R
-    size = (frame.length, cone.start, cone.end, cone.proximal, cone.distal)
-    return frame, Limb(name, links, carrier, *in_link, *size)
+    t_link_limb, R_link_limb = R.T @ (frame.t - t), R.T @ frame.R
+    ends = cone.start, cone.end, cone.proximal, cone.distal
+    return frame, Limb(name, links, carrier, t_link_limb, R_link_limb, frame.length, *ends)
 
 
 def along_axis(bodies: Bodies, group: Group, z: np.ndarray) -> list[int]:
@@ -131,7 +131,9 @@ def outer_nodes(bodies: Bodies, members: list[int]) -> np.ndarray:
 
 def _edges(bodies: Bodies, groups: list[Group]) -> tuple[tuple[int, int], ...]:
     owner = {j: k for k, group in enumerate(groups) for j in group.members}
-    pairs = [(owner[int(bodies.parent[g.members[0]])], k) for k, g in enumerate(groups) if bodies.parent[g.members[0]] >= 0]
+    pairs = [
+        (owner[int(bodies.parent[g.members[0]])], k) for k, g in enumerate(groups) if bodies.parent[g.members[0]] >= 0
+    ]
     return tuple(sorted((min(pair), max(pair)) for pair in pairs))
 
 

@@ -28,7 +28,7 @@ class Rule:
     link: float
 
 
-RULES: dict[str, Rule] = {"paper": Rule(0.5, 0.5, 0.25, 0.5), "fine": Rule(0.1, 0.1, 0.1, 0.45)}
+RULES: dict[str, Rule] = {"paper": Rule(0.5, 0.5, 0.2, 0.5), "fine": Rule(0.1, 0.1, 0.1, 0.45)}
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,16 @@ class Groups:
                 around[up].append(top)
         return around
 
+    def joined(self, a: int, b: int) -> bool:
+        """Whether a joint joins two neighbours; see `Bodies.hung`."""
+        lower = a if self.bodies.parent[a] in self.all[b].members else b
+        return not self.bodies.hung[lower]
+
     def merge(self, top: int, into: int, carried: bool) -> None:
         """Two groups become one; `carried`: by what carried the second, else by the longer's."""
         first, second = self.all.pop(top), self.all.pop(into)
         longer = second if carried or self.length[into] >= self.length[top] else first
-        upper, lower = (second, first) if self.bodies.parent[top] in second.members else (first, second)
-        members = upper.members + lower.members
+        members = tuple(topmost_first(self.bodies, first.members + second.members))
         self.all[members[0]] = Group(members, longer.carrier, second.fixed, second.name)
         self.length[members[0]] = self.bodies.length(list(members))
 
@@ -108,15 +112,19 @@ def _bare(groups: Groups) -> tuple[int, int] | None:
     around = groups.neighbours()
     for top in sorted(groups.all):
         if groups.bodies.size(list(groups.all[top].members)) == 0 and around[top]:
-            return top, _most_neighbours(around, around[top])
+            return top, _most_neighbours(around, [t for t in around[top] if groups.joined(top, t)] or around[top])
     return None
 
 
 def _shortest(groups: Groups, rule: Rule) -> tuple[int, int] | None:
     around, options = groups.neighbours(), []
     for top, group in groups.all.items():
-        open_ones = [t for t in around[top] if not groups.all[t].fixed]
-        if not group.fixed and open_ones and groups.length[top] < groups.bodies.longest * _limit(groups, around, top, rule):
+        open_ones = [t for t in around[top] if not groups.all[t].fixed and groups.joined(top, t)]
+        if (
+            not group.fixed
+            and open_ones
+            and groups.length[top] < groups.bodies.longest * _limit(groups, around, top, rule)
+        ):
             is_root = bool(groups.bodies.parent[top] == -1)
             options.append((is_root, groups.length[top], top, _most_neighbours(around, open_ones)))
     return min(options)[2:] if options else None

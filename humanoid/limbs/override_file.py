@@ -15,7 +15,6 @@ All entries may be left out. What `links` leaves over is merged by the rule; wit
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,14 +28,10 @@ from humanoid.limbs.cones import Cone
 from humanoid.limbs.merging import Group, topmost_first
 from humanoid.subject.urdf_document import PLAUSIBLE
 from humanoid.support.errors import InputError, shown
-from humanoid.support.files import read_bytes
+from humanoid.support.files import read_toml
 from humanoid.support.near_names import nearest
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
+_THINNEST = 1e-4  # m
 _KINDS = {
     "links": "a list of names",
     "link": "a name",
@@ -44,8 +39,8 @@ _KINDS = {
     "distal": "a name",
     "start": "a number",
     "end": "a number",
-    "proximal_radii": "two positive numbers",
-    "distal_radii": "two positive numbers",
+    "proximal_radii": "two lengths of 0.1 mm or more",
+    "distal_radii": "two lengths of 0.1 mm or more",
 }
 
 
@@ -82,7 +77,7 @@ class Change:
         """The fitted cone with what is given instead."""
         start = fitted.start if self.start is None else self.start
         end = fitted.end if self.end is None else self.end
-        if end <= start:
+        if end < start + _THINNEST:
             problem = f"the cone would begin at {start:g} m and end at {end:g} m"
             raise InputError(self.path, problem, place=f"[limbs.{name}]", remedy="give an end beyond its start")
         proximal = fitted.proximal if self.proximal_radii is None else np.array(self.proximal_radii)
@@ -138,12 +133,7 @@ def read_overrides(path: str | Path) -> Overrides:
     InputError: the file cannot be read, is not TOML, or has an entry that is unknown or misshapen.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(read_bytes(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, f"is not TOML: {error}", remedy='limbs look like [limbs.torso] links = ["a"]') from error
+    content = read_toml(path, remedy='a limb begins with [limbs.NAME], then entries such as link = "thigh"')
     for table in content:
         if table != "limbs":
             raise InputError(path, "unknown table", place=f"[{table}]", remedy="write [limbs.NAME]")
@@ -181,7 +171,7 @@ def _is_kind(kind: str, value: Any) -> bool:
         return isinstance(value, list) and len(value) > 0 and all(isinstance(v, str) for v in value)
     if kind == "a number":
         return _is_number(value)
-    return isinstance(value, list) and len(value) == 2 and all(_is_number(v) and v > 0.0 for v in value)
+    return isinstance(value, list) and len(value) == 2 and all(_is_number(v) and v >= _THINNEST for v in value)
 
 
 def _is_number(value: Any) -> bool:
@@ -191,12 +181,12 @@ def _is_number(value: Any) -> bool:
 def _group(bodies: Bodies, name: str, change: Change) -> Group:
     """The bodies of given links, with all whose joints act as one with theirs and what has no surface in between."""
     place = f"[limbs.{name}] links"
-    body_of_link = {
-        link: j for j, links in enumerate(bodies.links) for link in links if bodies.parent[j] >= -1
-    }
+    body_of_link = {link: j for j, links in enumerate(bodies.links) for link in links if bodies.parent[j] >= -1}
     for link in (*(change.links or ()), *(() if change.link is None else (change.link,))):
         if link not in body_of_link:
-            raise InputError(change.path, f"there is no link {link!r}", place=place, remedy=nearest(link, body_of_link, "links"))
+            raise InputError(
+                change.path, f"there is no link {link!r}", place=place, remedy=nearest(link, body_of_link, "links")
+            )
     units = {int(bodies.unit[body_of_link[link]]) for link in change.links or ()}
     members = {j for j in range(len(bodies.parent)) if bodies.parent[j] >= -1 and int(bodies.unit[j]) in units}
     _connect(bodies, members, change, place)
@@ -207,7 +197,9 @@ def _group(bodies: Bodies, name: str, change: Change) -> Group:
         carrier = body_of_link[change.link]
     if carrier not in members:
         problem = f"{change.link!r} is none of the links"
-        raise InputError(change.path, problem, place=f"[limbs.{name}] link", remedy="name one of " + ", ".join(change.links or ()))
+        raise InputError(
+            change.path, problem, place=f"[limbs.{name}] link", remedy="name one of " + ", ".join(change.links or ())
+        )
     return Group(tuple(topmost_first(bodies, members)), carrier, fixed=True, name=name)
 
 
@@ -227,9 +219,7 @@ def _connect(bodies: Bodies, members: set[int], change: Change, place: str) -> N
         raise InputError(change.path, f"{names} are not connected", place=place, remedy=remedy)
 
 
-def _joint_place(
-    path: str, body: Body, bodies: Bodies, group: Group, asked: tuple[str, str, str]
-) -> np.ndarray:
+def _joint_place(path: str, body: Body, bodies: Bodies, group: Group, asked: tuple[str, str, str]) -> np.ndarray:
     """Where a joint on a limb is at rest (3,) [m]; asked: the limb, the entry, the joint."""
     name, key, joint = asked
     model, place = body.model, f"[limbs.{name}] {key}"
@@ -248,5 +238,7 @@ def _joint_place(
     if not sides & set(group.members):
         on_it = [n for n, k in moving.items() if {k, int(bodies.parent[k])} & set(group.members)]
         on_it += [n for n, f in fixed.items() if f.parentJoint in group.members]
-        raise InputError(path, f"joint {joint!r} is not on this limb", place=place, remedy=nearest(joint, on_it, "joints"))
+        raise InputError(
+            path, f"joint {joint!r} is not on this limb", place=place, remedy=nearest(joint, on_it, "joints")
+        )
     return np.asarray(where)

@@ -16,20 +16,14 @@ Each table takes the place of the elements of its kind in the URDF.
 
 from __future__ import annotations
 
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.support.errors import InputError, shown
-from humanoid.support.files import read_bytes
+from humanoid.support.files import read_toml
 from humanoid.support.near_names import nearest
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SUFFIX = ".landmarks.toml"
 # table -> tag, attribute that takes the key, entries with their kind (a number, a list of numbers, a text, names)
@@ -53,7 +47,7 @@ def merge_landmark_file(document: Document, path: Path) -> None:
     ------
     InputError: the file cannot be read, is not TOML, or has an entry that is unknown, misshapen or names no joint.
     """
-    content = _read_toml(path)
+    content = read_toml(path, remedy='entries look like nose = {link = "head"}')
     for table, entries in content.items():
         if table not in (*_TABLES, "subject", "limits"):
             raise InputError(path, "unknown table", place=f"[{table}]", remedy=nearest(table, _tables(), "tables"))
@@ -69,15 +63,6 @@ def merge_landmark_file(document: Document, path: Path) -> None:
 
 def _tables() -> list[str]:
     return [*_TABLES, "subject", "limits"]
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(read_bytes(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, f"is not TOML: {error}", remedy='entries look like nose = {link = "head"}') from error
 
 
 def _set_elements(document: Document, path: Path, table: str, entries: dict[str, Any]) -> None:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import Any
 
 from humanoid.support.errors import InputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 
 def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes:
@@ -26,3 +33,18 @@ def read_bytes(path: Path, *, most: int = 20_000_000, remedy: str = "") -> bytes
     if len(content) > most:
         raise InputError(path, f"is larger than {most // 1_000_000} MB", remedy="give a smaller file")
     return content
+
+
+def read_toml(path: Path, *, remedy: str) -> dict[str, Any]:
+    """Content of a TOML file.
+
+    Raises
+    ------
+    InputError: it cannot be read, or is not TOML (`remedy` is then told).
+    """
+    try:
+        return tomllib.loads(read_bytes(path).decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(path, f"is not TOML: {error}", remedy=remedy) from error
