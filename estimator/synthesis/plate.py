@@ -71,15 +71,16 @@ def built_scene(
 ) -> tuple[scene.Quads, scene.Quads]:
     """Background and occluders as rectangles in the world."""
     shift = np.array([*place.centre, place.floor])
-    reach = max(float(np.linalg.norm(c.centre_world[:2] - place.centre)) for c in cameras)
+    seen_from = np.array([c.centre_world for c in cameras]) - shift
+    reach = float(np.linalg.norm(seen_from[:, :2], axis=1).max())
     if settings.background == "pillar":
         scale = max(1.0, (place.radius + 0.3) / 1.2)
-        behind = scene.moved(scene.pillar_room(rng, _azimuth(cameras[0], place)), shift, scale)
+        behind = scene.moved(scene.pillar_room(rng, _azimuth(cameras[0], place), seen_from / scale), shift, scale)
     elif settings.background == "black":
         behind = scene.Quads(np.zeros((0, 4, 3)), np.zeros((0, 3)))
     else:
         shell, boxes = scene.cluttered_room(rng)
-        scale = max(1.0, reach / _ROOM_REACH, place.radius / _ROOM_RADIUS)
+        scale = max(1.0, reach / _ROOM_REACH, place.radius / _ROOM_RADIUS, scene.enlargement_holding(seen_from))
         boxes = [scene.moved(box, shift, scale) for box in boxes]
         seen = [box for box in boxes if not any(_in_the_way(box, camera, place) for camera in cameras)]
         behind = scene.joined([scene.moved(shell, shift, scale), *seen])

@@ -12,6 +12,8 @@ from humanoid.kinematics.body import Body
 from humanoid.support.atomic import replacing
 
 _WALLS = (-2.9, 3.9, 3.6, 3.2)  # x of the back and front wall, half the width, height [m]
+_PILLAR = -1.2  # x of the pillar; rails and wall are 5 and 10 cm behind it [m]
+_BEFORE_WALL = 0.1  # that a camera stays away from a wall, at the room's own size [m]
 _FREE_RADIUS = 1.5  # around the person's place [m]
 _SPECKLE = 0.3  # standard deviation of the logarithm of the brightness
 _X, _Y, _Z = np.eye(3)
@@ -42,13 +44,26 @@ def cluttered_room(rng: np.random.Generator) -> tuple[Quads, list[Quads]]:
     return joined(parts), boxes
 
 
-def pillar_room(rng: np.random.Generator, azimuth: float) -> Quads:
-    """A dark wall 1.3 m behind the person as seen from `azimuth` [rad], with a bright pillar to the right and rails."""
+def enlargement_holding(cameras: np.ndarray) -> float:
+    """How many times larger `cluttered_room` has to be for the back wall to stand behind cameras (C, 3) [m], too.
+
+    Only that wall is asked for: whoever enlarges the room by the cameras' distance has them before the other three.
+    """
+    return float(np.max(-cameras[:, 0])) / (-_WALLS[0] - _BEFORE_WALL)
+
+
+def pillar_room(rng: np.random.Generator, azimuth: float, cameras: np.ndarray) -> Quads:
+    """A dark wall 1.3 m behind the person as seen from `azimuth` [rad], with a bright pillar to the right and rails;
+    farther where cameras (C, 3) [m] would else stand behind it."""
+    behind = -(cameras[:, :2] @ np.array([np.cos(azimuth), np.sin(azimuth)]))
+    back = max(0.0, float(behind.max()) + _BEFORE_WALL + _PILLAR)
     floor = _panel(rng, np.array([-9.0, -9.0, 0.0]), 18.0 * _X, 18.0 * _Y, (36, 36), np.full(3, 62.0), 4.0)
-    wall = _panel(rng, np.array([-1.3, -9.0, 0.0]), 18.0 * _Y, 6.0 * _Z, (60, 20), np.full(3, 46.0), 4.0)
-    pillar = _panel(rng, np.array([-1.2, 0.08, 0.0]), 0.28 * _Y, 6.0 * _Z, (3, 60), np.full(3, 226.0), 4.0)
+    wall = _panel(
+        rng, np.array([_PILLAR - 0.1 - back, -9.0, 0.0]), 18.0 * _Y, 6.0 * _Z, (60, 20), np.full(3, 46.0), 4.0
+    )
+    pillar = _panel(rng, np.array([_PILLAR - back, 0.08, 0.0]), 0.28 * _Y, 6.0 * _Z, (3, 60), np.full(3, 226.0), 4.0)
     rails = [
-        _panel(rng, np.array([-1.25, -9.0, z]), 18.0 * _Y, 0.05 * _Z, (180, 1), np.full(3, 205.0), 4.0)
+        _panel(rng, np.array([_PILLAR - 0.05 - back, -9.0, z]), 18.0 * _Y, 0.05 * _Z, (180, 1), np.full(3, 205.0), 4.0)
         for z in (0.45, 0.95, 1.45, 1.95)
     ]
     return turned(joined([floor, wall, *rails, pillar]), azimuth)
