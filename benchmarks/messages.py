@@ -2,8 +2,8 @@
 
     python -m benchmarks.messages [--methods importance gibbs] [--candidates 1000000] [--json FILE]
 
-In 1-D the truth is a quadrature, in 6-D a million weighted candidates with an effective number of over a thousand, whose
-mean is compared with that of 200 draws. Bars: total variation 0.08, 3 mm and 1 degree, 150 ms a call on one core.
+In 1-D the truth is a quadrature, in 6-D a million weighted candidates with an effective number of over a thousand,
+whose mean is compared with that of 200 draws. Bars: total variation 0.08, 3 mm and 1 degree, 150 ms a call on one core.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from estimator.inference.beliefs.mixture import Mixture, mixture_of
 from estimator.inference.beliefs.potential import potential_of
 from estimator.inference.beliefs.products import METHODS, ProductSettings, candidates, draw_products
 from estimator.inference.beliefs.space import PLACEMENTS, Space
+from estimator.inference.clusters import mean_and_covariance
 from estimator.inference.particles import effective_count
 
 DRAWS = 200
@@ -62,7 +63,8 @@ def main(
 
     Parameters
     ----------
-    methods: ways to draw; gibbs with a number of sweeps is gibbs3, importance with a number of candidates importance2000.
+    methods: ways to draw; gibbs with a number of sweeps is gibbs3, importance with a number of candidates
+        for each draw importance10.
     cases: mixtures x kernels, as 5x181; all without.
     candidates: of the truth in 6-D.
     calls: of every way, of 200 draws each.
@@ -92,7 +94,7 @@ def _settings(name: str) -> ProductSettings:
     number = int(name[len(method) :] or 0)
     settings = ProductSettings(method, exact_below=10**6 if method == "exact" else 0)
     if number:
-        return replace(settings, sweeps=number) if method == "gibbs" else replace(settings, candidates=number)
+        return replace(settings, sweeps=number) if method == "gibbs" else replace(settings, per_draw=number)
     return settings
 
 
@@ -173,14 +175,11 @@ def _true_moments(
     rng: np.random.Generator, factors: Sequence[Mixture], reference: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of a product."""
-    settings = ProductSettings(candidates=reference, rounds=4)
-    pool = candidates(rng, factors, [range(len(factors))], settings)
+    pool = candidates(rng, factors, [range(len(factors))], reference, rounds=4)
     weights, _ = pool.weights(range(len(factors)))
     tell(f"  truth: {reference} candidates, worth {effective_count(weights):.0f}")
     if effective_count(weights) < 1000.0:
         tell("  which is not enough: more --candidates")
-    from estimator.inference.clusters import mean_and_covariance
-
     return mean_and_covariance(PLACEMENTS, pool.points, weights)
 
 
@@ -227,9 +226,8 @@ def _print(rows: Sequence[Row]) -> None:
             and r.ms <= BAR_MS
             for r in mine
         ]  # fmt: skip
-        print(
-            f"{method}: {sum(met)} of {len(met)} within {BAR_VARIATION}, {BAR_MM:.0f} mm, {BAR_DEG:.0f} deg, {BAR_MS:.0f} ms"
-        )
+        bars = f"{BAR_VARIATION}, {BAR_MM:.0f} mm, {BAR_DEG:.0f} deg, {BAR_MS:.0f} ms"
+        print(f"{method}: {sum(met)} of {len(met)} within {bars}")
 
 
 if __name__ == "__main__":

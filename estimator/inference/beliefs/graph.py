@@ -24,8 +24,8 @@ OK, UNEXPLAINED, APART = "ok", "unexplained", "apart"
 class Belief:
     """What is believed of a node: points (N, size) and weights (N,) that sum to 1.
 
-    status: "ok"; "unexplained" where the likelihood gives no point any weight, so that the belief is that of the messages
-    alone; "apart" where the messages have no common ground, and it is what any of them says.
+    status: "ok"; "unexplained" where the likelihood gives no point any weight, so that the belief is that of the
+    messages alone; "apart" where the messages have no common ground, and it is what any of them says.
     """
 
     space: Space
@@ -42,8 +42,9 @@ class Belief:
 class Node:
     """A node of a graph.
 
-    log_likelihood: phi_i, points (N, size) -> logarithms (N,), up to a constant; None where nothing is measured. proposal:
-    Q_i, the importance function; None where there is none. priors: messages that come from outside the graph and stay.
+    log_likelihood: phi_i, points (N, size) -> logarithms (N,), up to a constant; None where nothing is measured.
+    proposal: Q_i, the importance function; None where there is none. priors: messages that come from outside the graph
+    and stay.
     fixed: a belief that stays: what the node sends, whatever it is sent.
     """
 
@@ -57,11 +58,13 @@ class Node:
 class Graph:
     """Nodes, and for each directed edge (i, j) the potential psi_ij as a density of X_j.
 
-    An edge has both directions, or one alone where the other would lead to a node with a fixed belief. Loops are welcome.
+    An edge has both directions, or one alone where the other would lead to a node with a fixed belief. Loops are
+    welcome.
 
     Raises
     ------
-    InputError: an edge names no node, lacks its other direction, or is of another space; a node has neither neighbours nor
+    InputError: an edge names no node, lacks its other direction, or is of another space; a node has neither neighbours
+        nor
         priors nor a proposal.
     """
 

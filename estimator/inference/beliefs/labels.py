@@ -24,8 +24,8 @@ _STEPS = 3  # of Gauss and Newton towards the mean of a product, where there are
 class Stacked:
     """The kernels of D mixtures behind each other: those of mixture i are start[i] to start[i + 1].
 
-    start (D + 1,) int. log_weight (T,), mean (T, size), shape (T,) int. covariance, whitener, precision (C, dims, dims),
-    constant (C,).
+    start (D + 1,) int. log_weight (T,), mean (T, size), shape (T,) int. covariance, whitener, precision (C, dims,
+    dims), constant (C,).
     """
 
     space: Space
@@ -57,7 +57,8 @@ class Stacked:
         )
 
     def labels_at(self, rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
-        """A kernel of each mixture (N, D) int, drawn by how much of the mixture's density it has at each point (N, size)."""
+        """A kernel of each mixture (N, D) int, drawn by how much of the mixture's density it has at each point (N,
+        size)."""
         labels = np.empty((len(points), len(self.start) - 1), dtype=np.int64)
         uniform = rng.random(labels.shape)
         space = self.space
@@ -70,8 +71,8 @@ class Stacked:
     def products(self, labels: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The normal densities that the labelled kernels of some mixtures make together.
 
-        labels (N, D) int; used (N, D) bool: of which mixtures, of at least one each. Returns means (N, size), covariances
-        (N, dims, dims) and logarithms (N,) of their weights: those of the kernels and how well these agree.
+        labels (N, D) int; used (N, D) bool: of which mixtures, of at least one each. Returns means (N, size),
+        covariances (N, dims, dims) and logarithms (N,) of their weights: those of the kernels and how well these agree.
         """
         count, space = len(labels), self.space
         mean, covariance = np.empty((count, space.size)), np.empty((count, space.dims, space.dims))
@@ -100,8 +101,8 @@ class Stacked:
 def _labels_at(  # type: ignore[no-untyped-def]
     n, turns, points, start, log_weight, mean, shape, whitener, constant, uniform, labels
 ):
-    """Labels (N, D) int at points (N, size): see `Stacked.labels_at`. start (D + 1,) int, log_weight (T,), mean (T, size),
-    shape (T,) int, whitener (C, d, d), constant (C,), uniform (N, D)."""
+    """Labels (N, D) int at points (N, size): see `Stacked.labels_at`. start (D + 1,) int, log_weight (T,), mean (T,
+    size), shape (T,) int, whitener (C, d, d), constant (C,), uniform (N, D)."""
     e = np.empty(n + 3 * turns)
     value = np.empty(len(log_weight))
     for i in range(len(points)):
@@ -145,7 +146,7 @@ def _normal_product(  # type: ignore[no-untyped-def]
     """
     d = n + 3 * turns
     begun = False
-    for step in range(_STEPS if turns else 1):
+    for _ in range(_STEPS if turns else 1):
         information[:] = 0.0
         pull[:] = 0.0
         for j in range(len(labels)):
@@ -264,8 +265,8 @@ def _gibbs(n, turns, start, log_weight, mean, shape, covariance, precision, unif
                     value[k] = log_weight[k]
                     if not alone:
                         value[k] = _agreement(
-                            n, turns, log_weight[k], mean[k], covariance[c], spread[c], x, rest, wide, tight, highest, e,
-                            A, B, S, L, rows, pull,
+                            n, turns, log_weight[k], mean[k], covariance[c], spread[c], x, rest, wide, tight, highest,
+                            e, A, B, S, L, rows, pull,
                         )  # fmt: skip
                     highest = max(highest, value[k])
                 labels[i, j] = _drawn(value, start[j], start[j + 1], highest, uniform[i, sweep, j])

@@ -141,7 +141,8 @@ class Mixture:
 
 
 def mixture_of(space: Space, mean: np.ndarray, covariance: np.ndarray, weight: np.ndarray | None = None) -> Mixture:
-    """A mixture of kernels of means (K, size) and covariances (K, dims, dims) or variances (K, dims), or (1, ...) of all.
+    """A mixture of kernels of means (K, size) and covariances (K, dims, dims) or variances (K, dims), or (1, ...) of
+    all.
 
     weight (K,): even without. Raises InputError where sizes differ, or weights are negative or all zero.
     """
@@ -169,14 +170,14 @@ def log_shares(weight: np.ndarray, count: int) -> np.ndarray:
 
 def tangents(rng: np.random.Generator, shapes: Shapes, shape: np.ndarray) -> np.ndarray:
     """Tangents (N, dims) drawn from shapes (N,), with rotation vectors below pi."""
-    drawn: np.ndarray = np.einsum(
-        "nij,nj->ni", shapes.factor[shape], rng.standard_normal((len(shape), shapes.space.dims))
-    )
-    while shapes.space.turns:
-        far = np.flatnonzero(np.linalg.norm(drawn[:, shapes.space.n :], axis=1) >= np.pi)
-        if len(far) == 0:
-            break
-        drawn[far] = np.einsum("nij,nj->ni", shapes.factor[shape[far]], rng.standard_normal((len(far), drawn.shape[1])))
+    space = shapes.space
+    drawn = np.empty((len(shape), space.dims))
+    missing = np.arange(len(shape))
+    while len(missing):
+        normal = rng.standard_normal((len(missing), space.dims))
+        drawn[missing] = np.einsum("nij,nj->ni", shapes.factor[shape[missing]], normal)
+        far = np.linalg.norm(drawn[missing, space.n :], axis=1) >= np.pi
+        missing = missing[far & space.turns]
     return drawn
 
 
@@ -223,8 +224,8 @@ def mixture_log_density(  # type: ignore[no-untyped-def]
 
 @jit
 def kernel_exponent(n, turns, mean, point, whitener, e):  # type: ignore[no-untyped-def]
-    """Logarithm of a kernel's density at a point against that at its mean, both (n + 4 * turns,); whitener (d, d), e (d,)
-    is filled with the tangent, d = n + 3 * turns.
+    """Logarithm of a kernel's density at a point against that at its mean, both (n + 4 * turns,); whitener (d, d), e
+    (d,) is filled with the tangent, d = n + 3 * turns.
 
     A rotation vector of size r at a mean covers (2 sin(r/2) / r)^2 of the measure, by which its density is divided.
     """

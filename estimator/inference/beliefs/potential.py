@@ -18,7 +18,8 @@ class Potential:
     """psi_ij(X_i, X_j) as a density of X_j (eq. 1): kernels at X_i X_ij,m and an outlier process that ignores X_i.
 
     relative: the M kernels of X_ij = X_i^-1 X_j (eq. 3). Their covariances are in the frame of what they say of X_j, so
-    that they are those of X_j too, wherever X_i is. outlier, share: the outlier process and lambda0; None and 0 without.
+    that they are those of X_j too, wherever X_i is. outlier, share: the outlier process and lambda0; None and 0
+    without.
     """
 
     relative: Mixture

@@ -25,17 +25,19 @@ _WIDER = 1.5  # covariance of a round's proposals over that of the products that
 class ProductSettings:
     """How products of mixtures are drawn from.
 
-    method: "importance" weighs candidates from every mixture, from a proposal if there is any, and from normal densities
-    about the best of those; "gibbs" draws which kernels go together, one mixture after the other (Sudderth et al. 2003);
-    "exact" goes through all combinations of kernels, and refuses where there are more than `exact_below`.
-    candidates: of "importance", all in all. rounds: how many times it draws about the best. sweeps: of "gibbs".
+    method: "importance" weighs candidates from every mixture, from a proposal if there is any, and from normal
+    densities about the best of those; "gibbs" draws which kernels go together, one mixture after the other (Sudderth et
+    al. 2003); "exact" goes through all combinations of kernels, and refuses where there are more than `exact_below`.
+    candidates: of "importance", at least; per_draw: so many of them for each draw that is wanted. rounds: how many
+    times it draws about the best. sweeps: of "gibbs".
     exact_below: so many combinations are gone through whatever the method; there "exact" stops.
     A product of which all kernels are of R^n is drawn from exactly by "exact"; rotations are treated to first order by
     "gibbs" and "exact", and backgrounds as kernels. "importance" weighs by the densities as they are.
     """
 
     method: str = setting("importance", one_of=METHODS)
-    candidates: int = setting(1000, at_least=1)
+    candidates: int = setting(300, at_least=1)
+    per_draw: float = setting(5.0, at_least=0.0)
     rounds: int = setting(2, at_least=0)
     sweeps: int = setting(5, at_least=0)
     exact_below: int = setting(0, at_least=0)
@@ -63,7 +65,8 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Draws:
-    """Points (N, size) of a product. log_factors (D, N): all mixtures' densities there, None where they were not needed.
+    """Points (N, size) of a product. log_factors (D, N): all mixtures' densities there, None where they were not
+    needed.
     overlap: false where the mixtures have no common ground, and the points are of their mean instead."""
 
     points: np.ndarray
@@ -91,7 +94,8 @@ def draw_products(
             draws.append(Draws(_by_labels(rng, [factors[i] for i in target], count, settings), None))
             continue
         if pool is None:
-            pool = candidates(rng, factors, targets, settings, proposal)
+            enough = max(settings.candidates, int(settings.per_draw * sum(counts)))
+            pool = candidates(rng, factors, targets, enough, settings.rounds, proposal)
         weights, overlap = pool.weights(target)
         chosen = rng.permutation(systematic(rng, weights, count))
         draws.append(Draws(pool.points[chosen], pool.log_factors[:, chosen], overlap))
@@ -134,10 +138,11 @@ def candidates(
     rng: np.random.Generator,
     factors: Sequence[Mixture],
     targets: Sequence[Sequence[int]],
-    settings: ProductSettings,
+    count: int,
+    rounds: int,
     proposal: Density | None = None,
 ) -> Candidates:
-    """Points for products of some of several mixtures, with the density that they were drawn from all in all.
+    """About `count` points for products of some of several mixtures, with the density that they were drawn from in all.
 
     First points come from all mixtures and the proposal evenly. Each round takes the best of all for the targets, draws
     which kernel of every mixture explains each, and adds points from the normal densities that these make together.
@@ -145,14 +150,12 @@ def candidates(
     Veach and Guibas 1995; over rounds Cornuet et al. 2012).
     """
     sources: list[Density] = [*factors] if proposal is None else [*factors, proposal]
-    share = settings.candidates // (settings.rounds + 1)
-    each = [
-        len(part) for part in np.array_split(np.arange(settings.candidates - settings.rounds * share), len(sources))
-    ]
+    share = count // (rounds + 1)
+    each = [len(part) for part in np.array_split(np.arange(count - rounds * share), len(sources))]
     points = np.concatenate([source.sample(rng, c) for source, c in zip(sources, each, strict=True)])
     log_sources = np.stack([source.log_density(points) for source in sources])
-    stacked = Stacked.of(factors) if settings.rounds else None
-    for _ in range(settings.rounds):
+    stacked = Stacked.of(factors) if rounds else None
+    for _ in range(rounds):
         assert stacked is not None
         pool = Candidates(points, _balanced(log_sources, each), log_sources[: len(factors)])
         about = _about_the_best(rng, pool, stacked, targets)
@@ -191,7 +194,8 @@ def _about_the_best(
 
 
 def _flattened(weights: np.ndarray) -> np.ndarray:
-    """Weights (P,) to a power of 1 at most with which a share of them counts; a few would be all that is drawn about."""
+    """Weights (P,) to a power of 1 at most with which a share of them counts; a few would be all that is drawn
+    about."""
     with np.errstate(divide="ignore"):
         energies = -np.log(np.maximum(weights, 1e-300))
     return normalised(-min(1.0, annealing_power(energies, _ALIVE)) * energies)[0]

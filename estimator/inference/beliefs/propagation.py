@@ -16,6 +16,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""As `map`."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,9 @@ class BeliefSettings:
     """How beliefs are propagated.
 
     kernels: N, of a message: its N' = (N - 1) / M samples make M kernels each, the outlier process the last (PAMPAS).
-    samples: of a belief. iterations: of the batch schedule. proposal_share: lambda_S of the first. proposal_factor: what it
-    is multiplied by with each iteration. belief_share: lambda_B as a share of what lambda_S leaves, the rest is lambda_I.
+    samples: of a belief. iterations: of the batch schedule. proposal_share: lambda_S of the first. proposal_factor:
+    what it is multiplied by with each iteration. belief_share: lambda_B as a share of what lambda_S leaves, the rest is
+    lambda_I.
     product: how products of messages are drawn from.
     """
 
@@ -46,7 +48,8 @@ class BeliefSettings:
 
 @dataclass(frozen=True)
 class Propagated:
-    """The belief of every node, the messages by directed edge (i, j), and for each the status of what it was made of."""
+    """The belief of every node, the messages by directed edge (i, j), and for each the status of what it was made
+    of."""
 
     beliefs: tuple[Belief, ...]
     messages: Mapping[Edge, Mixture]
@@ -64,8 +67,8 @@ def propagate_batch(
     """All messages anew from those of the iteration before, several times (Sigal et al. 2004, section 4).
 
     A node that has heard nothing and has no proposal sends nothing yet. messages: what was said before. watch: told the
-    number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that shares the
-    work of nodes; every node has random numbers of its own, so that the order changes no bit.
+    number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that shares
+    the work of nodes; every node has random numbers of its own, so that the order changes no bit.
 
     Raises
     ------
@@ -76,7 +79,8 @@ def propagate_batch(
     for iteration in range(settings.iterations):
         seeds = _seeds(rng, 2 * len(graph.nodes))
         speaking = [i for i in moving if passing.can_speak(i)]
-        said = list(each(lambda i, t=iteration, s=seeds: passing.spoken(s[i], i, graph.targets[i], t), speaking))
+        turns = [(int(seeds[i]), i, graph.targets[i], iteration) for i in speaking]
+        said = list(each(lambda turn: passing.spoken(*turn), turns))
         for part in said:
             passing.take(part)
         if watch is not None and all(map(passing.can_speak, moving)):
@@ -173,7 +177,9 @@ def _said_once(graph: Graph) -> dict[Edge, Mixture]:
     """The messages of nodes whose beliefs stay."""
     messages = {}
     for i, node in enumerate(graph.nodes):
-        for j in graph.targets[i] if node.fixed is not None else ():
+        if node.fixed is None:
+            continue
+        for j in graph.targets[i]:
             with np.errstate(divide="ignore"):
                 messages[i, j] = graph.potentials[i, j].message(node.fixed.points, np.log(node.fixed.weights))
     return messages

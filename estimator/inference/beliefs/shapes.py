@@ -76,7 +76,7 @@ def shapes_of(space: Space, covariance: np.ndarray) -> Shapes:
 def _share_of_turns(covariance: np.ndarray) -> np.ndarray:
     """The share (C,) of rotation vectors of covariances (C, 3, 3) [rad^2] that is shorter than pi."""
     share = np.ones(len(covariance))
-    variance, axes = np.linalg.eigh(covariance)
+    variance = np.linalg.eigvalsh(covariance)
     wide = np.flatnonzero(variance[:, -1] > _NARROW**2)
     if len(wide) == 0:
         return share

@@ -22,8 +22,8 @@ class Split(NamedTuple):
 
 
 class Shares(NamedTuple):
-    """Of the samples: lambda_B, from the product of all incoming messages; lambda_I, from that of all but the message from
-    where it goes to; lambda_S, from the importance function Q. Their sum is 1."""
+    """Of the samples: lambda_B, from the product of all incoming messages; lambda_I, from that of all but the message
+    from where it goes to; lambda_S, from the importance function Q. Their sum is 1."""
 
     belief: float
     incoming: float
@@ -87,14 +87,13 @@ def weighted(strata: Sequence[Stratum]) -> tuple[np.ndarray, np.ndarray, str]:
     samples count alike.
     """
     strata = [s for s in strata if len(s.points)]
-    for status, weights in (
+    ways = [
         (OK, [s.seen for s in strata]),
         (UNEXPLAINED, [s.plain for s in strata]),
         (APART, [np.zeros(len(s.points)) for s in strata]),
-    ):
-        alive = [i for i, w in enumerate(weights) if np.any(w > -np.inf)]
-        if alive:
-            break
+    ]
+    status, weights = next(way for way in ways if any(np.any(w > -np.inf) for w in way[1]))
+    alive = [i for i, w in enumerate(weights) if np.any(w > -np.inf)]
     total = sum(len(strata[i].points) for i in alive)
     logarithms = []
     for i in alive:
@@ -108,10 +107,10 @@ def weighted(strata: Sequence[Stratum]) -> tuple[np.ndarray, np.ndarray, str]:
 
 class Target(NamedTuple):
     """What samples are for. to: the incoming message that comes from where they go to; None for a belief, and where
-    nothing comes from there. count: how many samples."""
+    nothing comes from there. samples: how many."""
 
     to: int | None
-    count: int
+    samples: int
 
 
 class Weighted(NamedTuple):
@@ -130,14 +129,15 @@ def node_samples(
     shares: Shares,
     settings: ProductSettings,
 ) -> list[Weighted]:
-    """Samples of a node's outgoing messages, or of its belief; all incoming messages are evaluated once for all of them.
+    """Samples of a node's outgoing messages, or of its belief; all incoming messages are evaluated once for all of
+    them.
 
     factors: the incoming messages; without any there has to be a proposal. What has no support is told by the status.
     """
     everything = tuple(range(len(factors)))
     rests = [() if t.to is None else tuple(k for k in everything if k != t.to) for t in targets]
     splits = [
-        shares.counts(t.count, (bool(factors), bool(rest), node.proposal is not None))
+        shares.counts(t.samples, (bool(factors), bool(rest), node.proposal is not None))
         for t, rest in zip(targets, rests, strict=True)
     ]
     wanted = [
@@ -157,14 +157,23 @@ def node_samples(
     common_factors = _evaluated(factors, common.points) if common.log_factors is None else common.log_factors
     shouted_factors = _evaluated(factors, shouted)
     samples = []
-    for (to, _), (b, _, s), own, seen in zip(targets, splits, draws[1:], own_phi, strict=True):
+    for target, split, own, seen in zip(targets, splits, draws[1:], own_phi, strict=True):
+        b, s = slice(split.belief), slice(split.proposal)
+        flat = np.zeros(len(phi)), np.zeros(len(shouted))
         strata = [
-            Stratum(common.points[:b], *(belief_weight(v[:b], common_factors[:, :b], to) for v in (np.zeros(len(phi)), phi)),
-                    common.overlap),
+            Stratum(
+                common.points[b],
+                belief_weight(flat[0][b], common_factors[:, b], target.to),
+                belief_weight(phi[b], common_factors[:, b], target.to),
+                common.overlap,
+            ),
             Stratum(own.points, np.zeros(len(seen)), incoming_weight(seen), own.overlap),
-            Stratum(shouted[:s], *(proposal_weight(v[:s], shouted_factors[:, :s], to, log_proposal[:s])
-                                   for v in (np.zeros(len(shouted)), shouted_phi))),
-        ]  # fmt: skip
+            Stratum(
+                shouted[s],
+                proposal_weight(flat[1][s], shouted_factors[:, s], target.to, log_proposal[s]),
+                proposal_weight(shouted_phi[s], shouted_factors[:, s], target.to, log_proposal[s]),
+            ),
+        ]
         samples.append(Weighted(*weighted(strata)))
     return samples
 

@@ -30,8 +30,8 @@ def turn_after(a, b):  # type: ignore[no-untyped-def]
 
 @jit
 def half_sine_ratio(x, y, z, w):  # type: ignore[no-untyped-def]
-    """What (x, y, z) is multiplied by to give the rotation vector of a unit quaternion, exactly: angle / sin(angle / 2),
-    the angle at most pi in size, negative where w is: so q and -q have the same vector."""
+    """What (x, y, z) is multiplied by to give the rotation vector of a unit quaternion, exactly: angle / sin(angle /
+    2), the angle at most pi in size, negative where w is: so q and -q have the same vector."""
     sine = math.sqrt(x * x + y * y + z * z)
     if w < 0.0:
         return -2.0 * math.atan2(sine, -w) / sine if sine > 1e-9 else -2.0
@@ -102,8 +102,8 @@ def moved(n, turns, centre, e, point):  # type: ignore[no-untyped-def]
 
 @jit
 def carried(n, turns, e, centre, point, A):  # type: ignore[no-untyped-def]
-    """Fill A (n + 3 * turns, n + 3 * turns): how the tangent e (n + 3 * turns,) at a centre that leads to a point changes
-    as the point moves by a tangent of its own; centre, point (n + 4 * turns,)."""
+    """Fill A (n + 3 * turns, n + 3 * turns): how the tangent e (n + 3 * turns,) at a centre that leads to a point
+    changes as the point moves by a tangent of its own; centre, point (n + 4 * turns,)."""
     d = n + 3 * turns
     for i in range(d):
         for j in range(d):
