@@ -57,7 +57,7 @@ def test_rotations_are_those_of_another_library() -> None:
     chained = np.concatenate([PLACEMENTS.composed(x[None], y[None])[0] for x, y in zip(a, b, strict=True)])
     np.testing.assert_allclose(placements_of(chained)[1], (first * second).as_matrix(), atol=1e-12)
     np.testing.assert_allclose(chained[:, :3], a[:, :3] + first.apply(b[:, :3]), atol=1e-12)
-    t, R = placements_of(a)
+    R = placements_of(a)[1]
     half = Rotation.from_rotvec(np.pi * np.eye(3)).as_matrix()  # where quaternions have no real part
     R = np.concatenate([R, half])
     np.testing.assert_allclose(placements_of(points_of(np.zeros((203, 3)), R))[1], R, atol=1e-12)

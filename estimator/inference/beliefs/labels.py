@@ -25,7 +25,7 @@ class Stacked:
     """The kernels of D mixtures behind each other: those of mixture i are start[i] to start[i + 1].
 
     start (D + 1,) int. log_weight (T,), mean (T, size), shape (T,) int. covariance, whitener, precision (C, dims,
-    dims), constant (C,).
+    dims), constant, reach (C,).
     """
 
     space: Space
@@ -37,6 +37,7 @@ class Stacked:
     whitener: np.ndarray
     precision: np.ndarray
     constant: np.ndarray
+    reach: np.ndarray
 
     @staticmethod
     def of(mixtures: Sequence[Mixture]) -> Stacked:
@@ -54,6 +55,7 @@ class Stacked:
             whitener,
             whitener.transpose(0, 2, 1) @ whitener,
             np.concatenate([m.shapes.constant for m in plain]),
+            np.concatenate([m.shapes.reach for m in plain]),
         )
 
     def labels_at(self, rng: np.random.Generator, points: np.ndarray) -> np.ndarray:
@@ -64,7 +66,7 @@ class Stacked:
         space = self.space
         _labels_at(
             space.n, space.turns, np.ascontiguousarray(points), self.start, self.log_weight, self.mean, self.shape,
-            self.whitener, self.constant, uniform, labels,
+            self.whitener, self.constant, self.reach, uniform, labels,
         )  # fmt: skip
         return labels
 
@@ -99,10 +101,10 @@ class Stacked:
 
 @jit
 def _labels_at(  # type: ignore[no-untyped-def]
-    n, turns, points, start, log_weight, mean, shape, whitener, constant, uniform, labels
+    n, turns, points, start, log_weight, mean, shape, whitener, constant, reach, uniform, labels
 ):
     """Labels (N, D) int at points (N, size): see `Stacked.labels_at`. start (D + 1,) int, log_weight (T,), mean (T,
-    size), shape (T,) int, whitener (C, d, d), constant (C,), uniform (N, D)."""
+    size), shape (T,) int, whitener (C, d, d), constant, reach (C,), uniform (N, D)."""
     e = np.empty(n + 3 * turns)
     value = np.empty(len(log_weight))
     for i in range(len(points)):
@@ -111,7 +113,12 @@ def _labels_at(  # type: ignore[no-untyped-def]
             for k in range(start[j], start[j + 1]):
                 c = shape[k]
                 value[k] = log_weight[k] + constant[c]
-                if value[k] > highest - CUT:
+                square = 0.0
+                for a in range(n):
+                    square += (points[i, a] - mean[k, a]) ** 2
+                if not value[k] - 0.5 * square * reach[c] > highest - CUT:
+                    value[k] = -math.inf
+                else:
                     value[k] += kernel_exponent(n, turns, mean[k], points[i], whitener[c], e)
                 highest = max(highest, value[k])
             labels[i, j] = _drawn(value, start[j], start[j + 1], highest, uniform[i, j])

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.inference.annealing import annealing_power
 from estimator.inference.beliefs.labels import Stacked
 from estimator.inference.beliefs.mixture import Density, Mixture, mixture_of
-from estimator.inference.particles import normalised, systematic
+from estimator.inference.particles import effective_count, normalised, systematic
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 
@@ -194,8 +194,9 @@ def _about_the_best(
 
 
 def _flattened(weights: np.ndarray) -> np.ndarray:
-    """Weights (P,) to a power of 1 at most with which a share of them counts; a few would be all that is drawn
+    """Weights (P,) to a power of 1 at most with which a share of them counts: a few would be all that is drawn
     about."""
-    with np.errstate(divide="ignore"):
-        energies = -np.log(np.maximum(weights, 1e-300))
+    if effective_count(weights) >= _ALIVE * len(weights):
+        return weights
+    energies = -np.log(np.maximum(weights, 1e-300))
     return normalised(-min(1.0, annealing_power(energies, _ALIVE)) * energies)[0]

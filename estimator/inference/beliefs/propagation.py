@@ -99,7 +99,7 @@ def propagate_tree(rng: np.random.Generator, graph: Graph, settings: BeliefSetti
     passing = _Passing(graph, settings, _said_once(graph))
     seeds = _seeds(rng, 3 * len(graph.nodes))
     count = len(graph.nodes)
-    inwards = [(i, (parent[i],)) for i in reversed(order) if parent[i] >= 0]
+    inwards: list[tuple[int, tuple[int, ...]]] = [(i, (parent[i],)) for i in reversed(order) if parent[i] >= 0]
     outwards = [(i, tuple(j for j in graph.targets[i] if parent[j] == i)) for i in order]
     for turn, steps in enumerate((inwards, outwards)):
         for i, targets in steps:
