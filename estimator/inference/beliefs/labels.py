@@ -103,8 +103,8 @@ class Stacked:
 def _labels_at(  # type: ignore[no-untyped-def]
     n, turns, points, start, log_weight, mean, shape, whitener, constant, reach, uniform, labels
 ):
-    """Labels (N, D) int at points (N, size): see `Stacked.labels_at`. start (D + 1,) int, log_weight (T,), mean (T,
-    size), shape (T,) int, whitener (C, d, d), constant, reach (C,), uniform (N, D)."""
+    """Fill labels (N, D) int at points (N, size): see `Stacked.labels_at`. start (D + 1,) int, log_weight (T,), mean
+    (T, size), shape (T,) int, whitener (C, d, d), constant, reach (C,), uniform (N, D)."""
     e = np.empty(n + 3 * turns)
     value = np.empty(len(log_weight))
     for i in range(len(points)):
@@ -237,8 +237,8 @@ def _products(  # type: ignore[no-untyped-def]
 
 @jit
 def _gibbs(n, turns, start, log_weight, mean, shape, covariance, precision, uniform, labels):  # type: ignore[no-untyped-def]
-    """Labels (N, D) int by Gibbs sampling, see `Stacked.gibbs`. start (D + 1,) int, log_weight (T,), mean (T, size),
-    shape (T,) int, covariance, precision (C, d, d), uniform (N, sweeps + 1, D)."""
+    """Fill labels (N, D) int by Gibbs sampling, see `Stacked.gibbs`. start (D + 1,) int, log_weight (T,), mean (T,
+    size), shape (T,) int, covariance, precision (C, d, d), uniform (N, sweeps + 1, D)."""
     d, D = n + 3 * turns, len(start) - 1
     information, A, B, L = np.empty((d, d)), np.empty((d, d)), np.empty((d, d)), np.empty((d, d))
     rest, S = np.empty((d, d)), np.empty((d, d))

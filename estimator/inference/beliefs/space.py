@@ -115,14 +115,14 @@ def _differences(n, turns, centres, points, e):  # type: ignore[no-untyped-def]
 
 @jit
 def _moved(n, turns, centres, e, points):  # type: ignore[no-untyped-def]
-    """Points (N, n + 4 * turns) that tangents e (N, n + 3 * turns) at centres (N, n + 4 * turns) lead to."""
+    """Fill points (N, n + 4 * turns) that tangents e (N, n + 3 * turns) at centres (N, n + 4 * turns) lead to."""
     for i in range(len(points)):
         moved(n, turns, centres[i], e[i], points[i])
 
 
 @jit
 def _composed(n, turns, first, relative, points):  # type: ignore[no-untyped-def]
-    """Points (N, M, n + 4 * turns): first (N, n + 4 * turns) followed by relative (M, n + 4 * turns)."""
+    """Fill points (N, M, n + 4 * turns): first (N, n + 4 * turns) followed by relative (M, n + 4 * turns)."""
     for i in range(len(first)):
         for m in range(len(relative)):
             a, b, c = first[i], relative[m], points[i, m]
