@@ -102,9 +102,7 @@ def show(rows: Mapping[str, tuple[Difference, Scores, Scores]], four: Scores | N
         )  # fmt: skip
     if rows:
         report.console().print(made)
-        print(
-            f"targets: median at most {MOST_PX:g} px; errors at most {MOST_RATIO:g} times those with the shipped ones"
-        )
+        print(f"targets: median at most {MOST_PX:g} px; errors at most {MOST_RATIO:g} times the shipped ones'")
     if four is not None:
         errors = f"MPJPE {four.mpjpe:.1f} mm, PA {four.pa:.1f} mm"
         print(f"four videos with cameras in Pose2Sim's layout: {errors}; target at most {MOST_MM:g} mm")
