@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.beam4cam import CAMERAS, TOGETHER
 from benchmarks.camera_files import write_pose2sim
-from benchmarks.common import Several, beam_folder, check_known, save, start, tell, work_folder
+from benchmarks.common import Data, Json, Several, Work, beam_folder, check_known, save, start, tell, work_folder
 from benchmarks.scores import Scores, score
 from benchmarks.tracking import timed_track
 from estimator.formats.cameras import load_cameras
@@ -50,29 +49,23 @@ def difference(detected: Path, shipped: Path) -> Difference:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     views: Annotated[tuple[str, ...], Several] = ("cam01", TOGETHER),
     detector: str = "mediapipe",
     seed: int = 0,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Detect in beam4cam's videos and track: each camera alone, beside a track from what is shipped, and all four.
 
     Parameters
     ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     views
         Cameras to track from alone, and "four" for all together.
     detector
         As in `kinemode detect`.
     seed
         Of the tracker.
-    work
-        Folder that keeps keypoints and runs.
-    json
-        Also write the figures here.
     """
     folder = beam_folder(data)
     check_known("--views", views, (*CAMERAS, TOGETHER))
