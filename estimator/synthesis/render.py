@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.synthesis import scene
-from estimator.synthesis.clothing import dressed
+from estimator.synthesis.clothing import Garment, dressed
 from estimator.synthesis.plate import (
     FINE,
     ORIGIN,
@@ -59,6 +59,7 @@ class Renderer:
     """Renders one body in one scene; everything random but the sensor's noise is drawn once, from `rng`.
 
     cameras: see `estimator.synthesis.views`. settings: see `SceneSettings`. place: where the motion takes place.
+    garments: see `clothing.dressed`.
     parts: the links that the body's parts cover.
 
     Raises
@@ -73,6 +74,7 @@ class Renderer:
         rng: np.random.Generator,
         settings: SceneSettings | None = None,
         place: Place = ORIGIN,
+        garments: Mapping[str, Garment] | None = None,
     ) -> None:
         settings = settings or SceneSettings()
         self.settings = replace(settings, background=settings.background or "room")
@@ -81,7 +83,7 @@ class Renderer:
         self.parts = self._surface.links
         self._face_part = self._surface.part[self._surface.faces[:, 0]]
         clothes_rng, rng = rng.spawn(2)  # the room is the same, whichever person stands in it
-        self._clothes = dressed(self._surface, clothes_rng)
+        self._clothes = dressed(self._surface, clothes_rng, garments)
         self._behind, self._before = built_scene(self.settings, self.cameras, place, rng)
         self._plates = self._painted_plates(rng)
         if self.settings.background == "moving":
