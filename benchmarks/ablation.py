@@ -11,7 +11,19 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.ablation_runs import SUITES, Measured, Wanted, parts, prepared
-from benchmarks.common import Changes, Several, check_known, in_processes, nested, save, start, work_folder
+from benchmarks.common import (
+    Changes,
+    Data,
+    Json,
+    Several,
+    Work,
+    check_known,
+    in_processes,
+    nested,
+    save,
+    start,
+    work_folder,
+)
 from benchmarks.kept_runs import Kept, all_done
 from benchmarks.runs_plot import Difference, write_differences
 from benchmarks.scores import LOST
@@ -66,7 +78,7 @@ class Row:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     suites: Annotated[tuple[str, ...], Several] = tuple(SUITES),
     rows: Annotated[tuple[str, ...], Several] = tuple(ROWS),
     clip_seeds: Annotated[tuple[int, ...], Several] = (1, 2, 3),
@@ -75,10 +87,10 @@ def main(
     seconds: float | None = None,
     changes: Changes = (),
     jobs: int = 1,
-    work: Path | None = None,
+    work: Work = None,
     markdown: Annotated[bool, Parameter(negative="")] = False,
     figures: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Track with CSS without one of its parts at a time: stand-ins and motion capture from pictures alone, motion
     capture and beam4cam from keypoints. Captured motions without the pose prior, which knows these people.
@@ -88,8 +100,6 @@ def main(
 
     Parameters
     ----------
-    data
-        Folder with mocap and beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     suites
         Some of stand-ins, mocap-pictures, mocap-keypoints and beam4cam.
     rows
@@ -106,14 +116,10 @@ def main(
         Changes to the settings of all rows, as cost.nu=8 css.scale=4.
     jobs
         Runs at a time, each in a process of its own.
-    work
-        Folder that keeps clips and what came out of every run.
     markdown
         Also print the table of the documents.
     figures
         Also write a picture of the differences, ablation.png, into this folder.
-    json
-        Also write the figures here.
     """
     check_known("--rows", rows, ROWS)
     check_known("--suites", suites, SUITES)

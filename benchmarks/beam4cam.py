@@ -12,7 +12,20 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, beam_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.common import (
+    Changes,
+    Data,
+    Json,
+    Several,
+    Work,
+    beam_folder,
+    in_processes,
+    nested,
+    save,
+    start,
+    tell,
+    work_folder,
+)
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
 from estimator.results.reference_motion import Reference
@@ -88,7 +101,7 @@ def copied(path: Path, copy: int, work: Path) -> Path:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     copies: Annotated[tuple[int, ...], Several] = (0,),
     views: Annotated[tuple[str, ...], Several] = (*CAMERAS, TOGETHER),
@@ -98,15 +111,13 @@ def main(
     keypoints: str = "keypoints",
     changes: Changes = (),
     jobs: int = 1,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Track beam4cam from each camera alone and from all four, against its reference.
 
     Parameters
     ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     seeds
         Seeds of the tracker.
     copies
@@ -123,10 +134,6 @@ def main(
         Changes to the settings, as cost.nu=8 css.scale=4.
     jobs
         Runs at a time, each in a process of its own.
-    work
-        Folder that keeps the runs.
-    json
-        Also write the figures here.
     """
     folder, settings = beam_folder(data), nested(changes)
     how = {"tracker": tracker, "modes": modes, "settings": settings}

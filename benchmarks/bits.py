@@ -18,7 +18,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmarks.bits_cases import CASES, ENDLESS, INPUT, RESULT, SAME, outcome
-from benchmarks.common import Several, in_processes, save, start, tell, work_folder
+from benchmarks.common import Data, Several, in_processes, save, start, tell, work_folder
 from humanoid.support.errors import InputError
 from kinemode.target import made_folder
 from kinemode.terminal import report
@@ -49,7 +49,7 @@ def main(
     whole: Annotated[bool, Parameter(negative="")] = False,
     seed: int = 0,
     jobs: int = 1,
-    data: Path | None = None,
+    data: Data = None,
 ) -> None:
     """Hash what fixed cases give, or compare it with hashes of before; exit code 1 where a bit differs.
 
@@ -71,8 +71,6 @@ def main(
         Seed of the trackers.
     jobs
         Cases at a time, each in a process of its own.
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     """
     _check(write, compare, frames, whole)
     before = None if compare is None else load(compare)

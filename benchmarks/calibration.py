@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from cyclopts import Parameter
 from rich.table import Table
 
 from benchmarks.calibration_clips import (
@@ -24,7 +23,7 @@ from benchmarks.calibration_clips import (
     tracked,
 )
 from benchmarks.calibration_plot import write_reliability
-from benchmarks.common import Changes, data_folder, in_processes, nested, save, start, tell, work_folder
+from benchmarks.common import Changes, Data, Json, data_folder, in_processes, nested, save, start, tell, work_folder
 from benchmarks.credible_levels import (
     KINDS,
     Levels,
@@ -48,7 +47,7 @@ TARGET_COVERAGE, TARGET_ERROR = (0.85, 0.95), 0.08
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     seconds: float = 2.0,
     every: int = 6,
     tracker: str = "css",
@@ -62,14 +61,12 @@ def main(
     prior: PriorChoice = "unseen",
     jobs: int = 1,
     plot: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Track clips of known motion and measure the coverage of the posterior's regions on motions held out.
 
     Parameters
     ----------
-    data
-        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     seconds
         So much of each motion.
     every
@@ -97,8 +94,6 @@ def main(
         Clips at a time, each in a process of its own.
     plot
         Write the reliability diagram here, a PNG.
-    json
-        Also write the figures here.
     """
     here = data_folder(data)
     if here is None:

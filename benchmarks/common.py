@@ -30,6 +30,10 @@ CUES = ("edges", "flow", "silhouette")
 """The cues that the figures in the documents are of."""
 NO_CAPTURE_HERE = "the motion capture is not here: --data DIR or KINEMODE_DATA names the folder that has mocap in it"
 Several = Parameter(consume_multiple=True, negative="")
+_DATA = "Folder with beam4cam, mocap and mocap_more; KINEMODE_DATA, or ../shared/data next to the checkout, by default."
+Data = Annotated[Path | None, Parameter(help=_DATA)]
+Work = Annotated[Path | None, Parameter(help="Folder that keeps what is made; a temporary one unless given.")]
+Json = Annotated[Path | None, Parameter(name="--json", help="Also write the figures here.")]
 Changes = Annotated[tuple[str, ...], Parameter(name="--set", consume_multiple=True, negative="")]
 
 

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, in_processes, save, spread, start, tell, work_folder
-from benchmarks.crowd_clips import FPS, NEAREST, WAYS, Task, made, outcome, room_cameras, written
+from benchmarks.common import Json, Several, in_processes, save, spread, start, tell, work_folder
+from benchmarks.crowd_clips import FPS, NEAREST, WAYS, Clip, made, outcome, room_cameras, written
 from benchmarks.crowd_files import WRITERS, random_crowd
 from estimator.formats.keypoints import load_keypoints, load_people
 from estimator.people.across_cameras import subject_tracks
@@ -62,7 +61,7 @@ def main(
     clip_frames: int = 50,
     seeds: int = 5,
     jobs: int = 1,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Print the times and the errors.
 
@@ -74,7 +73,7 @@ def main(
     with work_folder(None) as work:
         times = reading_times(people, frames, work)
         chosen = selection_time(people, frames, made(work / "crowd"))
-        tasks = [Task(n, clip_frames, seed, made(work / f"{n}_{seed}")) for n in clips for seed in range(seeds)]
+        tasks = [Clip(n, clip_frames, seed, made(work / f"{n}_{seed}")) for n in clips for seed in range(seeds)]
         outcomes = in_processes(outcome, tasks, jobs)
     table = report.table(f"{people} people in {frames} frames, processor time [s]", "file", "time")
     for name, seconds in times.items():

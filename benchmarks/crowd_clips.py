@@ -32,7 +32,7 @@ WAYS = ("the person alone", "each camera for itself", "across cameras")
 
 
 @dataclass(frozen=True)
-class Task:
+class Clip:
     """One clip: so many people and frames, seen by four cameras."""
 
     people: int
@@ -50,10 +50,10 @@ class Outcome:
     mixed: tuple[float, ...]
 
 
-def room_cameras(side: float) -> tuple[Camera, ...]:
+def room_cameras(side: float, image_size: tuple[int, int] = (1920, 1080)) -> tuple[Camera, ...]:
     """Four cameras that see a room of half side `side` [m]."""
     corners = np.array([[x, y, z] for x in (-side, side) for y in (-side, side) for z in (0.0, 1.9)])
-    return framing_cameras(corners[None], ViewSettings(image_size=(1920, 1080), count=4, elevation=12.0))
+    return framing_cameras(corners[None], ViewSettings(image_size=image_size, count=4, elevation=12.0))
 
 
 def written(people: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], work: Path) -> dict[str, Path]:
@@ -64,7 +64,7 @@ def written(people: Mapping[str, Sequence[Sequence[tuple[int, Person]]]], work: 
     }
 
 
-def outcome(task: Task) -> Outcome:
+def outcome(task: Clip) -> Outcome:
     """Track one clip in all ways."""
     rng, body = np.random.default_rng((task.people, task.seed)), Body(load_subject("human34"))
     motions = scene(body, task, rng)
@@ -100,16 +100,22 @@ def made(folder: Path) -> Path:
     return folder
 
 
-def scene(body: Body, task: Task, rng: np.random.Generator) -> list[np.ndarray]:
+def motions_of(body: Body, clip: Clip) -> list[np.ndarray]:
+    """What the people do (T, nq), each in place."""
+    times = np.arange(clip.frames) / FPS
+    return [authored_motion(body, times, m) for m in (REACH, PIVOT, TURN_REACH)]
+
+
+def scene(body: Body, task: Clip, rng: np.random.Generator) -> list[np.ndarray]:
     """People who walk about and keep apart from each other."""
-    times, share = np.arange(task.frames) / FPS, np.linspace(0.0, 1.0, task.frames)[:, None]
+    share = np.linspace(0.0, 1.0, task.frames)[:, None]
     while True:
         ends = rng.uniform(-ROOM, ROOM, (task.people, 2, 1, 2))
         paths = [(1.0 - share) * a + share * b for a, b in ends]
         gaps = [np.linalg.norm(a - b, axis=1).min() for k, a in enumerate(paths) for b in paths[:k]]
         if min(gaps, default=NEAREST) >= NEAREST:
             break
-    motions = [authored_motion(body, times, m) for m in (REACH, PIVOT, TURN_REACH)]
+    motions = motions_of(body, task)
     return [placed(motions[k % 3], path, rng.uniform(0.0, 2.0 * np.pi)) for k, path in enumerate(paths)]
 
 

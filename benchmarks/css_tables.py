@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, in_processes, save, start
+from benchmarks.common import Json, Several, in_processes, save, start
 from benchmarks.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
 from benchmarks.css_tables_minima import RULE, WITHIN, RowTask, Rule, Searches, distinct, known_problem, low, searched
 from benchmarks.css_tables_regimes import proposals_by_name, show_proposals, show_regimes
@@ -74,7 +73,7 @@ def main(
     seeds: int = 3,
     figures: Path | None = None,
     jobs: int = 2,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Table 1 of CSS, its dependence on the rules, and what kinematic jumps add.
 
@@ -106,8 +105,6 @@ def main(
         Draw Figures 5, 7, 8 and 13 into this folder.
     jobs
         Rows computed at a time.
-    json
-        Also write the figures here.
     """
     if samples < 1 or poses < 1:
         raise InputError("--samples, --poses", "are 1 or more")

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, save, start
+from benchmarks.common import Json, Several, save, start
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
 from estimator.results.reference_motion import Reference
 from kinemode import demo
@@ -24,7 +23,7 @@ def main(
     *,
     clips: Annotated[tuple[int, ...], Several] = (34, 35, 36),
     seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Track the clip of `kinemode demo` from each of its cameras, with several makings of the keypoints' errors.
 
@@ -34,8 +33,6 @@ def main(
         Seeds of the clip; 34 is the one that `kinemode demo` shows.
     seed
         Seed of the tracker.
-    json
-        Also write the figures here.
     """
     outcomes: dict[tuple[int, str], tuple[Scores, float]] = {}
     with tempfile.TemporaryDirectory() as folder:

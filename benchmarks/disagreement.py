@@ -6,14 +6,13 @@ from __future__ import annotations
 import json as json_text
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.beam4cam import CAMERAS
-from benchmarks.common import beam_folder, save, start, tell, work_folder
+from benchmarks.common import Data, Json, Work, beam_folder, save, start, tell, work_folder
 from estimator.media.clip import Clip
 from estimator.media.film import write_film
 from estimator.results.evaluation import evaluate_points
@@ -111,21 +110,11 @@ def said(folder: Path, files: Files) -> tuple[str, tuple[str, ...]]:
 
 def main(
     *,
-    data: Path | None = None,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    data: Data = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
-    """Track beam4cam with files that disagree, told and not told.
-
-    Parameters
-    ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
-    work
-        Folder that keeps files and runs.
-    json
-        Also write the figures here.
-    """
+    """Track beam4cam with files that disagree, told and not told."""
     folder = beam_folder(data)
     reference = Reference.load(folder / "reference3d.npz")
     figures: dict[str, Any] = {}

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.common import (
     Changes,
+    Data,
+    Json,
     Several,
+    Work,
     captured_folder,
     check_known,
     in_processes,
@@ -131,7 +133,7 @@ def errors(run: Run, clip: RenderedClip) -> np.ndarray:
 def main(
     *,
     index: Path,
-    data: Path | None = None,
+    data: Data = None,
     sequences: Annotated[tuple[str, ...], Several] = tuple(SEQUENCES),
     trackers: Annotated[tuple[str, ...], Several] = RIVALS,
     body: Literal["true", "fitted"] = "true",
@@ -142,8 +144,8 @@ def main(
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     changes: Changes = (),
     jobs: int = 1,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Track rendered stereo sequences with ELMO, CONDENSATION (1000 particles), PSH and ICP, all by depth alone.
 
@@ -153,8 +155,6 @@ def main(
     ----------
     index
         Index of examples (`kinemode train-index`).
-    data
-        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     sequences
         Which.
     trackers
@@ -176,10 +176,6 @@ def main(
         Changes to the settings, as elmo.rounds=2.
     jobs
         Runs at a time, each in a process of its own.
-    work
-        Folder that keeps the clips.
-    json
-        Also write the figures here.
     """
     folder = captured_folder(data)
     if folder is None:

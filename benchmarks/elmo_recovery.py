@@ -8,9 +8,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, captured_folder, check_known, in_processes, save, start, tell, work_folder
+from benchmarks.common import (
+    Data,
+    Json,
+    Several,
+    Work,
+    captured_folder,
+    check_known,
+    in_processes,
+    save,
+    start,
+    tell,
+    work_folder,
+)
 from benchmarks.elmo import GIVEN, PAPER, errors
 from benchmarks.elmo_clips import FPS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
@@ -92,7 +103,7 @@ def tracked(task: Task) -> Result:
 def main(
     *,
     index: Path,
-    data: Path | None = None,
+    data: Data = None,
     sequences: Annotated[tuple[str, ...], Several] = tuple(SEQUENCES),
     trackers: Annotated[tuple[str, ...], Several] = TRACKERS,
     occlusions: int = 30,
@@ -100,8 +111,8 @@ def main(
     baseline: float = 0.12,
     seed: int = 0,
     jobs: int = 1,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Track stereo sequences in which a screen hides the person now and then, by depth alone.
 
@@ -111,8 +122,6 @@ def main(
     ----------
     index
         Index of examples (`kinemode train-index`).
-    data
-        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     sequences
         Which.
     trackers
@@ -127,10 +136,6 @@ def main(
         Seed of the tracker.
     jobs
         Runs at a time, each in a process of its own.
-    work
-        Folder that keeps the clips.
-    json
-        Also write the figures here.
     """
     folder = captured_folder(data)
     if folder is None:

@@ -7,9 +7,21 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, captured_folder, check_known, nested, save, start, tell, work_folder
+from benchmarks.common import (
+    Changes,
+    Data,
+    Json,
+    Several,
+    Work,
+    captured_folder,
+    check_known,
+    nested,
+    save,
+    start,
+    tell,
+    work_folder,
+)
 from benchmarks.elmo import RIVALS
 from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
@@ -38,15 +50,15 @@ class Row:
 def main(
     *,
     index: Path,
-    data: Path | None = None,
+    data: Data = None,
     sequences: Annotated[tuple[str, ...], Several] = ("wave", "walk_turn"),
     trackers: Annotated[tuple[str, ...], Several] = ("elmo", "psh", "icp"),
     cues: str = "silhouette,edges",
     plate: bool = False,
     frames: int = 100,
     changes: Changes = (),
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Track the left clip of rendered stereo sequences alone, by pictures without depth.
 
@@ -54,8 +66,6 @@ def main(
     ----------
     index
         Index of examples (`kinemode train-index`).
-    data
-        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     sequences
         Which.
     trackers
@@ -68,10 +78,6 @@ def main(
         Of each sequence.
     changes
         Changes to the settings, as elmo.rounds=2.
-    work
-        Folder that keeps the clips.
-    json
-        Also write the figures here.
     """
     folder = captured_folder(data)
     if folder is None:

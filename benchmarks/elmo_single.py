@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Changes, Several, nested, save, start, tell, work_folder
+from benchmarks.common import Changes, Json, Several, Work, nested, save, start, tell, work_folder
 from benchmarks.elmo_clips import JOINTS, filmed_poses
 from benchmarks.mocap_person import person
 from estimator.formats.cameras import load_cameras
@@ -61,8 +60,8 @@ def main(
     counts: Annotated[tuple[int, ...], Several] = (50, 10),
     baseline: float = 0.12,
     changes: Changes = (),
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Find random poses, one frame each, by depth alone and nothing given.
 
@@ -78,10 +77,6 @@ def main(
         Metres between the cameras.
     changes
         Changes to the settings, as elmo.rounds=4.
-    work
-        Folder that keeps the pictures.
-    json
-        Also write the figures here.
     """
     body = Body(person())
     settings = settings_for("elmo", changes=nested(changes))

@@ -10,21 +10,17 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.common import Several, in_processes, save, start, work_folder
-from benchmarks.crowd_clips import error, made, owners, room_cameras, written
+from benchmarks.common import Json, Several, in_processes, save, start, work_folder
+from benchmarks.crowd_clips import Clip, error, made, motions_of, owners, room_cameras, written
 from benchmarks.tracking import timed_track
 from estimator.cameras.camera import Camera
 from estimator.formats.cameras import write_cameras
 from estimator.formats.keypoints import load_people
 from estimator.formats.keypoints_people import Person
-from estimator.media.clip import DEFAULT_FPS as FPS
 from estimator.people.everybody import everybody
 from estimator.synthesis.crowd import crowd, placed
-from estimator.synthesis.motion import authored_motion
-from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
@@ -40,13 +36,9 @@ Detections = Mapping[str, Sequence[Sequence[tuple[int, Person]]]]
 
 
 @dataclass(frozen=True)
-class Task:
-    """One clip of so many people and frames. track: whether they are tracked too, or only put together."""
+class Task(Clip):
+    """One clip. track: whether its people are tracked too, or only put together."""
 
-    people: int
-    frames: int
-    seed: int
-    work: Path
     track: bool
 
 
@@ -63,23 +55,22 @@ class Outcome:
     alone: tuple[float, ...]
 
 
-def crossing(body: Body, task: Task, rng: np.random.Generator) -> list[np.ndarray]:
+def crossing(body: Body, clip: Clip, rng: np.random.Generator) -> list[np.ndarray]:
     """People (N) whose ways lead through the middle of the room at the same time, and pass each other near it."""
-    times, way = np.arange(task.frames) / FPS, np.linspace(-REACHED, REACHED, task.frames)[:, None]
-    motions = [authored_motion(body, times, m) for m in (REACH, PIVOT, TURN_REACH)]
+    motions, way = motions_of(body, clip), np.linspace(-REACHED, REACHED, clip.frames)[:, None]
     while True:
         # two meet head on, or nearly: they are beside each other for longest
-        angles = np.arange(task.people) * 2.0 * np.pi / task.people + rng.uniform(-0.4, 0.4, task.people)
+        angles = np.arange(clip.people) * 2.0 * np.pi / clip.people + rng.uniform(-0.4, 0.4, clip.people)
         angles += rng.uniform(0.0, 2.0 * np.pi)
         along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        across = np.stack([-along[:, 1], along[:, 0]], axis=1) * rng.uniform(*ASIDE, (task.people, 1))
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1) * rng.uniform(*ASIDE, (clip.people, 1))
         paths = way * along[:, None] + across[:, None]
         gaps = [np.linalg.norm(a - b, axis=1).min() for k, a in enumerate(paths) for b in paths[:k]]
         if min(gaps, default=NEAREST) >= NEAREST:
             break
-    turns = angles + rng.uniform(-0.5, 0.5, task.people)
+    turns = angles + rng.uniform(-0.5, 0.5, clip.people)
     return [
-        placed(motions[(k + task.seed) % 3], p, float(a)) for k, (p, a) in enumerate(zip(paths, turns, strict=True))
+        placed(motions[(k + clip.seed) % 3], p, float(a)) for k, (p, a) in enumerate(zip(paths, turns, strict=True))
     ]
 
 
@@ -162,7 +153,7 @@ def main(
     seeds: int = 5,
     tracked: int = 3,
     jobs: int = 1,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Print who was taken for whom, and the errors among others and alone.
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, start, work_folder
+from benchmarks.common import CUES, Changes, Json, Several, Work, in_processes, nested, save, start, work_folder
 from benchmarks.failure_runs import CSS, Attempt, Sizing, Tracking, own_size
 from benchmarks.failure_table import by_tracker, figures_of, in_markdown, order, show, summed
 from benchmarks.kept_runs import Kept, all_done
@@ -40,10 +40,10 @@ def main(
     changes: Changes = (),
     trial: int = 6,
     jobs: int = 1,
-    work: Path | None = None,
+    work: Work = None,
     markdown: Annotated[bool, Parameter(negative="")] = False,
     figures: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Track the rendered arm, pivoting body and turning body with every tracker, in equal time.
 
@@ -77,14 +77,10 @@ def main(
         Frames of the short runs that decide the sizes, 3 or more.
     jobs
         Runs at a time, each in a process of its own.
-    work
-        Folder that keeps clips and what came out of every run.
     markdown
         Also print the table of the documents.
     figures
         Also write a picture of all runs, failures.png, into this folder.
-    json
-        Also write the figures here.
     """
     rivals = _rivals(trackers, trial)
     chosen = () if (detected := source == "keypoints") else cue_choice(cues) or ()

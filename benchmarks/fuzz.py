@@ -9,10 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
-
 from benchmarks import fuzz_commands
-from benchmarks.common import Several, save, start, tell
+from benchmarks.common import Json, Several, save, start, tell
 from benchmarks.fuzz_cases import GOOD, Case, Verdict
 from benchmarks.fuzz_corpus import Files, corpus
 from benchmarks.fuzz_judge import judge, prepare, write
@@ -81,7 +79,7 @@ def main(
     readers: Annotated[tuple[str, ...], Several] = (),
     keep: Path | None = None,
     replay: Annotated[tuple[Path, ...], Several] = (),
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Damage valid files in many ways and give them to their readers and to `track`, `export`, `view` and `explain`.
 
@@ -104,8 +102,6 @@ def main(
         Folder for the inputs that fail, one folder each.
     replay
         Read kept folders again instead.
-    json
-        Also write the figures here.
     """
     if replay:
         for folder in replay:

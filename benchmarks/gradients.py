@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from cyclopts import Parameter
 
-from benchmarks.common import save, start
+from benchmarks.common import Json, save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
 from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel, CostSettings, image_extent
@@ -308,7 +306,7 @@ def tracked(frames: int, seed: int) -> dict[str, Any]:
 
 def main(
     *, poses: int = 40, searches: int = 400, frames: int = 60, seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:  # fmt: skip
     """Compare gradients with central differences; watch energies and residuals of many searches.
 
@@ -322,8 +320,6 @@ def main(
         Frames of the built-in motion that are tracked for the statuses of modes.
     seed
         Of everything.
-    json
-        Also write the figures here.
     """
     rng = np.random.default_rng(seed)
     body = Body(load_subject("human34"))

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, save, start, tell
+from benchmarks.common import Json, Several, save, start, tell
 from benchmarks.index_curves import Curves, Made, Row
 from benchmarks.index_libraries import missing
 from benchmarks.index_pictures import asked, painted
@@ -45,7 +44,7 @@ def main(
     aligned: bool = True,
     seed: int = _SEED,
     picture: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Look up pictures of poses that are not in an index.
 
@@ -73,8 +72,6 @@ def main(
         Of the pictures.
     picture
         Also draw the curves here (PNG).
-    json
-        Also write the figures here.
     """
     body = Body(load_subject(subject))
     whole = load_index(index, body)

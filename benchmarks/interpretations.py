@@ -20,15 +20,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from itertools import product
-from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from cyclopts import Parameter
 from scipy.optimize import least_squares
 
-from benchmarks.common import Several, in_processes, save, start, tell
+from benchmarks.common import Json, Several, in_processes, save, start, tell
 from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel
 from estimator.imaging.observation import Observation
@@ -230,7 +228,7 @@ def main(
     starts: int = STARTS,
     seed: int = 100,
     jobs: int = 1,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Count the interpretations of random poses that are found within a frame's budget.
 
@@ -246,8 +244,6 @@ def main(
         Of the first pose; the others follow.
     jobs
         Poses measured at a time; above 1 the times are of busy cores.
-    json
-        Also write the figures here.
     """
     tasks = list(tasks_of(subjects, poses, starts, seed))
     tell(f"{len(tasks)} poses, {starts} starts for each sign of each limb")

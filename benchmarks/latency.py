@@ -7,13 +7,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.common import Changes, data_folder, nested, save, start, tell, work_folder
+from benchmarks.common import Changes, Data, Json, data_folder, nested, save, start, tell, work_folder
 from kinemode.demo import CAMERA, make_clip
 from kinemode.terminal import report
 
@@ -39,8 +38,8 @@ def main(
     lag: int = 0,
     seed: int = 0,
     changes: Changes = (),
-    data: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    data: Data = None,
+    json: Json = None,
 ) -> None:
     """Median, 95th percentile and longest of a frame's time, with one camera's keypoints: cam01 of beam4cam, or the
     demonstration's where that is not here. The person is fitted beforehand.
@@ -53,10 +52,6 @@ def main(
         As `kinemode.Tracker` has them.
     changes
         Changes to the settings, as css.budget.searches=30.
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
-    json
-        Also write the figures here.
     """
     given = {"modes": modes, "lag": lag, "seed": seed, "settings": nested(changes)}
     with work_folder(None) as folder:

@@ -15,7 +15,7 @@ import numpy as np
 
 import kinemode as km
 from benchmarks.browser import opened_browser, programs
-from benchmarks.common import start, tell, work_folder
+from benchmarks.common import Work, start, tell, work_folder
 from estimator.media.film import write_film
 from humanoid.support.errors import InputError
 from kinemode.demo import CAMERA, FPS, make_clip
@@ -27,7 +27,7 @@ PATIENCE = 30.0  # s that a frame is waited for
 GIF_EVERY = 3  # of the pictures, or it would be larger than a megabyte
 
 
-def main(*, out: Path, frames: int | None = None, work: Path | None = None) -> None:
+def main(*, out: Path, frames: int | None = None, work: Work = None) -> None:
     """Render the clip, fit the person, track it live in front of a browser.
 
     Parameters
@@ -36,8 +36,6 @@ def main(*, out: Path, frames: int | None = None, work: Path | None = None) -> N
         The film, an mp4; a GIF of every third picture is written beside it.
     frames
         Only so many of the first.
-    work
-        Folder that keeps the clip.
     """
     if programs() is None:
         raise InputError("chromium", "and its chromedriver are not installed")

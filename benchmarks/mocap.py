@@ -16,7 +16,10 @@ from benchmarks.common import (
     CUES,
     NO_CAPTURE_HERE,
     Changes,
+    Data,
+    Json,
     Several,
+    Work,
     data_folder,
     in_processes,
     nested,
@@ -86,7 +89,7 @@ def tracked(task: Task) -> dict[str, Outcome]:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     clips: Annotated[tuple[str, ...], Several] = DEFAULT,
     every: Annotated[bool, Parameter(name="--all", negative="")] = False,
     seconds: float | None = None,
@@ -98,15 +101,13 @@ def main(
     modes: int = 7,
     changes: Changes = (),
     jobs: int = 1,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Track rendered captured motions from one camera: from cues alone, from poor keypoints, and from both.
 
     Parameters
     ----------
-    data
-        Folder with mocap in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     clips
         Names of BVH files there, without the ending.
     every
@@ -130,10 +131,6 @@ def main(
         Changes to the settings, as cost.nu=8 css.scale=4.
     jobs
         Clips tracked at a time, each in a process of its own.
-    work
-        Folder that keeps clips and runs.
-    json
-        Also write the figures here.
     """
     files = motion_files(data, clips, every)
     if not files:

@@ -19,13 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, save, start
+from benchmarks.common import Json, Several, save, start
 from benchmarks.mode_search_duel import Contest, Duel, no_higher
 from benchmarks.mode_search_starts import KINDS, drawn, tracker_starts
 from kinemode.terminal import report
@@ -41,7 +39,7 @@ def main(
     transition: bool = True,
     seed: int = 0,
     distances: Annotated[tuple[float, ...], Several] = DISTANCES,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Search from equal starts with ours and with scipy.
 
@@ -58,8 +56,6 @@ def main(
     distances
         Random starts, from truth to start: standard deviation of every joint and of the root's turn [rad] and place
         [m].
-    json
-        Also write the figures here.
     """
     contest, rng = Contest(), np.random.default_rng(seed)
     contest.duel(contest.random_start(0.1, np.random.default_rng(seed)), np.random.default_rng(seed))  # compiles

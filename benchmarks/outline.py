@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from cyclopts import Parameter
 
 from benchmarks.beam4cam import CAMERAS
-from benchmarks.common import beam_folder, save, start, work_folder
+from benchmarks.common import Data, Json, beam_folder, save, start, work_folder
 from benchmarks.tracking import timed_track
 from estimator.cameras.camera import Camera
 from estimator.imaging.image_cues import ImageCues
@@ -111,26 +110,22 @@ def _reach(mask: np.ndarray, x: np.ndarray, direction: np.ndarray) -> float:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     run: Path | None = None,
     every: int = 3,
     size: int = 1280,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Compare the body's outline with the silhouettes of beam4cam, part by part.
 
     Parameters
     ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     run
         A run of the four cameras from keypoints alone; tracked first unless given. It brings its own flesh.
     every
         Look at every so many frames.
     size
         Longest side of the pictures [px].
-    json
-        Also write the figures here.
     """
     folder = beam_folder(data)
     clips = [folder / "videos" / f"{name}.mp4" for name in CAMERAS]

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import Parameter
 
-from benchmarks.common import NO_CAPTURE_HERE, Several, in_processes, save, start, tell, work_folder
+from benchmarks.common import NO_CAPTURE_HERE, Data, Json, Several, Work, in_processes, save, start, tell, work_folder
 from benchmarks.pose_learning import LearnSettings, Poses, balanced, captured_poses, learned
 from benchmarks.pose_prior_clips import Task, captured_files, learned_person, spread_of, subject_of, tracked
 from benchmarks.scores import TRAJECTORIES, TrackErrors
@@ -48,7 +48,7 @@ ABOUT = (
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     write: Annotated[bool, Parameter(negative="")] = False,
     track: Annotated[bool, Parameter(negative="")] = False,
     weights: Annotated[tuple[float, ...], Several] = WEIGHTS,
@@ -56,15 +56,13 @@ def main(
     seconds: float = 2.0,
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     jobs: int = 1,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Learn the pose prior from motion capture and measure it on people who were held out.
 
     Parameters
     ----------
-    data
-        Folder with mocap and mocap_more in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     write
         Write the numbers that are shipped.
     track
@@ -79,10 +77,6 @@ def main(
         Of the clips' noise and of the tracker.
     jobs
         Clips tracked at a time, each in a process of its own.
-    work
-        Folder that keeps clips and runs.
-    json
-        Also write the figures here.
     """
     files = captured_files(data)
     if not files:

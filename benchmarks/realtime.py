@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
 from threadpoolctl import threadpool_limits
 
 import kinemode as km
-from benchmarks.common import CUES, Changes, Several, nested, save, spread, start, tell, work_folder
+from benchmarks.common import CUES, Changes, Json, Several, Work, nested, save, spread, start, tell, work_folder
 from benchmarks.stopwatch import Stopwatch
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
@@ -92,8 +91,8 @@ def main(
     modes: int = 7,
     seed: int = 0,
     changes: Changes = (),
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Frames per second of human34 turning and reaching, 640 x 480, from a detector's keypoints and the pictures.
 
@@ -111,10 +110,6 @@ def main(
         As in `kinemode track`.
     changes
         Changes to the settings, as cost.nu=8 css.budget.searches=30.
-    work
-        Folder that keeps the clip.
-    json
-        Also write the figures here.
     """
     settings = settings_for("css", modes=modes, changes=nested(changes))
     ways = [Way(count, ahead) for ahead in (False, True) for count in processes]

@@ -9,13 +9,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.common import beam_folder, save, start, tell
+from benchmarks.common import Data, Json, beam_folder, save, start, tell
 from benchmarks.resume_kills import (
     BEFORE_THE_FILE,
     SOON,
@@ -143,12 +142,12 @@ def _same(a: Any, b: Any) -> bool:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     camera: str | None = None,
     frames: int = 16,
     kills: int = 30,
     seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """End tracking processes at random moments by SIGTERM, SIGINT and SIGKILL, resume them each time, and compare the
     ends with undisturbed runs; look for processes, shared memory and open pipes that are left after 2 s.
@@ -158,8 +157,6 @@ def main(
 
     Parameters
     ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     camera
         A camera of beam4cam.
     frames
@@ -168,8 +165,6 @@ def main(
         How many, in all.
     seed
         Of the moments.
-    json
-        Also write the figures here.
     """
     rows = []
     with tempfile.TemporaryDirectory() as name:

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.beginnings import Beginning, begun
 from benchmarks.beginnings import verdict as verdict_on
-from benchmarks.common import CUES, Changes, Several, in_processes, nested, save, tell, work_folder
+from benchmarks.common import CUES, Changes, Json, Several, Work, in_processes, nested, save, tell, work_folder
 from benchmarks.common import start as run_command
 from benchmarks.kept_runs import kept_clip
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
@@ -119,8 +118,8 @@ def main(
     modes: int = 7,
     changes: Changes = (),
     jobs: int = 1,
-    work: Path | None = None,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    work: Work = None,
+    json: Json = None,
 ) -> None:
     """Track the rendered arm, pivoting body and turning body from the joints of their first frames and the pictures.
 
@@ -152,10 +151,6 @@ def main(
         Changes to the settings, as cost.nu=8 css.scale=4.
     jobs
         Clips tracked at a time, each in a process of its own.
-    work
-        Folder that keeps clips and runs.
-    json
-        Also write the figures here.
     """
     chosen = cue_choice(cues) or ()
     how = {"cues": ",".join(chosen) or "off", "seed": seed, "modes": modes, "settings": nested(changes)}

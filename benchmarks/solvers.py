@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
 
 from benchmarks.bits_cases import CASES
-from benchmarks.common import Several, save, spread, start, tell
+from benchmarks.common import Data, Json, Several, save, spread, start, tell
 from estimator import synthesis
 from estimator.fitting.person import fit_person
 from estimator.formats.cameras import write_cameras
@@ -67,19 +66,17 @@ class Watch(StepSolver):
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     clips: Annotated[tuple[str, ...], Several] = CLIPS,
     frames: int | None = None,
     repeats: int = 5,
     seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Track clips from keypoints with every `search.step_solver`; compare steps, bits and processor time.
 
     Parameters
     ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     clips
         Of cam01 and four (beam4cam with one and four cameras), demo, and contact (a hand pressed into the trunk).
     frames
@@ -88,8 +85,6 @@ def main(
         Pairs of tracks whose times are compared, who comes first in turn; 0 for none.
     seed
         Seed of the trackers.
-    json
-        Also write the figures here.
     """
     if unknown := set(clips) - set(CLIPS):
         raise InputError("--clips", f"there is no {min(unknown)!r}", remedy="of " + ", ".join(CLIPS))

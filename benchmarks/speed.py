@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from cyclopts import Parameter
 
-from benchmarks.common import Changes, data_folder, nested, save, spread, start
+from benchmarks.common import Changes, Data, Json, data_folder, nested, save, spread, start
 from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
 from estimator.fitting.person import fit_person
@@ -59,21 +58,19 @@ class Tally:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     camera: str = "cam01",
     repeats: int = 5,
     modes: int | None = None,
     seed: int = 0,
     tracker: str = "css",
     changes: Changes = (),
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Frames per second on beam4cam, or on the built-in clip where that is absent, and the share of every library.
 
     Parameters
     ----------
-    data
-        Folder with beam4cam in it; KINEMODE_DATA, or ../shared/data next to the checkout, by default.
     camera
         Which of its cameras.
     repeats
@@ -82,8 +79,6 @@ def main(
         As in `kinemode track`.
     changes
         Changes to the settings, as cost.nu=8 css.samples=10.
-    json
-        Also write the figures here.
     """
     nest = nested(changes)
     settings = settings_for(tracker, modes=modes, changes=nest)

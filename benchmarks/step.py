@@ -10,17 +10,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pink
 import pinocchio as pin
-from cyclopts import Parameter
 from pink.limits import ConfigurationLimit
 from pink.tasks import FrameTask
 
-from benchmarks.common import save, start
+from benchmarks.common import Json, save, start
 from estimator.cameras.camera import Camera
 from estimator.imaging.observation import Observation
 from estimator.optimise.qp import PROXQP, STEP_SOLVERS, StepSolver
@@ -154,7 +152,7 @@ def main(
     problems: int = 60,
     rounds: int = 15,
     seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Time one constrained step against `pink.solve_ik` (ProxQP through qpsolvers).
 
@@ -166,8 +164,6 @@ def main(
         How often all of them are stepped by each side in turn.
     seed
         Of the poses.
-    json
-        Also write the figures here.
     """
     contest = Contest(problems, np.random.default_rng(seed))
     times = timed(contest, rounds)

@@ -11,13 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import Several, save, start
+from benchmarks.common import Json, Several, save, start
 from estimator.cost.model import image_extent
 from estimator.cues.assigned import AssignedPoints
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
@@ -148,7 +146,7 @@ def main(
     poses: int = 8,
     rounds: int = 40,
     seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Time cost, gradient and Hessian of human34's surface in one camera.
 
@@ -162,8 +160,6 @@ def main(
         How often each is timed; the quickest counts.
     seed
         Of the scene and the hypotheses.
-    json
-        Also write the figures here.
     """
     rng = np.random.default_rng(seed)
     body = Body(load_subject("human34"))

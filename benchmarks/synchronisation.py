@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import beam_folder, captured_folder, in_processes, save, start
+from benchmarks.common import Data, Json, beam_folder, captured_folder, in_processes, save, start
 from estimator.cameras.camera import Camera
 from estimator.formats.cameras import load_cameras
 from estimator.formats.keypoints import load_keypoints
@@ -151,17 +149,17 @@ def trial(task: Task) -> list[Clock]:
 
 def main(
     *,
-    data: Path | None = None,
+    data: Data = None,
     trials: int = 40,
     seed: int = 0,
     jobs: int = 1,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Print how many clocks are within one frame, and how many of the others are said to be unsure.
 
     Parameters
     ----------
-    data: folder with beam4cam and mocap. trials: of each kind. seed: of the first trial. jobs: processes.
+    trials: of each kind. seed: of the first trial. jobs: processes.
     """
     folder = captured_folder(data)
     if folder is None:

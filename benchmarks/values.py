@@ -11,12 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from cyclopts import Parameter
 
-from benchmarks.common import save, start
+from benchmarks.common import Json, save, start
 from estimator.imaging.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.search.association import AS_DETECTED
@@ -52,7 +51,7 @@ def main(
     particles: int = 200,
     repeats: int = 7,
     seed: int = 0,
-    json: Annotated[Path | None, Parameter(name="--json")] = None,
+    json: Json = None,
 ) -> None:
     """Time of energies with derivatives over that without.
 
@@ -64,8 +63,6 @@ def main(
         How often each side is measured; the quickest counts.
     seed
         Of the poses.
-    json
-        Also write the figures here.
     """
     with tempfile.TemporaryDirectory() as folder:
         rows = measured(Path(folder), particles, repeats, seed)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from benchmarks.camera_files import toml_sections, write_pose2sim
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.cameras import load_cameras, write_cameras
 from humanoid.support.errors import InputError
@@ -192,30 +193,15 @@ def writer(name: str) -> Callable[[Callable[[Path, list[Camera]], None]], Callab
     return keep
 
 
-def _sections(cameras: list[Camera]) -> dict[str, dict[str, object]]:
-    return {
-        c.name: {
-            "name": c.name,
-            "size": [float(n) for n in c.image_size],
-            "matrix": c.K.tolist(),
-            "distortions": c.distortion.tolist(),
-            "rotation": cv2.Rodrigues(c.R_camera_world)[0].ravel().tolist(),
-            "translation": c.t_camera_world.tolist(),
-            "fisheye": c.fisheye,
-        }
-        for c in cameras
-    }
-
-
 @writer("Calib.toml")
 def _pose2sim(path: Path, cameras: list[Camera]) -> None:
-    path.write_text(tomli_w.dumps(_sections(cameras) | {"metadata": {"adjusted": False, "error": 0.0}}))
+    write_pose2sim(path, cameras)
 
 
 @writer("calibration.toml")
 def _anipose(path: Path, cameras: list[Camera]) -> None:
     """In millimetres, and said so."""
-    sections = {f"cam_{i}": section for i, section in enumerate(_sections(cameras).values())}
+    sections = {f"cam_{i}": section for i, section in enumerate(toml_sections(cameras).values())}
     for section, camera in zip(sections.values(), cameras, strict=True):
         section["translation"] = (1e3 * camera.t_camera_world).tolist()
     path.write_text(tomli_w.dumps(sections | {"metadata": {"adjusted": False, "error": 0.1, "units": "mm"}}))

@@ -116,6 +116,7 @@ BAD = {
     "no such clip": (["track", "nothing.mp4", "--keypoints", "{left}", "--out", "{out}"], "nothing.mp4"),
     "no keypoints": (["track", "--out", "{out}"], "keypoints: are needed"),
     "model not named": (["detect", "{clip}", "--detector", "onnx", "--out", "{out}"], "--model FILE"),
+    "detector without use": (["fit", "{clip}", "--people", "2", "--out", "{out}"], "add --detect"),
     "clip without keypoints": (["track", "{clip}", "--out", "{out}"], "kinemode annotate"),
     "unknown cue": (["track", "--keypoints", "{left}", "--cues", "edge", "--out", "{out}"], "edges, flow, silhouette"),
     "cues without clips": (["track", "--keypoints", "{left}", "--cues", "flow", "--out", "{out}"], "give the clips"),

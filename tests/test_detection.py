@@ -21,6 +21,7 @@ from estimator.formats.keypoints import load_people
 from estimator.formats.people_file import write_people
 from estimator.media.clip import Clip
 from humanoid.support.errors import InputError
+from kinemode.__main__ import main
 from kinemode.detection import detectors, environment, pythons
 from kinemode.detection.detectors import SCRIPTS, About, Wanted
 from kinemode.detection.people import People, Search, shared
@@ -278,6 +279,37 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(fake: Fake, tm
     assert detected() > second
     with with_detected(InputFiles(clip, made), "fake", out, None) as files:
         assert files.keypoints == [made]  # what is given is not looked for
+
+
+@pytest.mark.parametrize(
+    ("words", "work", "made"),
+    [
+        ("track --out walk.run", "kinemode.jobs.track_subject", "walk.keypoints"),
+        ("fit --out me.urdf", "kinemode.jobs.fit_subject", "me.keypoints"),
+        ("compare --trackers css --out two", "kinemode.comparison.compare.compare_trackers", "two/compare.keypoints"),
+    ],
+)
+def test_commands_detect_for_the_clips_without_keypoints(
+    words: str, work: str, made: str, fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Any] = []
+
+    def stopped(subject: Any, files: InputFiles, *_: Any) -> None:
+        assert isinstance(files.keypoints, list)
+        seen.extend(files.keypoints)
+        raise InputError("here", "is the end")
+
+    monkeypatch.setattr(work, stopped)
+    monkeypatch.chdir(tmp_path)
+    km.detect(drawn(tmp_path / "left", squares=1), out=tmp_path / "given.json", detector="fake")
+    drawn(tmp_path / "right", squares=1)
+    command, *rest = words.split()
+    asked = [command, "left", "right", "--keypoints", "left=given.json", "--detect", "--detector", "fake", *rest]
+    assert main(asked) == 2
+    right = Path(made) / "right.json"
+    assert seen == ["left=given.json", right]
+    assert [path.name for path in right.parent.iterdir()] == ["right.json"]
+    assert km.load_keypoints(right).frame_count == 12
 
 
 class Told:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from estimator.synthesis import (
     scene_cameras,
     write_truth,
 )
+from estimator.synthesis.clothing import Garment, dressed
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.raster import paint
@@ -204,6 +206,21 @@ def test_light_shadow_noise_and_blur(body: Body, q: np.ndarray) -> None:
     assert (left - right)[mask & ~west].mean() * (left - right)[west].mean() < 0.0
     soft, _ = picture(lens_blur=2.0)
     assert np.abs(cv2.Laplacian(soft, cv2.CV_64F)).mean() < 0.5 * np.abs(cv2.Laplacian(plain, cv2.CV_64F)).mean()
+
+
+def test_other_clothes_change_nothing_else(body: Body, q: np.ndarray) -> None:
+    cameras, posed, red = scene_cameras()[:1], body.at(q[0]), Garment((40.0, 40.0, 200.0), 0.1, 0.1)
+    plain, other = (
+        Renderer(body, cameras, np.random.default_rng(0), SceneSettings(noise=0.0), dress=partial(dressed, others=worn))
+        for worn in (None, {"thigh": red})
+    )
+    np.testing.assert_array_equal(plain.plate(0), other.plate(0))
+    first, second = (maker.frame(posed, 0, np.random.default_rng(0)).astype(int) for maker in (plain, other))
+    thighs = np.isin(plain.maps(posed, 0).part, [k for k, link in enumerate(plain.parts) if link.endswith("thigh")])
+    changed = (first != second).any(axis=2)
+    assert changed[thighs].mean() > 0.98
+    assert not changed[~cv2.dilate(thighs.astype(np.uint8), np.ones((3, 3))).astype(bool)].any()
+    assert (second - first)[thighs][:, 2].mean() > 30.0
 
 
 def test_an_occluder_hides_part_of_the_body_and_touches_none(body: Body, q: np.ndarray) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import cv2
@@ -43,9 +44,11 @@ class Clothes(NamedTuple):
     grain: np.ndarray
 
 
-def dressed(surface: Surface, rng: np.random.Generator) -> Clothes:
-    """Clothe a surface by the names of its links; links without a known name wear the shirt."""
-    garments = [next((g for name, g in _CLOTHES.items() if link.endswith(name)), _SHIRT) for link in surface.links]
+def dressed(surface: Surface, rng: np.random.Generator, others: Mapping[str, Garment] | None = None) -> Clothes:
+    """Clothe a surface by the names of its links; links without a known name wear the shirt. others: by the endings of
+    links' names what they wear instead, "" for the links without a known name."""
+    worn_by = {**_CLOTHES, **(others or {})}
+    garments = [next((g for name, g in worn_by.items() if link.endswith(name)), _SHIRT) for link in surface.links]
     worn = _worn(surface, garments, _NO_GRAIN, rng)
     for part, link in enumerate(surface.links):
         if link == "head":

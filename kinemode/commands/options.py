@@ -20,6 +20,39 @@ Flag = Annotated[bool, Parameter(negative="")]
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class DetectorOptions:
+    """What finds the keypoints.
+
+    Parameters
+    ----------
+    detector
+        mediapipe (33 keypoints, its models come with it) or onnx (by the file of --model).
+    model
+        An ONNX file: RTMPose, or another model with a line and a column for each keypoint of one person's picture.
+    boxes
+        An ONNX file that finds people in a picture, for --detector onnx; without it one person is followed.
+    people
+        At most so many are followed.
+    python
+        An interpreter to make the detector's environment with; one that has the packages is taken as it is.
+    """
+
+    detector: str = "mediapipe"
+    model: Path | None = None
+    boxes: Path | None = None
+    people: int = 6
+    python: Path | None = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The options as `kinemode.detect` takes them."""
+        return dict(vars(self))
+
+
+MEDIAPIPE = DetectorOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class InputOptions:
     """What a body is tracked from, and what the files do not say themselves.
 
@@ -32,6 +65,9 @@ class InputOptions:
         2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s;
         AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv, npy and npz. Names that the file does not have, or
         has in its own words, stand beside it: WALK.names.json for WALK.csv.
+    detect
+        Find the keypoints of clips without a keypoint file first, as `kinemode detect` does, into OUT.keypoints beside
+        the result (compare: into its folder); they are taken from there as long as clip and detector are the same.
     mask
         Videos or folders of masks, white on the person; the background is then not needed.
     background
@@ -63,6 +99,8 @@ class InputOptions:
 
     cameras: Path | None = None
     keypoints: Files = None
+    detect: Flag = False
+    by: DetectorOptions = MEDIAPIPE
     mask: Files = None
     background: Files = None
     stereo: Files = None
@@ -79,6 +117,12 @@ class InputOptions:
         """The options as `kinemode.track`, `fit` and `compare` take them."""
         given = dict(vars(self))
         given["masks"] = given.pop("mask")
+        by = given.pop("by")
+        if by != MEDIAPIPE and not self.detect:
+            import kinemode as km
+
+            raise km.InputError("detector", "has options, but there is nothing to detect", remedy="add --detect")
+        given["detect"] = by.arguments() if self.detect else False
         return given
 
 
@@ -125,36 +169,3 @@ class TrackerOptions:
 
 
 USUAL = TrackerOptions()
-
-
-@Parameter(name="*")
-@dataclass(frozen=True)
-class DetectorOptions:
-    """What finds the keypoints.
-
-    Parameters
-    ----------
-    detector
-        mediapipe (33 keypoints, its models come with it) or onnx (by the file of --model).
-    model
-        An ONNX file: RTMPose, or another model with a line and a column for each keypoint of one person's picture.
-    boxes
-        An ONNX file that finds people in a picture, for --detector onnx; without it one person is followed.
-    people
-        At most so many are followed.
-    python
-        An interpreter to make the detector's environment with; one that has the packages is taken as it is.
-    """
-
-    detector: str = "mediapipe"
-    model: Path | None = None
-    boxes: Path | None = None
-    people: int = 6
-    python: Path | None = None
-
-    def arguments(self) -> dict[str, Any]:
-        """The options as `kinemode.detect` takes them."""
-        return dict(vars(self))
-
-
-MEDIAPIPE = DetectorOptions()

@@ -26,6 +26,8 @@ def fit(
 
     kinemode fit walk.mp4 --keypoints clicks.json --background empty.png --out me.urdf
 
+    kinemode fit walk.mp4 --detect --out me.urdf
+
     Parameters
     ----------
     cues
@@ -44,6 +46,7 @@ def fit(
         cues=cues,
         seed=seed,
         out=out,
+        progress=km.reported,
     )
     from kinemode.terminal import report
 

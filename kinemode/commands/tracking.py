@@ -25,8 +25,6 @@ def track(
     *clips: ClipArgument,
     files: InputOptions = NO_INPUT,
     how: TrackerOptions = USUAL,
-    detect: Flag = False,
-    by: DetectorOptions = MEDIAPIPE,
     tracker: str = "css",
     workers: int = 1,
     out: Path,
@@ -52,9 +50,6 @@ def track(
 
     Parameters
     ----------
-    detect
-        Find the keypoints of clips without a keypoint file first, as `kinemode detect` does, into OUT.keypoints beside
-        the run; they are taken from there as long as clip and detector are the same.
     tracker
         Its name, see `kinemode trackers`.
     workers
@@ -75,7 +70,6 @@ def track(
         clips,
         **files.arguments(),
         **how.arguments(),
-        detect=by.arguments() if detect else False,
         tracker=tracker,
         out=out,
         resume=resume,
@@ -108,6 +102,8 @@ def compare(
     kinemode compare walk.mp4 --keypoints walk.json --trackers css,single-mode,condensation --out walk-compared
 
     kinemode compare walk.mp4 --keypoints walk.json --trackers css,css-paper --reference truth.npz --out walk-compared
+
+    kinemode compare walk.mp4 --detect --trackers css,single-mode --out walk-compared
 
     Parameters
     ----------

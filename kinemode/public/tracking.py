@@ -176,6 +176,8 @@ def fit(
     start: float | None = None,
     end: float | None = None,
     out: PathLike | None = None,
+    detect: Detect = False,
+    progress: Reporter | None = None,
 ) -> Fit:
     """Fit a subject to the person in the first frames of a clip; `out` is written as a URDF that loads again.
 
@@ -184,7 +186,8 @@ def fit(
     """
     check_arguments(
         subject=subject, clips=clips, cameras=cameras, keypoints=keypoints, layout=layout, cues=cues, masks=masks,
-        background=background, stereo=stereo, depth=depth, person=person, out=out,
+        background=background, stereo=stereo, depth=depth, person=person, out=out, detect=detect,
+        progress=progress,
     )  # fmt: skip
     seed = whole("seed", seed, 0)
     told = _declared(keypoint_size, fps, offset, start, end, sync)
@@ -196,8 +199,8 @@ def fit(
     loaded = loaded_subject(subject)
     from kinemode import jobs
 
-    with spool.telling():
-        return jobs.fit_subject(loaded, files, cues, seed, out)
+    with spool.telling(), with_detected(files, detect, out, progress) as seen:
+        return jobs.fit_subject(loaded, seen, cues, seed, out)
 
 
 def compare(
@@ -230,6 +233,7 @@ def compare(
     settings: Mapping[str, Any] | PathLike | None = None,
     workers: int = 1,
     index: PathLike | None = None,
+    detect: Detect = False,
     progress: Reporter | None = None,
 ) -> Comparison:
     """Track one clip with several trackers and compare them; the subject is fitted once, for all of them.
@@ -241,17 +245,17 @@ def compare(
     reference: known 3D landmarks (see `kinemode.evaluate`); in the world of `cameras` where these are given.
     resume: go on with the runs that are there. overwrite: replace them.
 
-    All others are those of `track`.
+    All others are those of `track`; keypoints that are detected go into OUT/compare.keypoints.
 
     Raises
     ------
     InputError: as `track` does; an unknown tracker; runs that are there, without `resume` or `overwrite`.
     """
     check_arguments(
-        subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras,
-        keypoints=keypoints, layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth,
-        modes=modes, resume=resume,
-        overwrite=overwrite, person=person, settings=settings, workers=workers, index=index, progress=progress,
+        subject=subject, clips=clips, trackers=trackers, reference=reference, cameras=cameras, keypoints=keypoints,
+        layout=layout, cues=cues, masks=masks, background=background, stereo=stereo, depth=depth, modes=modes,
+        resume=resume, overwrite=overwrite, person=person, settings=settings, workers=workers, index=index,
+        detect=detect, progress=progress,
     )  # fmt: skip
     check_as("folder", out=out)
     seed = whole("seed", seed, 0)
@@ -272,8 +276,8 @@ def compare(
         cues, "css", modes, settings, seed, fit, out, resume, overwrite, workers, progress or unreported,
         index=index, start=start_by,
     )  # fmt: skip
-    with spool.telling():
-        return compare_trackers(loaded, files, trackers, wanted, reference)
+    with spool.telling(), with_detected(files, detect, Path(out) / "compare", progress) as seen:
+        return compare_trackers(loaded, seen, trackers, wanted, reference)
 
 
 def _declared(
