@@ -99,7 +99,7 @@ def seen(files: Mapping[str, Path], body: Body, motions: Sequence[np.ndarray], c
     pairs = [(j, names.index(n)) for j, n in enumerate(FORMATS["mediapipe33"]) if n in names and n.endswith(LIMBS)]
     theirs, ours = (list(column) for column in zip(*pairs, strict=True))
     distances: list[list[np.ndarray]] = [[] for _ in motions]
-    counts = np.zeros((len(motions), len(cameras)))
+    shown = np.zeros((len(cameras), len(motions[0]), len(motions)), dtype=bool)
     for c, camera in enumerate(cameras):
         frames = load_people(files[camera.name]).frames if camera.name in files else {}
         for t, people in enumerate(frames.values()):
@@ -109,11 +109,10 @@ def seen(files: Mapping[str, Path], body: Body, motions: Sequence[np.ndarray], c
                 k = int(np.argmin([np.median(of) for of in apart]))
                 if np.median(apart[k]) < NEAR * np.ptp(truth[k][:, 1]):
                     distances[k].append(apart[k])
-                    counts[k, c] += 1
-    shares = counts / len(motions[0])
+                    shown[c, t, k] = True
     return [
         Seen(tuple(row.tolist()), *np.percentile(np.array(of or [np.full(1, np.nan)]), [50, 95]).tolist())
-        for row, of in zip(shares, distances, strict=True)
+        for row, of in zip(shown.mean(axis=1).T, distances, strict=True)
     ]
 
 
