@@ -1,10 +1,11 @@
-"""Clusters of a weighted set, and the mean and covariance of configurations on the manifold."""
+"""Clusters of a weighted set, and the mean and covariance of states on a manifold."""
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
-from humanoid.kinematics.body import Body
 from humanoid.support.compiled import jit
 
 MEAN_STEPS = 20
@@ -46,8 +47,20 @@ def _square_distances(square, limit, apart, near):  # type: ignore[no-untyped-de
         near[i, i] = 1.0
 
 
-def mean_and_covariance(body: Body, q: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (nq,) of configurations (N, nq) on the manifold and their covariance (nv, nv) in the tangent space at it.
+class Manifold(Protocol):
+    """What states live on: a body's configurations, or placements."""
+
+    def differences(self, q0: np.ndarray, q1: np.ndarray, /) -> np.ndarray:
+        """Tangents (N, nv) that lead from q0 (nq,) to each of q1 (N, nq)."""
+        ...
+
+    def integrate(self, q: np.ndarray, tangent: np.ndarray, /) -> np.ndarray:
+        """The state (nq,) that a tangent (nv,) at q (nq,) leads to."""
+        ...
+
+
+def mean_and_covariance(manifold: Manifold, q: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (nq,) of states (N, nq) on the manifold and their covariance (nv, nv) in the tangent space at it.
 
     The mean is where the weighted tangents to all cancel; found by moving along their mean, from the heaviest one.
     weights (N,) need not sum to one.
@@ -55,11 +68,11 @@ def mean_and_covariance(body: Body, q: np.ndarray, weights: np.ndarray) -> tuple
     share = weights / weights.sum()
     mean = q[int(np.argmax(share))]
     for _ in range(MEAN_STEPS):
-        tangents = body.differences(mean, q)
+        tangents = manifold.differences(mean, q)
         step = share @ tangents
         if np.max(np.abs(step)) < MEAN_TOLERANCE:
             break
-        mean = body.integrate(mean, step)
-    tangents = body.differences(mean, q)
+        mean = manifold.integrate(mean, step)
+    tangents = manifold.differences(mean, q)
     covariance = (share[:, None] * tangents).T @ tangents
     return mean, 0.5 * (covariance + covariance.T)
