@@ -33,6 +33,11 @@ class LimbPoses:
         """The number of poses."""
         return len(next(iter(self.spatial.values())))
 
+    def thinned(self, every: int) -> LimbPoses:
+        """One of so many poses, and of so many pairs."""
+        spatial = {edge: points[::every] for edge, points in self.spatial.items()}
+        return LimbPoses(spatial, {dt: [points[::every] for points in of] for dt, of in self.forward.items()})
+
 
 def captured_poses(
     graph: LimbGraph, body: Body, motions: Sequence[tuple[np.ndarray, np.ndarray]], dt: float, steps: Sequence[float]
@@ -48,6 +53,16 @@ def captured_poses(
         graph, body, np.concatenate(still),
         {s: (np.concatenate([a for a, _ in p]), np.concatenate([b for _, b in p])) for s, p in pairs.items()},
     )  # fmt: skip
+
+
+def joined(clips: Sequence[LimbPoses]) -> LimbPoses:
+    """The poses of all clips, with the same time steps."""
+    spatial = {edge: np.concatenate([c.spatial[edge] for c in clips]) for edge in clips[0].spatial}
+    forward = {
+        dt: [np.concatenate([c.forward[dt][k] for c in clips]) for k in range(len(of))]
+        for dt, of in clips[0].forward.items()
+    }
+    return LimbPoses(spatial, forward)
 
 
 def _later(body: Body, q: np.ndarray, good: np.ndarray, frames: float) -> tuple[np.ndarray, np.ndarray]:
@@ -141,10 +156,12 @@ def learned_potentials(
                 continue
             way = [forward[k], *([mirrored_points(forward[other[k]])] if mirrored else [])]
             points = np.concatenate(way)
-            both.append((
-                learned_mixture(points, settings, np.random.default_rng((seed, k)))[0],
-                learned_mixture(backward_points(points), settings, np.random.default_rng((seed, k)))[0],
-            ))
+            both.append(
+                (
+                    learned_mixture(points, settings, np.random.default_rng((seed, k)))[0],
+                    learned_mixture(backward_points(points), settings, np.random.default_rng((seed, k)))[0],
+                )
+            )
         steps.append(Steps(dt, tuple(f for f, _ in both), tuple(b for _, b in both)))
     return LimbPotentials(graph.names, spatial, rest_offsets(graph, body), tuple(steps))
 
@@ -188,5 +205,3 @@ def log_densities(potentials: LimbPotentials, poses: LimbPoses) -> tuple[float, 
         ways += [(b, backward_points(p)) for b, p in zip(steps.backward, forward, strict=True)]
         time[dt] = float(np.mean([p.log_density(points).mean() for p, points in ways]))
     return float(np.mean(space)), time
-
-

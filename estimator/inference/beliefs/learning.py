@@ -187,31 +187,39 @@ def _maximised(
             kernels.append(old)
             continue
         mean = np.append(own @ points[:, :3] / mass[k], quaternion_mean(points[:, 3:], own))
-        new = mean, _covariance(points, mean, own, settings)
+        new, fit = _kernel(points, mean, own, settings)
         if before is not None and old is not None and not settings.as_printed:
             least = float(own @ before[1][:, k] - mass[k] * np.log(before[0].weight[k]))
-            if _fit(points, own, new) < least:
-                new = old[0], _covariance(points, old[0], own, settings)
-                new = new if _fit(points, own, new) >= least else old
+            if fit < least:
+                new, fit = _kernel(points, old[0], own, settings)
+                new = new if fit >= least else old
         kernels.append(new)
     return RelativePlacements(mass / mass.sum(), np.array([m for m, _ in kernels]), np.array([c for _, c in kernels]))
 
 
-def _fit(points: np.ndarray, own: np.ndarray, kernel: tuple[np.ndarray, np.ndarray]) -> float:
-    """Expected log likelihood of points (N, 7) that belong to a kernel by shares (N,)."""
-    return float(own @ _log_normal(tangents(kernel[0], points), shapes_of(PLACEMENTS, kernel[1][None]), 0))
-
-
-def _log_normal(e: np.ndarray, shapes: Shapes, k: int) -> np.ndarray:
-    return np.asarray(shapes.constant[k] - 0.5 * np.square(e @ shapes.whitener[k].T).sum(axis=1))
-
-
-def _covariance(points: np.ndarray, mean: np.ndarray, own: np.ndarray, settings: LearnSettings) -> np.ndarray:
-    """The most likely covariance (6, 6) about a mean (7,) that is nowhere below the floors."""
+def _kernel(
+    points: np.ndarray, mean: np.ndarray, own: np.ndarray, settings: LearnSettings
+) -> tuple[tuple[np.ndarray, np.ndarray], float]:
+    """A mean (7,) with the covariance (6, 6) about it of points (N, 7) that belong to a kernel by shares (N,); and
+    their expected log likelihood."""
     e = tangents(mean, points)
     covariance = (own[:, None] * e).T @ e / own.sum()
     if settings.as_printed:
         covariance[3:, 3:] = quaternion_covariance(points[:, 3:], mean, own)
+    covariance = _above(settings, covariance)
+    return (mean, covariance), float(own @ _log_normal(e, shapes_of(PLACEMENTS, covariance[None]), 0))
+
+
+def _log_normal(e: np.ndarray, shapes: Shapes, k: int) -> np.ndarray:
+    """Logarithms (N,) of a kernel's density where tangents (N, 6) lead; see `kernel_exponent` of the rotations'
+    measure."""
+    r = np.sqrt(np.square(e[:, 3:]).sum(axis=1))
+    measure = 2.0 * np.log(np.sinc(r / (2.0 * np.pi)))
+    return np.asarray(shapes.constant[k] - 0.5 * np.square(e @ shapes.whitener[k].T).sum(axis=1) - measure)
+
+
+def _above(settings: LearnSettings, covariance: np.ndarray) -> np.ndarray:
+    """The most likely covariance (6, 6) that is nowhere below the floors, of samples that have this one."""
     floors = settings.floors
     if not settings.full:
         return np.diag(np.maximum(np.diag(covariance), floors**2))
