@@ -100,7 +100,8 @@ def drawn_poses(
         if s.joint in body.q_names:
             k = body.q_names.index(s.joint)
             share = ndtr((np.array([body.lower[k], body.upper[k]]) - s.rest) / s.std)
-            q[:, k] = s.rest + s.std * ndtri(rng.uniform(*np.clip(share, 1e-12, 1.0 - 1e-12), count))
+            lowest, highest = np.clip(share, 1e-12, 1.0 - 1e-12)
+            q[:, k] = s.rest + s.std * ndtri(rng.uniform(float(lowest), float(highest), count))
     q = np.array([body.clamp(pose) for pose in q])
     pairs = {dt: (q, body.integrated(q, dt * speed * rng.standard_normal((count, body.nv)))) for dt in steps}
     return limb_poses(graph, body, q, pairs)

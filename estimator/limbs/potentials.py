@@ -29,7 +29,7 @@ _DIGITS = 6  # of numbers in a file
 _FARTHEST = 2.0  # times a learned time step, or one over it: as far as its kernels are stretched to others
 _OTHER = 2.0  # times a limb's offset on another at rest: no person's lengths differ so much
 _REMEDY = (
-    "the shipped ones are of human34's graph \"paper\"; of others: `python -m benchmarks.limb_learning --subject NAME"
+    'the shipped ones are of human34\'s graph "paper"; of others: `python -m benchmarks.limb_learning --subject NAME'
     " --drawn --write --output FILE`"
 )
 
