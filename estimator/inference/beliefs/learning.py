@@ -27,7 +27,7 @@ class LearnSettings:
     kernels: M. full: whole covariances, else diagonal ones, as the paper's. floor [m], floor_turn [rad]: standard
     deviations below which no covariance goes: rigid links have none. as_printed: covariances of rotations as eq. 5 has
     them, else of rotation vectors, which densities are of. iterations: at most; it ends where the log likelihood gains
-    less than `enough` nats a sample.
+    less than `enough` nats a sample. starts: of K-means; the best likelihood wins.
     """
 
     kernels: int = 3
@@ -37,6 +37,7 @@ class LearnSettings:
     as_printed: bool = False
     iterations: int = 100
     enough: float = 5e-4
+    starts: int = 1
 
     @property
     def floors(self) -> np.ndarray:
@@ -145,6 +146,14 @@ def learned_mixture(
     if len(points) < max(settings.kernels, 1) or settings.kernels < 1:
         problem = f"{len(points)} samples for {settings.kernels} kernels"
         raise InputError("a mixture of placements", problem, remedy="as many samples as kernels, and a kernel or more")
+    learned = [_from_clusters(points, settings, rng) for _ in range(settings.starts)]
+    return max(learned, key=lambda pair: float(pair[1][-1]))
+
+
+def _from_clusters(
+    points: np.ndarray, settings: LearnSettings, rng: np.random.Generator
+) -> tuple[RelativePlacements, np.ndarray]:
+    """`learned_mixture` of one start."""
     share = np.eye(settings.kernels)[_clusters(points, settings, rng)]
     mixture = _maximised(points, share, None, settings)
     likelihood = []
