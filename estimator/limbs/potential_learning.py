@@ -156,11 +156,11 @@ def learned_potentials(
                 both.append((both[other[k]][0].mirrored(), both[other[k]][1].mirrored()))
                 continue
             way = [forward[k], *([mirrored_points(forward[other[k]])] if mirrored else [])]
-            points = np.concatenate(way)
+            there = np.concatenate(way)
             both.append(
                 (
-                    learned_mixture(points, settings, np.random.default_rng((seed, k)))[0],
-                    learned_mixture(backward_points(points), settings, np.random.default_rng((seed, k)))[0],
+                    learned_mixture(there, settings, np.random.default_rng((seed, k)))[0],
+                    learned_mixture(backward_points(there), settings, np.random.default_rng((seed, k)))[0],
                 )
             )
         steps.append(Steps(dt, tuple(f for f, _ in both), tuple(b for _, b in both)))
