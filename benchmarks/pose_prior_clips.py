@@ -38,13 +38,19 @@ def captured_files(data: Path | None) -> list[Path]:
     by_trial: dict[str, Path] = {}
     for path in (*files[0], *files[1]):  # a trial in both is longer in the first
         if path.stem not in LEFT_OUT:
-            by_trial.setdefault(_trial(path.stem).group(), path)
+            by_trial.setdefault(trial_of(path.stem), path)
     return [by_trial[trial] for trial in sorted(by_trial)]
 
 
 def subject_of(name: str) -> str:
     """Number of the captured person, from the name of a clip."""
     return _trial(name).group(1)
+
+
+def trial_of(name: str) -> str:
+    """Numbers of the captured person and the trial, from the name of a clip: the same of its copy in the other
+    folder."""
+    return _trial(name).group()
 
 
 def learned_person(name: str) -> str | None:
