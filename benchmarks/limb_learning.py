@@ -65,7 +65,6 @@ def main(
     subject: str = SUBJECT,
     kernels: Annotated[tuple[int, ...], Several] = KERNELS,
     full: Annotated[bool, Parameter(negative="")] = False,
-    as_printed: Annotated[bool, Parameter(negative="")] = False,
     clips: Annotated[tuple[str, ...], Several] = TRIED,
     held_out: Literal["clip", "person"] = "clip",
     drawn: Annotated[bool, Parameter(negative="")] = False,
@@ -88,8 +87,6 @@ def main(
         So many of every mixture are tried; the first is written.
     full
         Whole covariances, not diagonal ones.
-    as_printed
-        Covariances of rotations as the paper's eq. 5 has them, not of rotation vectors.
     clips
         Trials that are held out in turn, as in 07_01.
     held_out
@@ -112,7 +109,7 @@ def main(
     if write and output == SHIPPED and (drawn or subject != SUBJECT):
         raise InputError("--write", f"the file that is shipped is of {SUBJECT}, captured", remedy="--output FILE")
     body = Body(load_subject(subject))
-    graph, settings = limb_graph(body), LearnSettings(full=full, as_printed=as_printed)
+    graph, settings = limb_graph(body), LearnSettings(full=full)
     if figure is not None and not write:
         draw_potentials(figure, graph, body, load_potentials(output).of_graph(graph, body, output), seed)
         return
@@ -141,7 +138,7 @@ def main(
     tried = ["drawn_too"] if drawn else named(list(poses), clips)
     gains = {m: measured(graph, body, poses, tried, held_out, replace(settings, kernels=m), seed) for m in kernels}
     show(gains, settings, held_out)
-    save(json, {"measure": "limb potentials", "full": full, "as_printed": as_printed, "nats": gains})
+    save(json, {"measure": "limb potentials", "full": full, "nats": gains})
 
 
 Nats = dict[str, dict[str, float]]

@@ -25,16 +25,15 @@ class LearnSettings:
     """How a mixture is learned.
 
     kernels: M. full: whole covariances, else diagonal ones, as the paper's. floor [m], floor_turn [rad]: standard
-    deviations below which no covariance goes: rigid links have none. as_printed: covariances of rotations as eq. 5 has
-    them, else of rotation vectors, which densities are of. iterations: at most; it ends where the log likelihood gains
-    less than `enough` nats a sample. starts: of K-means; the best likelihood wins.
+    deviations below which no covariance goes: rigid links have none. Rotations' covariances are those of
+    rotation vectors, which densities are of (`quaternion_covariance` is eq. 5). iterations: at most; it ends where the
+    log likelihood gains less than `enough` nats a sample. starts: of K-means; the best likelihood wins.
     """
 
     kernels: int = 3
     full: bool = False
     floor: float = 0.005
     floor_turn: float = 0.005
-    as_printed: bool = False
     iterations: int = 100
     enough: float = 5e-4
     starts: int = 1
@@ -137,7 +136,7 @@ def learned_mixture(
 
     Expectation maximisation from K-means. The mean of eq. 4 is not quite where the likelihood is largest; a kernel
     takes it only if that gains, else it keeps the old one and takes the covariance about it: the likelihood never falls
-    (generalised EM, Dempster, Laird and Rubin 1977). With `as_printed` nothing is held back.
+    (generalised EM, Dempster, Laird and Rubin 1977).
 
     Raises
     ------
@@ -197,7 +196,7 @@ def _maximised(
             continue
         mean = np.append(own @ points[:, :3] / mass[k], quaternion_mean(points[:, 3:], own))
         new, fit = _kernel(points, mean, own, settings)
-        if before is not None and old is not None and not settings.as_printed:
+        if before is not None and old is not None:
             least = float(own @ before[1][:, k] - mass[k] * np.log(before[0].weight[k]))
             if fit < least:
                 new, fit = _kernel(points, old[0], own, settings)
@@ -213,8 +212,6 @@ def _kernel(
     their expected log likelihood."""
     e = tangents(mean, points)
     covariance = (own[:, None] * e).T @ e / own.sum()
-    if settings.as_printed:
-        covariance[3:, 3:] = quaternion_covariance(points[:, 3:], mean, own)
     covariance = _above(settings, covariance)
     return (mean, covariance), float(own @ _log_normal(e, shapes_of(PLACEMENTS, covariance[None]), 0))
 
