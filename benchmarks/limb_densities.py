@@ -13,8 +13,8 @@ from estimator.limbs.gibbs import Gibbs, all_pairs, fitted
 from estimator.limbs.models import LimbModels
 from humanoid.limbs.limb import LimbGraph
 
-QUANTILES = {"edge": 6, "ridge": 6}  # levels of the filters' answers, evenly filled
-SHARES = {"inside": (0.12, 0.45, 0.78, 0.95), "beside": (0.1, 0.5, 0.9)}  # borders of the person's
+QUANTILES = {"edge": 5, "ridge": 5}  # levels of the filters' answers, evenly filled
+SHARES = {"inside": (0.2, 0.6, 0.9), "beside": (0.1, 0.5, 0.9), "beyond": (0.2, 0.8)}  # borders of the person's
 COPIES = 2  # of every true pose, moved a little
 JITTER = 0.01, 0.05  # m, rad: as near as that is as good as true
 BORDER = 0.15, 1.0  # m from its own place, where there is no limb
@@ -22,7 +22,7 @@ PLACES = 60  # without a limb, of an instant
 
 
 class Examples(NamedTuple):
-    """Features (N, 7) of limbs (N,) int where they are, and (M, 7) of places where they are not; of one view each."""
+    """Features (N, 9) of limbs (N,) int where they are, and (M, 9) of places where they are not; of one view each."""
 
     limb: np.ndarray
     features: np.ndarray

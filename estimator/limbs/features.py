@@ -12,15 +12,18 @@ from estimator.imaging.ridges import Ridges
 from humanoid.limbs.limb import Limb
 from humanoid.support.compiled import jit
 
-FEATURES = ("left edge", "right edge", "ridge", "inside proximal", "inside distal", "left beside", "right beside")
+FEATURES = (
+    "left edge", "right edge", "ridge", "inside proximal", "inside distal", "left beside", "right beside",
+    "beyond proximal", "beyond distal",
+)  # fmt: skip
 """Means along the limb. Edges: first derivative across it, on its outline, either sign [grey values]. Ridge: second
 derivative across less that along it, on its axis [grey values]. The rest are shares of the person: within the nearer
-half and the farther half, and beside the outline."""
+half and the farther half, beside the outline, and beyond both ends, without which limbs slide along their axes."""
 
-CUES = {"edges": (0, 1), "ridges": (2,), "foreground": (3, 4, 5, 6)}
+CUES = {"edges": (0, 1), "ridges": (2,), "foreground": (3, 4, 5, 6, 7, 8)}
 """Features by cue."""
 
-SWAPPED = (1, 0, 2, 3, 4, 6, 5)
+SWAPPED = (1, 0, 2, 3, 4, 6, 5, 7, 8)
 """Each feature's place in the mirror image of the picture."""
 
 SCENE, PERSON, UNKNOWN = 0, 1, 2
@@ -30,6 +33,7 @@ _STATIONS = 6
 _FOREGROUND = 3  # index of the first feature that needs to know where the person is
 _INSIDE = 0.55  # of the half-width, where it is looked inside beside the axis
 _BESIDE, _AWAY = 1.3, 1.5  # of the half-width, and px more, where it is looked beside
+_BEYOND = 1.0 / _STATIONS  # of the length, how far it is looked beyond the ends
 _EDGE_SCALE = 0.15  # of half the limb's width: edges are taken at finer scales than ridges
 _NOISE = 4.0  # grey values of slope that count half
 
@@ -121,7 +125,7 @@ def _scale(borders, half_width):  # type: ignore[no-untyped-def]
 
 @jit
 def _filtered(points, across, half_width, maps, values):  # type: ignore[no-untyped-def]
-    """Fills the first three of values (7,) from points (S, 3, 2) and across (2,): see `_outlined`; maps: `maps_of`."""
+    """Fills the first three of values (9,) from points (S, 3, 2) and across (2,): see `_outlined`; maps: `maps_of`."""
     borders, steps, first, second = maps
     nx, ny = across[0], across[1]
     fine, broad = _scale(borders, _EDGE_SCALE * half_width), _scale(borders, half_width)
@@ -146,17 +150,35 @@ def _filtered(points, across, half_width, maps, values):  # type: ignore[no-unty
 
 
 @jit
+def _beyond(cone, t, R, camera, points):  # type: ignore[no-untyped-def]
+    """Fills points (2, 2), the axis before the proximal end and after the distal one [px]; says whether both are before
+    the camera. cone (6,), t (3,), R (3, 3), camera: see `_outlined`."""
+    intrinsics, lens, R_camera, t_camera = camera
+    place = np.empty(3)
+    for end in range(2):
+        share = -_BEYOND if end == 0 else 1.0 + _BEYOND
+        z = cone[0] + share * (cone[1] - cone[0])
+        for i in range(3):
+            place[i] = t[i] + z * R[i, 2]
+        u, v, ahead = project_point(place, intrinsics, lens, R_camera, t_camera)
+        if not ahead:
+            return False
+        points[end, 0], points[end, 1] = u, v
+    return True
+
+
+@jit
 def _share(total, count):  # type: ignore[no-untyped-def]
     """NaN where nothing is known."""
     return total / count if count > 0 else math.nan
 
 
 @jit
-def _shares(points, across, half_width, foreground, values):  # type: ignore[no-untyped-def]
-    """Fills the last four of values (7,) from foreground (H, W) uint8; the rest: see `_filtered`, points (S, 3, 2),
-    across (2,)."""
+def _shares(points, beyond, across, half_width, foreground, values):  # type: ignore[no-untyped-def]
+    """Fills the last six of values (9,) from foreground (H, W) uint8 and beyond (2, 2), see `_beyond`; the rest: see
+    `_filtered`, points (S, 3, 2), across (2,)."""
     stations = points.shape[0]
-    person, known = np.zeros(4), np.zeros(4)
+    person, known = np.zeros(6), np.zeros(6)
     height, width = foreground.shape
     for k in range(stations):
         for place in range(5):  # axis, within on both sides, beside on both sides
@@ -170,27 +192,35 @@ def _shares(points, across, half_width, foreground, values):  # type: ignore[no-
                 into = (0 if 2 * k < stations else 1) if place < 3 else 1 + side
                 known[into] += 1.0
                 person[into] += value
-    for i in range(4):
+    for end in range(2):
+        for side in range(-1, 2):  # on the axis and half-way to the outline
+            u = beyond[end, 0] + 0.5 * side * half_width * across[0]
+            v = beyond[end, 1] + 0.5 * side * half_width * across[1]
+            value = foreground[_cell(v, 1, height), _cell(u, 1, width)]
+            if value != UNKNOWN:
+                known[4 + end] += 1.0
+                person[4 + end] += value
+    for i in range(6):
         values[_FOREGROUND + i] = _share(person[i], known[i])
 
 
 @jit
 def measured(cone, t, R, camera, maps, foreground, values):  # type: ignore[no-untyped-def]
-    """Fills values (N, 7), the `FEATURES` of N poses of a limb in one view; all NaN where the view does not show it,
-    the last four where it is not known where the person is.
+    """Fills values (N, 9), the `FEATURES` of N poses of a limb in one view; all NaN where the view does not show it,
+    the last six where it is not known where the person is.
 
     cone (6,), t (N, 3), R (N, 3, 3), foreground (H, W) uint8, or (0, 0) without; maps (4,): see `maps_of`; camera: see
     `_outlined`.
     """
-    points, across = np.empty((_STATIONS, 3, 2)), np.empty(2)
+    points, across, beyond = np.empty((_STATIONS, 3, 2)), np.empty(2), np.empty((2, 2))
     size = np.array([maps[2][0].shape[0] * maps[1][0], maps[2][0].shape[1] * maps[1][0]])
     for n in range(t.shape[0]):
         half_width = _outlined(cone, t[n], R[n], camera, across, points, size)
         values[n] = math.nan
-        if half_width > 0.0:
+        if half_width > 0.0 and _beyond(cone, t[n], R[n], camera, beyond):
             _filtered(points, across, half_width, maps, values[n])
             if foreground.size:
-                _shares(points, across, half_width, foreground, values[n])
+                _shares(points, beyond, across, half_width, foreground, values[n])
 
 
 @jit
@@ -198,30 +228,30 @@ def add_ratios(cone, t, R, camera, maps, foreground, bins, table, coarse, unseen
     """Adds to total (N,) what a view says of N poses of a limb [nats]: the entry of the state of its features, `unseen`
     where the view does not show it.
 
-    bins (7, B): borders between the levels of each feature, infinite where there are no more. table (K,):
+    bins (9, B): borders between the levels of each feature, infinite where there are no more. table (K,):
     by levels of all features, flat; coarse (L,): by those of edges and ridge alone, where it is not known where the
     person is.
     cone (6,), t (N, 3), R (N, 3, 3), maps (4,), foreground (H, W): see `measured`.
     """
-    points, across, values = np.empty((_STATIONS, 3, 2)), np.empty(2), np.empty(7)
+    points, across, beyond, values = np.empty((_STATIONS, 3, 2)), np.empty(2), np.empty((2, 2)), np.empty(9)
     size = np.array([maps[2][0].shape[0] * maps[1][0], maps[2][0].shape[1] * maps[1][0]])
-    levels = np.ones(7, np.int64)
-    for i in range(7):
+    levels = np.ones(9, np.int64)
+    for i in range(9):
         for k in range(bins.shape[1]):
             levels[i] += bins[i, k] < math.inf
     for n in range(t.shape[0]):
         half_width = _outlined(cone, t[n], R[n], camera, across, points, size)
-        if half_width <= 0.0:
+        if half_width <= 0.0 or not _beyond(cone, t[n], R[n], camera, beyond):
             total[n] += unseen
             continue
         _filtered(points, across, half_width, maps, values)
         known = foreground.size > 0
         if known:
-            _shares(points, across, half_width, foreground, values)
-            for i in range(_FOREGROUND, 7):
+            _shares(points, beyond, across, half_width, foreground, values)
+            for i in range(_FOREGROUND, 9):
                 known = known and not math.isnan(values[i])
         state = 0
-        for i in range(7 if known else _FOREGROUND):
+        for i in range(9 if known else _FOREGROUND):
             level = 0
             while level < levels[i] - 1 and values[i] > bins[i, level]:
                 level += 1

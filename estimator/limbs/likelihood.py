@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.imaging.ridges import Ridges, ridges_of
-from estimator.limbs.features import CUES, PERSON, UNKNOWN, add_ratios, cone_of, maps_of, measured
+from estimator.limbs.features import CUES, FEATURES, PERSON, UNKNOWN, add_ratios, cone_of, maps_of, measured
 from estimator.limbs.models import LimbModels, shipped_models
 from estimator.limbs.volume import common_box
 from humanoid.limbs.limb import Limb
@@ -55,9 +55,9 @@ class LimbView:
     foreground: np.ndarray
 
     def features(self, limb: Limb, t: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """The `estimator.limbs.features.FEATURES` (N, 7) of poses t (N, 3), R (N, 3, 3) of a limb, NaN where it is not
+        """The `estimator.limbs.features.FEATURES` (N, 9) of poses t (N, 3), R (N, 3, 3) of a limb, NaN where it is not
         seen or the person's place is not known."""
-        values = np.empty((len(t), 7))
+        values = np.empty((len(t), len(FEATURES)))
         measured(cone_of(limb), *_arrays(t, R), self.camera.arrays, maps_of(self.ridges), self.foreground, values)
         return values
 

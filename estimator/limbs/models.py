@@ -28,7 +28,7 @@ _MOST_LEVELS = 12
 class LimbModels:
     """Densities of the `FEATURES`, quantised.
 
-    bins (7): borders between the levels of each, rising. background: of places that are no limb. limbs: of each limb
+    bins (9): borders between the levels of each, rising. background: of places that are no limb. limbs: of each limb
     by its name. any_limb: of all of them together, for limbs of other names.
     """
 
