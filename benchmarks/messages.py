@@ -176,7 +176,7 @@ def _true_moments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of a product."""
     pool = candidates(rng, factors, [range(len(factors))], reference, rounds=4)
-    weights, _ = pool.weights(range(len(factors)))
+    weights = pool.weights(range(len(factors)))[0]
     tell(f"  truth: {reference} candidates, worth {effective_count(weights):.0f}")
     if effective_count(weights) < 1000.0:
         tell("  which is not enough: more --candidates")

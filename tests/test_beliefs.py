@@ -186,7 +186,7 @@ def test_products_of_placements(method: str) -> None:
     truth = candidates(rng, factors, targets, 20_000, 1)
     settings = ProductSettings(method, sweeps=8, exact_below=600 if method == "exact" else 0)
     for target, draws in zip(targets, draw_products(rng, factors, targets, [1500, 1500], settings), strict=True):
-        weights, _ = truth.weights(target)
+        weights = truth.weights(target)[0]
         assert effective_count(weights) > 1000.0
         mean, _ = mean_and_covariance(PLACEMENTS, truth.points, weights)
         off = PLACEMENTS.differences(mean, draws.points).mean(axis=0)

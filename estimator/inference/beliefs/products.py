@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from estimator.inference.particles import effective_count, normalised, systemati
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 
+LogLikelihood = Callable[[np.ndarray], np.ndarray]
 METHODS = ("importance", "gibbs", "exact")
 _CENTRES = 64  # kernels of a round's proposals at most
 _ALIVE = 0.1  # share of the candidates that a round's proposals go by, at least
@@ -31,6 +32,8 @@ class ProductSettings:
     candidates: of "importance", at least; per_draw: so many of them for each draw that is wanted. rounds: how many
     times it draws about the best. sweeps: of "gibbs".
     exact_below: so many combinations are gone through whatever the method; there "exact" stops.
+    sighted: candidates of "importance" are weighed by the node's likelihood, too, and drawn about where that is high:
+    the samples of the paper are drawn by the messages alone, and where the likelihood is sharp few of them count.
     A product of which all kernels are of R^n is drawn from exactly by "exact"; rotations are treated to first order by
     "gibbs" and "exact", and backgrounds as kernels. "importance" weighs by the densities as they are.
     """
@@ -41,6 +44,7 @@ class ProductSettings:
     rounds: int = setting(2, at_least=0)
     sweeps: int = setting(5, at_least=0)
     exact_below: int = setting(0, at_least=0)
+    sighted: bool = True
 
     def __post_init__(self) -> None:
         check(self)
@@ -49,29 +53,37 @@ class ProductSettings:
 @dataclass(frozen=True)
 class Candidates:
     """Points (P, size) of a known density, log_density (P,), and the logarithms of each of D mixtures there,
-    log_factors (D, P)."""
+    log_factors (D, P). log_phi (P,): of the likelihood, 0 where it is not looked at."""
 
     points: np.ndarray
     log_density: np.ndarray
     log_factors: np.ndarray
+    log_phi: np.ndarray
 
-    def weights(self, target: Sequence[int]) -> tuple[np.ndarray, bool]:
-        """Weights (P,) of the product of some of the mixtures, and whether any is above zero; all alike if not."""
-        log_weight = self.log_factors[list(target)].sum(axis=0) - self.log_density
-        if not np.any(log_weight > -np.inf):
-            return np.full(len(self.points), 1.0 / len(self.points)), False
-        return normalised(log_weight)[0], True
+    def weights(self, target: Sequence[int]) -> tuple[np.ndarray, bool, bool]:
+        """Weights (P,) of the product of some of the mixtures and the likelihood; whether the mixtures have common
+        ground, and whether the likelihood counts: it is left out where it leaves none, and without common ground all
+        weights are alike."""
+        plain = self.log_factors[list(target)].sum(axis=0) - self.log_density
+        seen = plain + self.log_phi
+        if np.any(seen > -np.inf):
+            return normalised(seen)[0], True, True
+        if np.any(plain > -np.inf):
+            return normalised(plain)[0], True, False
+        return np.full(len(self.points), 1.0 / len(self.points)), False, False
 
 
 @dataclass(frozen=True)
 class Draws:
     """Points (N, size) of a product. log_factors (D, N): all mixtures' densities there, None where they were not
     needed.
-    overlap: false where the mixtures have no common ground, and the points are of their mean instead."""
+    overlap: false where the mixtures have no common ground, and the points are of their mean instead. sighted: whether
+    they were drawn in proportion to the likelihood, too."""
 
     points: np.ndarray
     log_factors: np.ndarray | None
     overlap: bool = True
+    sighted: bool = False
 
 
 def draw_products(
@@ -81,24 +93,28 @@ def draw_products(
     counts: Sequence[int],
     settings: ProductSettings,
     proposal: Density | None = None,
+    log_likelihood: LogLikelihood | None = None,
 ) -> list[Draws]:
     """Draws from products of some of several mixtures, for each target: the indices of its mixtures, at least one.
 
-    counts: how many, of each. proposal: where candidates may come from besides, for "importance".
+    counts: how many, of each. proposal: where candidates may come from besides, log_likelihood: what they are weighed
+    by, too, if the settings say so; both for "importance".
     """
     pool = None
     draws = []
+    sighted = settings.sighted and settings.method == "importance" and log_likelihood is not None
     for target, count in zip(targets, counts, strict=True):
         simple = len(target) == 1 or _combinations(factors, target) <= settings.exact_below
-        if simple or settings.method != "importance":
+        if (simple and not sighted) or settings.method != "importance":
             draws.append(Draws(_by_labels(rng, [factors[i] for i in target], count, settings), None))
             continue
         if pool is None:
             enough = max(settings.candidates, int(settings.per_draw * sum(counts)))
-            pool = candidates(rng, factors, targets, enough, settings.rounds, proposal)
-        weights, overlap = pool.weights(target)
+            looks = log_likelihood if sighted else None
+            pool = candidates(rng, factors, targets, enough, settings.rounds, proposal, looks)
+        weights, overlap, seen = pool.weights(target)
         chosen = rng.permutation(systematic(rng, weights, count))
-        draws.append(Draws(pool.points[chosen], pool.log_factors[:, chosen], overlap))
+        draws.append(Draws(pool.points[chosen], pool.log_factors[:, chosen], overlap, sighted and seen))
     return draws
 
 
@@ -141,8 +157,10 @@ def candidates(
     count: int,
     rounds: int,
     proposal: Density | None = None,
+    log_likelihood: LogLikelihood | None = None,
 ) -> Candidates:
-    """About `count` points for products of some of several mixtures, with the density that they were drawn from in all.
+    """About `count` points for products of some of several mixtures, and of the likelihood if it is given, with the
+    density that they were drawn from in all.
 
     First points come from all mixtures and the proposal evenly. Each round takes the best of all for the targets, draws
     which kernel of every mixture explains each, and adds points from the normal densities that these make together.
@@ -154,18 +172,29 @@ def candidates(
     each = [len(part) for part in np.array_split(np.arange(count - rounds * share), len(sources))]
     points = np.concatenate([source.sample(rng, c) for source, c in zip(sources, each, strict=True)])
     log_sources = np.stack([source.log_density(points) for source in sources])
+    log_phi = likelihoods(log_likelihood, points)
     stacked = Stacked.of(factors) if rounds else None
     for _ in range(rounds):
         assert stacked is not None
-        pool = Candidates(points, _balanced(log_sources, each), log_sources[: len(factors)])
+        pool = Candidates(points, _balanced(log_sources, each), log_sources[: len(factors)], log_phi)
         about = _about_the_best(rng, pool, stacked, targets)
         more = about.sample(rng, share)
         both = np.concatenate([points, more])
+        log_phi = np.concatenate([log_phi, likelihoods(log_likelihood, more)])
         log_more = np.stack([source.log_density(more) for source in sources])
         log_sources = np.concatenate([log_sources, log_more], axis=1)
         log_sources = np.concatenate([log_sources, about.log_density(both)[None]])
         sources, each, points = [*sources, about], [*each, share], both
-    return Candidates(points, _balanced(log_sources, each), log_sources[: len(factors)])
+    return Candidates(points, _balanced(log_sources, each), log_sources[: len(factors)], log_phi)
+
+
+def likelihoods(log_likelihood: LogLikelihood | None, points: np.ndarray) -> np.ndarray:
+    """Logarithms (N,) of a likelihood at points (N, size), 0 without one; what is not a number, or infinitely likely,
+    has none."""
+    if log_likelihood is None or len(points) == 0:
+        return np.zeros(len(points))
+    values = np.asarray(log_likelihood(points), dtype=float)
+    return np.where(values < np.inf, values, -np.inf)
 
 
 def _balanced(log_sources: np.ndarray, each: Sequence[int]) -> np.ndarray:
@@ -185,7 +214,7 @@ def _about_the_best(
     per_target = max(1, _CENTRES // len(targets))
     chosen, used = [], np.zeros((per_target * len(targets), len(pool.log_factors)), dtype=bool)
     for i, target in enumerate(targets):
-        weights, _ = pool.weights(target)
+        weights = pool.weights(target)[0]
         chosen.append(systematic(rng, _flattened(weights), per_target))
         used[i * per_target : (i + 1) * per_target, list(target)] = True
     labels = stacked.labels_at(rng, pool.points[np.concatenate(chosen)])

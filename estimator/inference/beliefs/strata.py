@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, LogLikelihood, Node
-from estimator.inference.beliefs.mixture import Density, Mixture
-from estimator.inference.beliefs.products import Draws, ProductSettings, draw_products
+from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Node
+from estimator.inference.beliefs.mixture import Mixture
+from estimator.inference.beliefs.products import Draws, ProductSettings, draw_products, likelihoods
 from estimator.inference.particles import normalised
 
 
@@ -144,16 +144,23 @@ def node_samples(
         (everything, max(s.belief for s in splits)),
         *((r, s.incoming) for r, s in zip(rests, splits, strict=True)),
     ]
-    draws = _drawn(rng, factors, wanted, settings, node.proposal)
+    draws = _drawn(rng, factors, wanted, settings, node)
     shouted, log_proposal = np.empty((0, draws[0].points.shape[1])), np.empty(0)
     if node.proposal is not None:
         shouted = node.proposal.sample(rng, max(s.proposal for s in splits))
         log_proposal = node.proposal.log_density(shouted)
     parts = [*(d.points for d in draws), shouted]
     every_phi = np.split(
-        _likelihoods(node.log_likelihood, np.concatenate(parts)), np.cumsum([len(p) for p in parts])[:-1]
+        likelihoods(node.log_likelihood, np.concatenate(parts)), np.cumsum([len(p) for p in parts])[:-1]
     )
-    common, (phi, *own_phi, shouted_phi) = draws[0], every_phi
+    # what was drawn in proportion to the likelihood has it in its density already
+    common, (phi, *own_phi, shouted_phi) = (
+        draws[0],
+        [
+            np.zeros(len(p)) if d is not None and d.sighted else p
+            for p, d in zip(every_phi, [*draws, None], strict=True)
+        ],
+    )
     common_factors = _evaluated(factors, common.points) if common.log_factors is None else common.log_factors
     shouted_factors = _evaluated(factors, shouted)
     samples = []
@@ -183,22 +190,15 @@ def _drawn(
     factors: Sequence[Mixture],
     wanted: Sequence[tuple[Sequence[int], int]],
     settings: ProductSettings,
-    proposal: Density | None,
+    node: Node,
 ) -> list[Draws]:
     """Draws of each target that is wanted, so many of it; empty ones where none are."""
     asked = [(target, count) for target, count in wanted if count]
-    drawn = iter(draw_products(rng, factors, [a[0] for a in asked], [a[1] for a in asked], settings, proposal))
-    size = proposal.space.size if proposal is not None else factors[0].space.size
+    targets, counts = [a[0] for a in asked], [a[1] for a in asked]
+    drawn = iter(draw_products(rng, factors, targets, counts, settings, node.proposal, node.log_likelihood))
+    size = node.proposal.space.size if node.proposal is not None else factors[0].space.size
     nothing = Draws(np.empty((0, size)), np.empty((len(factors), 0)))
     return [next(drawn) if count else nothing for _, count in wanted]
-
-
-def _likelihoods(log_likelihood: LogLikelihood | None, points: np.ndarray) -> np.ndarray:
-    """Logarithms (N,) of the likelihood; what is not a number, or infinitely likely, has none."""
-    if log_likelihood is None or len(points) == 0:
-        return np.zeros(len(points))
-    values = np.asarray(log_likelihood(points), dtype=float)
-    return np.where(values < np.inf, values, -np.inf)
 
 
 def _evaluated(factors: Sequence[Mixture], points: np.ndarray) -> np.ndarray:
