@@ -112,7 +112,7 @@ def test_exact_beliefs_are_put_together_from_nothing(name: str) -> None:
 def test_g1_is_put_together() -> None:
     if "g1" not in installed():
         pytest.skip("robot descriptions are not installed")
-    body = Body(load_subject("g1"))
+    body = Body(load_subject("example-robot-data:g1"))
     graph, search = limb_graph(body), ModeSearch(CostModel(body))
     rng = np.random.default_rng(1)
     q = random_pose(body, rng, share=0.4)

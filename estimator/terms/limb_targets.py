@@ -56,11 +56,11 @@ class LimbTargets(BatchTerm):
     def __init__(self, body: Body, pull: LimbPull) -> None:
         count = len(pull.joint)
         self._body, self._joint = body, np.asarray(pull.joint, dtype=np.int64)
-        self._arrays = tuple(
-            _sized(name, getattr(pull, name), (count, *shape))
-            for name, shape in (("local", (3, 4)), ("target", (7,)), ("precision", (6, 6)), ("weight", ()))
-        )
-        self._robust = POTENTIALS[pull.potential], float(pull.nu)
+        self._local = _sized("local", pull.local, (count, 3, 4))
+        self._target = _sized("target", pull.target, (count, 7))
+        self._precision = _sized("precision", pull.precision, (count, 6, 6))
+        self._weight = _sized("weight", pull.weight, (count,))
+        self._kind, self._nu = POTENTIALS[pull.potential], float(pull.nu)
         self._force, self._load = np.zeros((body.njoints, 6)), np.zeros((body.njoints, 6, 6))
         self._moment = np.zeros((body.njoints, 3, 3))
 
@@ -69,8 +69,9 @@ class LimbTargets(BatchTerm):
         for buffer in (self._force, self._load, self._moment):
             buffer[:] = 0.0
         value: float = limb_loads(
-            posed.placements, self._joint, *self._arrays, *self._robust, exact, self._force, self._load, self._moment
-        )
+            posed.placements, self._joint, self._local, self._target, self._precision, self._weight, self._kind,
+            self._nu, exact, self._force, self._load, self._moment,
+        )  # fmt: skip
         tree = self._body.tree
 
         def add(gradient: np.ndarray, hessian: np.ndarray) -> None:
@@ -85,7 +86,10 @@ class LimbTargets(BatchTerm):
     def values(self, placed: PlacedBodies) -> np.ndarray:
         """See `BatchTerm`."""
         values = np.empty(len(placed.q))
-        limb_values(placed.placements, self._joint, *self._arrays, *self._robust, values)
+        limb_values(
+            placed.placements, self._joint, self._local, self._target, self._precision, self._weight, self._kind,
+            self._nu, values,
+        )  # fmt: skip
         return values
 
 
