@@ -39,9 +39,10 @@ def choices(graph: LimbGraph, places: Places, mistakes: Mistakes) -> list[Choice
     """The likeliest places first, then everything that differs from them by one mistake, or by turning round.
 
     Limbs of both sides are exchanged from any limb outwards, and all of them together; limbs of the middle are turned
-    by half a turn about their axis, with and without exchanging the sides. Where both limbs of a pair are believed in
-    one place, which messages between neighbours cannot exclude, one of them, with what hangs on it, goes to another of
-    its own places, or of its partner's, or to none. Every limb is tried at its next place.
+    by half a turn about their axis, and all limbs where the sides are exchanged with them: the body turned round. Where
+    both limbs of a pair are believed in one place, which messages between neighbours cannot exclude, one of them, with
+    what hangs on it, goes to another of its own places, or of its partner's, or to none. Every limb is tried at its
+    next place.
     """
     base = Choice(tuple(p[0] if p else None for p in places.of))
     pairs = [(i, m) for i, m in enumerate(graph.mirror) if i < m]
@@ -51,7 +52,9 @@ def choices(graph: LimbGraph, places: Places, mistakes: Mistakes) -> list[Choice
     exchanged = [
         _exchanged(graph, base, limbs, mistakes.exchange) for limbs in [*([every] if every else []), *outwards]
     ]
-    turned = [_turned(c, middle, mistakes.exchange) for c in ([base, exchanged[0]] if every else [])]
+    turned = [_turned(base, middle, mistakes.exchange)] if every else []
+    # who turns round has every limb turned, not only those of the middle
+    turned += [_turned(c, range(len(graph.limbs)), mistakes.exchange) for c in exchanged[:1]]
     apart = [c for limbs in outwards for c in _apart(graph, places, base, limbs, mistakes)]
     return _distinct([base, *apart, *exchanged, *turned, *_next_places(places, base, mistakes.least)])
 
