@@ -18,7 +18,7 @@ from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.retarget import retarget
-from humanoid.kinematics.body import points_in_world
+from humanoid.kinematics.body import Body, points_in_world
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import Limb, LimbGraph, limb_placements
 from humanoid.shape.surface import Surface, surface_of
@@ -30,12 +30,15 @@ _SEED = 1404  # of rooms and clothes; no clip of another measure has them
 
 
 class Shown(NamedTuple):
-    """An instant: its views, the limbs (L) of who is in them, and their true poses t (L, 3), R (L, 3, 3)."""
+    """An instant: its views, the limbs (L) of who is in them, their true poses t (L, 3), R (L, 3, 3), and the body and
+    its pose q (nq,)."""
 
     views: list[LimbView]
     limbs: tuple[Limb, ...]
     t: np.ndarray
     R: np.ndarray
+    body: Body
+    q: np.ndarray
 
 
 def all_limbs(subject: Subject) -> LimbGraph:
@@ -80,7 +83,7 @@ def shown_clip(subject: Subject, path: Path, frames: int, seed: int, cameras: in
         for c, camera in enumerate(seen_by):
             picture = renderer.frame(body.at(pose), c, rng)
             views.append(limb_view(camera, picture, foreground_mask(picture, scenes[c], SilhouetteSettings())))
-        yield Shown(views, graph.limbs, *limb_placements(graph, body, pose))
+        yield Shown(views, graph.limbs, *limb_placements(graph, body, pose), body, pose)
 
 
 def jittered(

@@ -9,8 +9,10 @@ from builders import BROWN, body_of, camera_at, observe, random_pose
 
 from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.imaging.observation import Observation
+from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
 from estimator.terms.interpenetration import Interpenetration
+from estimator.terms.limb_targets import LimbPull, LimbTargets
 from estimator.terms.point_targets import PointTargets
 from estimator.terms.pose_mixture import load_mixture
 from estimator.terms.pose_prior import PosePrior
@@ -20,6 +22,8 @@ from estimator.terms.term import Term
 from estimator.terms.upright import Upright, world_up
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
+from humanoid.limbs.graph import limb_graph
+from humanoid.limbs.limb import limb_placements, limbs_on_joints
 
 CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
 Made = tuple[Body, Term, np.ndarray]
@@ -138,6 +142,25 @@ def point_targets(name: str, potential: str) -> Callable[[np.random.Generator], 
     return make
 
 
+def limb_targets(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+    """Every limb, its target known in all directions at once, one of them not drawn at all and another turned by next
+    to nothing."""
+
+    def make(rng: np.random.Generator) -> Made:
+        body = body_of(name)
+        graph, q = limb_graph(body), random_pose(body, rng)
+        target = points_of(*limb_placements(graph, body, random_pose(body, rng)))
+        target[0] = PLACEMENTS.moved(points_of(*limb_placements(graph, body, q))[:1], np.full(6, 1e-3))[0]
+        factors = rng.normal(size=(len(target), 6, 6)) * 3.0
+        weight = rng.uniform(0.3, 1.0, len(target))
+        weight[-1] = 0.0
+        joint, local = limbs_on_joints(graph, body)
+        pull = LimbPull(joint, local, target, factors @ factors.transpose(0, 2, 1), weight, potential, 40.0)
+        return body, LimbTargets(body, pull), q
+
+    return make
+
+
 FAMILY = {
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
@@ -150,6 +173,9 @@ FAMILY = {
     **{f"assigned-{p}": assigned(p) for p in ("lorentzian", "leclerc")},
     **{f"point-targets-{p}": point_targets("human34", p) for p in POTENTIALS},
     "point-targets-arm8": point_targets("arm8", "lorentzian"),
+    **{f"limb-targets-{p}": limb_targets("human34", p) for p in POTENTIALS},
+    "limb-targets-arm8": limb_targets("arm8", "lorentzian"),
+    "limb-targets-gripper": limb_targets("gripper", "gaussian"),
 }
 
 CURVATURE: dict[str, float | None] = {

@@ -24,6 +24,7 @@ class Family(str, Enum):
     LIMB_JUMP = "limb elsewhere"
     LIMB_EXCHANGE = "limbs exchanged"
     EXAMPLE = "example"  # a pose of an index that looks like the picture
+    LIMBS = "limbs"  # put together from where each limb by itself is believed to be
     PARTICLES = "particles"  # their mean, which nothing was searched from
 
     __str__ = str.__str__
@@ -32,7 +33,7 @@ class Family(str, Enum):
     def at_previous(self) -> bool:
         """Whether hypotheses begin at the pose that they have for the frame before (see `PreviousPose`), from where
         keypoints and flow take them on before the pictures are looked at."""
-        return self not in (Family.START, Family.SAMPLE, Family.EXAMPLE, Family.PARTICLES)
+        return self not in (Family.START, Family.SAMPLE, Family.EXAMPLE, Family.LIMBS, Family.PARTICLES)
 
     @staticmethod
     def of_text(text: str) -> Family:

@@ -21,17 +21,19 @@ from estimator.search.association import Association
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
+from estimator.terms.limb_targets import LimbPull, LimbTargets
 from estimator.terms.term import Cost, QuadraticModel, Term
 
 
 class FrameCase(NamedTuple):
     """What the hypotheses of one frame are searched in: the associations of its keypoints, the seconds since the
     parents, and what the pictures say; their features are assigned anew to every hypothesis, several times during its
-    search."""
+    search. pulls: where limbs are drawn to; a hypothesis says which of these it is searched under."""
 
     associations: Sequence[Association]
     dt: float = 0.0
     likelihood: ImageLikelihood | None = None
+    pulls: Sequence[LimbPull] = ()
 
 
 class FrameSearch:
@@ -42,7 +44,8 @@ class FrameSearch:
         self.case = case
         self.flows: dict[PoseKey, list[Followed]] = {}
         self._model, self._body, self._seeker, self._settings = model, model.body, seeker, settings
-        self._bases: dict[tuple[int, bool, PoseKey | None], Cost] = {}
+        self._bases: dict[tuple[int, int, bool, PoseKey | None], Cost] = {}
+        self._pulls: dict[int, list[Term]] = {}
         self._ties: dict[PoseKey, list[Term]] = {}
         self._led: dict[tuple[int, bool, PoseKey], Solution] = {}
 
@@ -67,10 +70,10 @@ class FrameSearch:
         if not hypotheses:
             return []
         energies, placed = np.empty(len(hypotheses)), self._body.placed(np.array([h.q for h in hypotheses]))
-        for k, association in enumerate(self.case.associations):
-            own = np.array([h.association == k for h in hypotheses])
-            if own.any():
-                energies[own] = self._model.cost(association.term).values(placed.of(own))
+        for k, pull in sorted({(h.association, h.pull) for h in hypotheses}):
+            own = np.array([(h.association, h.pull) == (k, pull) for h in hypotheses])
+            cost = self._model.cost(self.case.associations[k].term, image_terms=self._pulled(pull))
+            energies[own] = cost.values(placed.of(own))
         for n, h in enumerate(hypotheses):
             if h.origin.q_paid is not None:
                 change = self._model.transition(h.origin.q_paid, self.case.dt)
@@ -113,11 +116,19 @@ class FrameSearch:
         """The energy without the pictures' assigned features."""
         previous, q_paid = h.origin.previous, h.origin.q_paid
         pose = None if previous is None else previous.key
-        key = h.association, q_paid is not None, pose
+        key = h.association, h.pull, q_paid is not None, pose
         if key not in self._bases:
             term = self.case.associations[h.association].term
-            self._bases[key] = self._model.cost(term, q_paid, self.case.dt, self._flow(h))
+            self._bases[key] = self._model.cost(term, q_paid, self.case.dt, [*self._flow(h), *self._pulled(h.pull)])
         return self._bases[key]
+
+    def _pulled(self, pull: int) -> list[Term]:
+        """What draws the limbs of hypotheses under one of the case's pulls, nothing for -1."""
+        if pull < 0:
+            return []
+        if pull not in self._pulls:
+            self._pulls[pull] = [LimbTargets(self._body, self.case.pulls[pull])]
+        return self._pulls[pull]
 
     def _flow(self, h: Hypothesis) -> list[Term]:
         """What the pictures say of the movement since a hypothesis' previous pose."""
@@ -134,7 +145,8 @@ class FrameSearch:
 
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
-        cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, assigned)
+        terms = [*assigned, *self._pulled(h.pull)]
+        cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, terms)
         return h.prior_score - cost.value_at(h.q) - association.penalty
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
@@ -186,7 +198,8 @@ class FrameSearch:
         # the pictures, flow included, and the priors (eq. 12); not the transition, which would narrow the samples of a
         # search that is static (CSS footnote 5)
         flow = self._flow(h) if self._settings.flow_in_covariance else []
-        static = self._model.cost(association.term, image_terms=[*flow, *assigned]).of(posed)
+        seen = [*flow, *assigned, *self._pulled(h.pull)]
+        static = self._model.cost(association.term, image_terms=seen).of(posed)
         return Mode(
             q=posed.q,
             velocity=np.zeros(body.nv) if previous is None else body.velocity(previous.q, posed.q, dt),

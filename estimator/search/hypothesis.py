@@ -20,7 +20,8 @@ class Hypothesis(NamedTuple):
     origin: what kind it is: where it comes from, where it has the body in the frame before, from where flow is
     followed, and its penalty. parent: index of the mode that it comes from, -1 for none. prior_score: log-weight that
     the parent hands on, a flat penalty taken off. moves_along: whether q is about the pose in the frame before, and
-    goes with what keypoints and flow make of that pose; a proposal that has a motion of its own does not.
+    goes with what keypoints and flow make of that pose; a proposal that has a motion of its own does not. pull: index
+    of what draws its limbs, -1 for nothing (see `FrameCase`).
     """
 
     q: np.ndarray
@@ -29,6 +30,7 @@ class Hypothesis(NamedTuple):
     parent: int = -1
     prior_score: float = 0.0
     moves_along: bool = False
+    pull: int = -1
 
 
 class Candidate(NamedTuple):

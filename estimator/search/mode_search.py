@@ -121,11 +121,10 @@ class ModeSearch:
         rng: for weights by importance sampling (`ModeSearchSettings.weigh`), which count by volume without it. every:
         search all candidates to convergence, not only the best distinct ones.
         """
-        frame = self.frame(case)
         kept = explored if every else self.distinct(explored, count + self.settings.spare)
         refined = self.refined(kept, case)
-        best = self.distinct(self._apart(refined), count)
-        scores = np.array([r.score for r in best]) + self._log_volumes(frame, best, rng)
+        best = self.distinct(self.apart(refined), count)
+        scores = np.array([r.score for r in best]) + self.log_volumes(best, case, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
 
     def refined(self, candidates: Sequence[Candidate], case: FrameCase) -> list[Refined]:
@@ -163,8 +162,11 @@ class ModeSearch:
         for share, followed in zip(shares, flows, strict=True):
             self.workers.everywhere(FrameSearch.learn, dict(zip(share, followed, strict=True)))
 
-    def _log_volumes(self, frame: FrameSearch, best: Sequence[Refined], rng: np.random.Generator | None) -> np.ndarray:
+    def log_volumes(
+        self, best: Sequence[Refined], case: FrameCase, rng: np.random.Generator | None = None
+    ) -> np.ndarray:
         """What each mode's weight gains by the probability around it, (K,); see `ModeSearchSettings.weigh`."""
+        frame = self.frame(case)
         if self.settings.weigh == BY_HEIGHT:
             return np.zeros(len(best))
         if self.settings.weigh == BY_IMPORTANCE and rng is not None:
@@ -178,7 +180,7 @@ class ModeSearch:
             self.steps = self.steps.plus(each.steps)
         return searched
 
-    def _apart(self, refined: list[Refined]) -> list[Refined]:
+    def apart(self, refined: list[Refined]) -> list[Refined]:
         """Those whose parts could be kept apart; all of them if that is none."""
         return [r for r in refined if r.mode.penetration <= self.settings.contact.limit] or refined
 

@@ -16,6 +16,7 @@ from estimator.search.association import Association
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
+from estimator.terms.limb_targets import LimbPull
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Base, subject_from_text
@@ -83,13 +84,14 @@ class SearchRecipe(NamedTuple):
 
 class CaseMessage(NamedTuple):
     """A `FrameCase` in plain data. associations: name, keypoints and penalty of each. cues, extents: of each camera
-    whose pictures are looked at; detected: see `ImageModel.likelihood`."""
+    whose pictures are looked at; detected: see `ImageModel.likelihood`. pulls: see `FrameCase`."""
 
     associations: tuple[tuple[str, Observation, float], ...]
     dt: float
     cues: tuple[ImageCues, ...]
     extents: tuple[float, ...]
     detected: float
+    pulls: tuple[LimbPull, ...] = ()
 
     @staticmethod
     def of(case: FrameCase) -> CaseMessage:
@@ -98,10 +100,11 @@ class CaseMessage(NamedTuple):
         cameras = () if case.likelihood is None else case.likelihood.cameras
         detected = cameras[0].detected if cameras else 0.0
         cues = tuple(c.cues if c.needs_picture else c.cues.without_picture() for c in cameras)
-        return CaseMessage(associations, case.dt, cues, tuple(c.extent for c in cameras), detected)
+        extents = tuple(c.extent for c in cameras)
+        return CaseMessage(associations, case.dt, cues, extents, detected, tuple(case.pulls))
 
     def case(self, model: CostModel) -> FrameCase:
         """The case, for the same body and cost."""
         terms = [(name, model.observation_term(o), penalty) for name, o, penalty in self.associations]
         likelihood = model.image.likelihood(self.cues, self.extents, self.detected) if self.cues else None
-        return FrameCase(tuple(Association(*each) for each in terms), self.dt, likelihood)
+        return FrameCase(tuple(Association(*each) for each in terms), self.dt, likelihood, self.pulls)

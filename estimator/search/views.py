@@ -34,7 +34,7 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
                 roll, t_camera = placed
                 R_world_root = camera.R_camera_world.T @ roll @ R_camera_root
                 p_world = camera.R_camera_world.T @ (t_camera - camera.t_camera_world)
-                starts.append(_with_root(q_rest, R_world_root, p_world))
+                starts.append(with_root(q_rest, R_world_root, p_world))
     return starts
 
 
@@ -85,7 +85,8 @@ def _weak_perspective(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) 
     return roll, middle - roll @ centre
 
 
-def _with_root(q: np.ndarray, R_world_root: np.ndarray, p_world: np.ndarray) -> np.ndarray:
+def with_root(q: np.ndarray, R_world_root: np.ndarray, p_world: np.ndarray) -> np.ndarray:
+    """The configuration q (nq,) with its free root turned by R_world_root (3, 3) and at p_world (3,) [m]."""
     q = q.copy()
     q[ROOT_PLACE_Q] = p_world
     q[ROOT_TURN_Q] = pin.Quaternion(R_world_root).normalized().coeffs()

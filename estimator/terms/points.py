@@ -7,6 +7,7 @@ matrices in the world frame, so that the cost of J'f and J'WJ does not grow with
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -42,16 +43,29 @@ def accumulate_points(
     With `exact` the curvature of the kinematics, sum f . d2p, is added too.
     """
     tree = body.tree
-    by_column = gradient, hessian
-    if body.follows:
-        by_column = np.zeros(len(tree.column_dof)), np.zeros((len(tree.column_dof),) * 2)
-    _accumulate(
-        posed.spatial_jacobian, tree.joint_parent, tree.column_joint, tree.column_parent, loaded.joints, loaded.points,
-        loaded.force, loaded.weight, *by_column, exact,
-    )  # fmt: skip
-    if body.follows:
-        gradient += body.collected(by_column[0])
-        hessian += body.collected_hessian(by_column[1])
+
+    def add(gradient: np.ndarray, hessian: np.ndarray) -> None:
+        _accumulate(
+            posed.spatial_jacobian, tree.joint_parent, tree.column_joint, tree.column_parent, loaded.joints,
+            loaded.points, loaded.force, loaded.weight, gradient, hessian, exact,
+        )  # fmt: skip
+
+    add_by_column(body, gradient, hessian, add)
+
+
+def add_by_column(
+    body: Body, gradient: np.ndarray, hessian: np.ndarray, add: Callable[[np.ndarray, np.ndarray], None]
+) -> None:
+    """Add to `gradient` (nv,) and `hessian` (nv, nv) what `add` adds to a gradient (nc,) and Hessian (nc, nc) by the
+    columns of the spatial Jacobian, see `humanoid.kinematics.body.Tree`."""
+    if not body.follows:
+        add(gradient, hessian)
+        return
+    columns = len(body.tree.column_dof)
+    by_column = np.zeros(columns), np.zeros((columns, columns))
+    add(*by_column)
+    gradient += body.collected(by_column[0])
+    hessian += body.collected_hessian(by_column[1])
 
 
 @jit

@@ -114,7 +114,8 @@ PAPER = CssSettings(
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
-_FAMILIES = tuple(family for family in Family if family not in (Family.START, Family.EXAMPLE, Family.PARTICLES))
+_OTHERS = (Family.START, Family.EXAMPLE, Family.LIMBS, Family.PARTICLES)
+_FAMILIES = tuple(family for family in Family if family not in _OTHERS)
 
 
 class CovarianceScaledSampling(Begins, CarriesMixture):

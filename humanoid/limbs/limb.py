@@ -93,15 +93,16 @@ def limb_placements(
             raise InputError("q", f"has the shape {q.shape}", place="limb placements", remedy=remedy)
         alone = q.ndim == 1
         placements = body.placed(np.ascontiguousarray(np.atleast_2d(q))).placements
-    joint, local = _on_joints(graph, body)
+    joint, local = limbs_on_joints(graph, body)
     t = np.empty((len(placements), len(joint), 3))
     R = np.empty((len(placements), len(joint), 3, 3))
     _place(np.ascontiguousarray(placements), joint, local, t, R)
     return (t[0], R[0]) if alone else (t, R)
 
 
-def _on_joints(graph: LimbGraph, body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """The joint that moves each limb (L,), and the limb's frame in the joint's, (L, 3, 4): R_joint_limb, t."""
+def limbs_on_joints(graph: LimbGraph, body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """The joint that moves each limb (L,), and the limb's frame in the joint's, (L, 3, 4): R_joint_limb, t. Raises
+    InputError for a body that lacks a link of the graph."""
     joint, local = np.empty(len(graph.limbs), dtype=np.int64), np.empty((len(graph.limbs), 3, 4))
     for k, limb in enumerate(graph.limbs):
         if not body.model.existBodyName(limb.link):

@@ -29,6 +29,22 @@ def turn_after(a, b):  # type: ignore[no-untyped-def]
 
 
 @jit
+def turn_of(R):  # type: ignore[no-untyped-def]
+    """The four numbers of the quaternion of a rotation R (3, 3), from the largest of their squares, so that no angle
+    is worse than others (Shepperd 1978)."""
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    x, y, z, w = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + trace
+    if R[0, 0] > trace and R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
+        x, y, z, w = 1.0 + 2.0 * R[0, 0] - trace, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], x
+    elif R[1, 1] > trace and R[1, 1] >= R[2, 2]:
+        x, y, z, w = R[0, 1] + R[1, 0], 1.0 + 2.0 * R[1, 1] - trace, R[1, 2] + R[2, 1], y
+    elif R[2, 2] > trace:
+        x, y, z, w = R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1.0 + 2.0 * R[2, 2] - trace, z
+    scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+    return x * scale, y * scale, z * scale, w * scale
+
+
+@jit
 def half_sine_ratio(x, y, z, w):  # type: ignore[no-untyped-def]
     """What (x, y, z) is multiplied by to give the rotation vector of a unit quaternion, exactly: angle / sin(angle /
     2), the angle at most pi in size, negative where w is: so q and -q have the same vector."""
