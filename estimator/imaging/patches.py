@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -63,7 +62,7 @@ def patches_at(views: Sequence[PatchView], places: np.ndarray, metres: float, si
     places = np.ascontiguousarray(places, dtype=float)
     for k, view in enumerate(views):
         _sample(values, k, places, view.camera.arrays, view.levels, metres, contrast)
-    return values.reshape(len(places), -1)
+    return values.reshape(len(places), len(views) * CHANNELS * side**2)
 
 
 @jit
