@@ -156,8 +156,8 @@ def test_a_training_patch_is_found_again_with_its_orientation(
     of_head = next(t for t in templates.templates if "head" in t.limbs)
     patch = patches_at(example.views, middle[None], of_head.metres, templates.side, templates.contrast)
     nearest = int(of_head.nearest(patch, 1)[0, 0])
-    found = Rotation.from_quat(of_head.quaternion[nearest])
-    assert (found.inv() * Rotation.from_matrix(example.R[head])).magnitude() < 1e-6
+    told = Rotation.from_quat(of_head.quaternion[nearest])
+    assert (told.inv() * Rotation.from_matrix(example.R[head])).magnitude() < 1e-6
     assert np.linalg.norm(of_head.offset[nearest] + middle - example.t[head]) < 0.1  # its place was off the middle
 
 

@@ -67,7 +67,8 @@ def patches_at(views: Sequence[PatchView], places: np.ndarray, metres: float, si
 
 @jit
 def _sample(values, k, places, camera, levels, metres, contrast):  # type: ignore[no-untyped-def]
-    """Fill values[:, k] (N, V, 2, S, S) from places (N, 3); camera: `Camera.arrays`; levels: see `PatchView`."""
+    """Fill number k of the views of values (N, V, 2, S, S) from places (N, 3); camera: `Camera.arrays`; levels, each
+    (H, W, 2): see `PatchView`."""
     intrinsics, lens, R, t = camera
     side = values.shape[3]
     for n in range(places.shape[0]):

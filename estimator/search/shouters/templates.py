@@ -173,9 +173,10 @@ def _shout(template: LimbTemplate, places: np.ndarray, patches: np.ndarray, sett
 
 def best_apart(places: np.ndarray, score: np.ndarray, count: int, apart: float) -> np.ndarray:
     """Indices of the best of places (N, 3), best first, each at least `apart` from better ones; `count` at most."""
-    left, chosen = np.argsort(-score, kind="stable"), []
+    left = np.argsort(-score, kind="stable")
+    chosen: list[int] = []
     while len(left) and len(chosen) < count:
-        chosen.append(left[0])
+        chosen.append(int(left[0]))
         far = np.linalg.norm(places[left] - places[left[0]], axis=1) >= apart
         far[0] = False
         left = left[far]

@@ -112,7 +112,7 @@ def _as_told(mask: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     many."""
     told = mask.astype(np.uint8)
     block = np.ones((1 + int(rng.integers(2)), 1 + int(rng.integers(2))), np.uint8)
-    told = cv2.dilate(told, block) if rng.random() < 0.5 else cv2.erode(told, block)
+    told = np.asarray(cv2.dilate(told, block) if rng.random() < 0.5 else cv2.erode(told, block), np.uint8)
     rows, columns = np.nonzero(mask)
     for _ in range(int(rng.integers(_SPECKS + 1)) if len(rows) else 0):
         k = int(rng.integers(len(rows)))
