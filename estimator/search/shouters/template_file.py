@@ -114,8 +114,7 @@ def _template(arrays: Mapping[str, np.ndarray], entry: Mapping[str, Any], k: int
     if not 0.0 < metres < 100.0:
         raise DamageError(f"template {k} has patches of {metres:g} m")
     own["quaternion"] = own["quaternion"] / length[:, None]
-    limbs, learned = (
-        tuple(map(str, entry["limbs"])),
-        tuple(own[name] for name in ("deviation", "coefficients", "offset", "quaternion")),
-    )
-    return LimbTemplate(limbs, metres, spaces["space"], spaces["elsewhere"], *learned)
+    return LimbTemplate(
+        tuple(map(str, entry["limbs"])), metres, spaces["space"], spaces["elsewhere"], own["deviation"],
+        own["coefficients"], own["offset"], own["quaternion"],
+    )  # fmt: skip
