@@ -28,20 +28,25 @@ class EigenSpace:
 
     def coefficients(self, pictures: np.ndarray) -> np.ndarray:
         """Of pictures (N, D) along the components, (N, K)."""
-        return np.asarray(pictures @ self.basis.T - self.mean @ self.basis.T)
+        return self._both(pictures)[0]
 
     def residual(self, pictures: np.ndarray) -> np.ndarray:
         """Squared distance (N,) of pictures (N, D) from the space: what the components do not explain of them."""
-        away = pictures - self.mean
-        return np.asarray(np.maximum((away**2).sum(axis=1) - ((away @ self.basis.T) ** 2).sum(axis=1), 0.0))
+        return self._both(pictures)[1]
 
     def log_density(self, pictures: np.ndarray) -> np.ndarray:
         """Of pictures (N, D), (N,) [nats]: normal along the components and, with `rest`, across them (Moghaddam and
         Pentland, eq. 9)."""
-        along = self.coefficients(pictures)
+        along, residual = self._both(pictures)
         left_out = len(self.mean) - len(self.variance)
         size = np.log(self.variance).sum() + left_out * np.log(self.rest) + len(self.mean) * np.log(2.0 * np.pi)
-        return np.asarray(-0.5 * ((along**2 / self.variance).sum(axis=1) + self.residual(pictures) / self.rest + size))
+        return np.asarray(-0.5 * ((along**2 / self.variance).sum(axis=1) + residual / self.rest + size))
+
+    def _both(self, pictures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        away = pictures - self.mean
+        along = away @ self.basis.T
+        explained = np.einsum("nk,nk->n", along, along)
+        return along, np.maximum(np.einsum("nd,nd->n", away, away) - explained, 0.0)
 
 
 def eigen_space(pictures: np.ndarray, share: float = SHARE) -> EigenSpace:
@@ -61,4 +66,5 @@ def eigen_space(pictures: np.ndarray, share: float = SHARE) -> EigenSpace:
     total = variance.sum()
     count = min(int(np.searchsorted(np.cumsum(variance), share * total)) + 1, size - 1)
     rest = max(float(variance[count:].sum() / (size - count)), _LEAST)
-    return EigenSpace(mean, np.ascontiguousarray(vectors[:, :count].T), np.maximum(variance[:count], _LEAST), rest)
+    basis = np.ascontiguousarray(vectors[:, :count].T, dtype=pictures.dtype)
+    return EigenSpace(mean, basis, np.maximum(variance[:count], _LEAST), rest)

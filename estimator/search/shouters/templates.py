@@ -28,7 +28,8 @@ class TemplateSettings:
     score: what a place goes by. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
     places of the person; "residual" the distance from the limb's eigenspace alone, to which the inside of a trunk is
     a good limb. places: best ones that are kept of a limb, at least `apart` [m] from each other. nearest: training
-    examples of each place, whose orientations are taken. spacing [m]: of the places that are looked at.
+    examples of each place, whose orientations are taken. spacing [m]: of the places that are looked at, more where
+    they would be over `most`.
     Raises InputError where a value cannot be.
     """
 
@@ -37,6 +38,7 @@ class TemplateSettings:
     nearest: int = setting(5, at_least=1)
     apart: float = setting(0.08, at_least=0)
     spacing: float = setting(0.035, at_least=0.01, at_most=0.5)
+    most: int = setting(4000, at_least=100)
 
     def __post_init__(self) -> None:
         check(self)
@@ -150,13 +152,23 @@ def template_shouts(
     templates.check_graph(graph)
     nothing = Shout(np.zeros((0, 7)), np.zeros(0))
     shouts = dict.fromkeys(graph.names, nothing)
-    places = ray_places(views, templates.box, settings.spacing)
+    places = _places(views, templates.box, settings)
     for template in templates.templates if len(places) else ():
         wanted = [name for name in template.limbs if limbs is None or name in limbs]
         if wanted:
             patches = patches_at(views, places, template.metres, templates.side, templates.contrast)
             shouts.update(dict.fromkeys(wanted, _shout(template, places, patches, settings)))
     return tuple(shouts[name] for name in graph.names)
+
+
+def _places(views: Sequence[PatchView], box: np.ndarray, settings: TemplateSettings) -> np.ndarray:
+    """Places (N, 3) in the common foreground, wider apart where it is large."""
+    spacing = settings.spacing
+    places = ray_places(views, box, spacing)
+    while len(places) > settings.most:
+        spacing *= max(1.1, (len(places) / settings.most) ** (1.0 / 3.0))
+        places = ray_places(views, box, spacing)
+    return places
 
 
 def _shout(template: LimbTemplate, places: np.ndarray, patches: np.ndarray, settings: TemplateSettings) -> Shout:
