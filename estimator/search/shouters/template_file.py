@@ -57,7 +57,7 @@ def load_templates(path: str | Path) -> LimbTemplates:
     header = _header(arrays, path)
     try:
         return _read(arrays, header)
-    except (DamageError, TypeError, ValueError, KeyError, AttributeError) as error:
+    except (DamageError, TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
         raise InputError(path, f"is damaged: {error}", remedy=REMEDY) from None
 
 
