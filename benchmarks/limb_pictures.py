@@ -30,8 +30,8 @@ _SEED = 1404  # of rooms and clothes; no clip of another measure has them
 
 
 class Shown(NamedTuple):
-    """An instant: its views, the limbs (L) of who is in them, their true poses t (L, 3), R (L, 3, 3), and the body and
-    its pose q (nq,)."""
+    """An instant: its views, the limbs (L) of who is in them, their true poses t (L, 3), R (L, 3, 3), the body and its
+    pose q (nq,), and the pictures (H, W, 3) uint8 BGR of the views."""
 
     views: list[LimbView]
     limbs: tuple[Limb, ...]
@@ -39,6 +39,7 @@ class Shown(NamedTuple):
     R: np.ndarray
     body: Body
     q: np.ndarray
+    pictures: list[np.ndarray]
 
 
 def all_limbs(subject: Subject) -> LimbGraph:
@@ -79,11 +80,12 @@ def shown_clip(subject: Subject, path: Path, frames: int, seed: int, cameras: in
     plates = [renderer.plate(c).astype(np.float32) for c in range(len(seen_by))]
     scenes = [Background(p, np.full_like(p, _SPREAD), np.ones(p.shape[:2], bool)) for p in plates]
     for pose in q:
-        views = []
+        views, pictures = [], []
         for c, camera in enumerate(seen_by):
             picture = renderer.frame(body.at(pose), c, rng)
+            pictures.append(picture)
             views.append(limb_view(camera, picture, foreground_mask(picture, scenes[c], SilhouetteSettings())))
-        yield Shown(views, graph.limbs, *limb_placements(graph, body, pose), body, pose)
+        yield Shown(views, graph.limbs, *limb_placements(graph, body, pose), body, pose, pictures)
 
 
 def jittered(

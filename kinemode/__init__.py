@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from kinemode.public.live import live
     from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, view
     from kinemode.public.stepping import Tracker
+    from kinemode.public.templates import train_templates
     from kinemode.public.tracking import compare, fit, track
     from kinemode.terminal.progress import reported
 
@@ -75,6 +76,7 @@ _MODULES = {
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
     "train_index": "kinemode.public.indexing",
+    "train_templates": "kinemode.public.templates",
     "view": "kinemode.public.results",
     "write_cameras": "estimator.formats.cameras",
     "write_keypoints": "estimator.formats.keypoints",
@@ -117,6 +119,7 @@ __all__ = [
     "reported",
     "track",
     "train_index",
+    "train_templates",
     "view",
     "write_cameras",
     "write_keypoints",

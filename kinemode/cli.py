@@ -55,6 +55,7 @@ for command in (
     preparation.fit,
     preparation.calibrate,
     preparation.train_index,
+    preparation.train_templates,
     preparation.settings,
     preparation.subjects,
     preparation.trackers,

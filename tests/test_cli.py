@@ -25,7 +25,7 @@ from kinemode.terminal.progress import reported
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
     "trackers", "cues", "view", "report", "overlay", "plot", "explain", "export", "evaluate", "gait", "train-index",
-    "version",
+    "train-templates", "version",
 )  # fmt: skip
 FRAMES = 6
 

@@ -182,6 +182,53 @@ def train_index(
     )
 
 
+def train_templates(
+    cameras: Path,
+    /,
+    *,
+    subject: SubjectOption = "human34",
+    limbs: str = "",
+    out: Path,
+    poses: int = 1500,
+    seed: int = 0,
+    overwrite: Flag = False,
+) -> None:
+    """Paint a subject as a rig's cameras see it, into templates that its limbs are detected by, without keypoints.
+
+    Example: kinemode train-templates cameras.json --subject me.urdf --out rig.npz
+
+    Parameters
+    ----------
+    cameras
+        Calibration of the rig; templates suit these cameras, where they stand now, in this order.
+    limbs
+        Names of the limbs that are detected, with commas between; those of the other side come with them. All unless
+        given.
+    out
+        The file to write.
+    poses
+        How many are painted.
+    seed
+        Seed of poses, places, clothes and light.
+    overwrite
+        Replace the file if it is there.
+    """
+    import kinemode as km
+
+    print(
+        km.train_templates(
+            cameras,
+            out,
+            subject=subject,
+            limbs=limbs,
+            poses=poses,
+            seed=seed,
+            overwrite=overwrite,
+            progress=km.reported,
+        )
+    )
+
+
 def settings(*, tracker: str = "css", out: Path | None = None) -> None:
     """Print all settings of a tracker as a TOML file, each with what it means, to be edited and given to `track`.
 

@@ -213,6 +213,8 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
         "True, the name of a detector, or a mapping of kinemode.detect's arguments",
     ),
     "examples": _WHOLE,
+    "poses": _WHOLE,
+    "limbs": (_texts, "a text with commas, or a list of names"),
     "index": (_or_none(_path), "the path of an index that train_index wrote"),
     "frame": _WHOLE,
     "port": _WHOLE,
