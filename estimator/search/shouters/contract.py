@@ -1,0 +1,20 @@
+"""What a shouter says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Shout:
+    """Where a limb may be, by what is seen of one instant alone: placements as points (K, 7)
+    (`estimator.inference.beliefs.space.PLACEMENTS`) and weights (K,) above 0, which need not sum to 1; K may be 0."""
+
+    points: np.ndarray
+    weights: np.ndarray
+
+
+Shouts = tuple[Shout, ...]
+"""One a limb, in the graph's order."""
