@@ -204,6 +204,9 @@ class Ahead(ToyTracker):
     def can_start(self, observation: Observation) -> bool:
         return True
 
+    def init(self, rng: Any, observation: Observation, following: Sequence[Observation] = ()) -> Any:
+        return super().init(rng, observation)
+
     def step(self, rng: Any, state: Middle, observation: Observation, following: Sequence[Observation] = ()) -> Any:
         assert all(o.cues == (o.index,) for o in following)
         self.shown.append((observation.index, *(o.index for o in following)))

@@ -26,7 +26,7 @@ SHIPPED = Path(__file__).with_name("potentials.json")
 Edge = tuple[int, int]
 
 _DIGITS = 6  # of numbers in a file
-_FARTHEST = 2.0  # times a learned time step, or one over it: as far as its kernels are stretched to others
+_FARTHEST = 2.0  # times the longest time step: as far as its kernels are stretched
 _OTHER = 2.0  # times a limb's offset on another at rest: no person's lengths differ so much
 _REMEDY = (
     'the shipped ones are of human34\'s graph "paper"; of others: `python -m benchmarks.limb_learning --subject NAME'
@@ -61,15 +61,20 @@ class LimbPotentials:
     rest: Mapping[Edge, np.ndarray]
     temporal: tuple[Steps, ...]
 
+    @property
+    def longest(self) -> float:
+        """The longest time step that `steps` knows [s]; 0 without any."""
+        return _FARTHEST * max((s.dt for s in self.temporal), default=0.0)
+
     def steps(self, dt: float) -> Steps:
         """Those of a time step [s], from the nearest that was learned.
 
         Raises
         ------
-        InputError: the step is less than half the shortest, or more than twice the longest.
+        InputError: the step is none, or more than twice the longest.
         """
         nearest = min(self.temporal, key=lambda s: abs(math.log(max(dt, 1e-9) / s.dt)), default=None)
-        if nearest is None or not 1.0 / _FARTHEST <= dt / nearest.dt <= _FARTHEST:
+        if nearest is None or not 0.0 < dt <= self.longest:
             learned = ", ".join(f"{s.dt:.4g}" for s in self.temporal) or "none"
             remedy = "pictures at another rate, or potentials learned for it"
             raise InputError("limb potentials", f"of {dt:g} s: learned are {learned} s", remedy=remedy)

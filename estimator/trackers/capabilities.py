@@ -70,6 +70,12 @@ class LooksAhead(Protocol[S]):
 
     frames_ahead: int
 
+    def init(
+        self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
+    ) -> tuple[S, FrameResult]:
+        """As `Tracker.init`; following: the next frames in order, with their pictures' cues."""
+        ...
+
     def step(
         self,
         rng: np.random.Generator,
@@ -77,7 +83,7 @@ class LooksAhead(Protocol[S]):
         observation: Observation,
         following: Sequence[Observation] = (),
     ) -> tuple[S, FrameResult]:
-        """As `Tracker.step`; following: the next frames in order, with their pictures' cues."""
+        """As `Tracker.step`; following: see `init`."""
         ...
 
 

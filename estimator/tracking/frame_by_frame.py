@@ -67,7 +67,10 @@ class FrameByFrame(Generic[S]):
         if self.state is None:
             if not tracker.can_start(observation):
                 return _empty(observation, tracker.body.nq, tracker.body.nv)
-            self.state, result = tracker.init(rng, observation)
+            if isinstance(tracker, LooksAhead):
+                self.state, result = tracker.init(rng, observation, following)
+            else:
+                self.state, result = tracker.init(rng, observation)
             return result
         if isinstance(tracker, LooksAhead):
             self.state, result = tracker.step(rng, self.state, observation, following)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimator.trackers import annealed, condensation, css, elmo, multiple_hypothesis, single_mode
+from estimator.trackers import annealed, condensation, css, elmo, loose_limbed, multiple_hypothesis, single_mode
 from estimator.trackers.base import Tracker
 from estimator.trackers.spec import Spec
 from estimator.tracking.setting_changes import changed, former_names, refused, renamed
@@ -35,7 +35,15 @@ def _check(spec: Spec, others: Iterable[Spec]) -> None:
 
 TRACKERS: Registry[Spec] = Registry(
     "tracker",
-    (*css.SPECS, *single_mode.SPECS, condensation.SPEC, annealed.SPEC, *multiple_hypothesis.SPECS, *elmo.SPECS),
+    (
+        *css.SPECS,
+        *single_mode.SPECS,
+        condensation.SPEC,
+        annealed.SPEC,
+        *multiple_hypothesis.SPECS,
+        *elmo.SPECS,
+        loose_limbed.SPEC,
+    ),
     _check,
 )
 register = TRACKERS.register

@@ -84,11 +84,11 @@ class _TrackerCheck:
         for k in range(first, len(frames)):
             seen, result = frames[k], None
             rng = np.random.default_rng((self.seed, seen.index))
+            following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead else ()
             if state is not None:
-                following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead else ()
                 state, result = tracker.step(rng, state, seen, *following)
             elif tracker.can_start(seen):
-                state, result = tracker.init(rng, seen)
+                state, result = tracker.init(rng, seen, *following)
             told.append(Told(result, state))
         return told
 

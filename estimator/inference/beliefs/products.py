@@ -49,6 +49,10 @@ class ProductSettings:
     def __post_init__(self) -> None:
         check(self)
 
+    def weighs(self, log_likelihood: LogLikelihood | None) -> bool:
+        """Whether candidates are weighed by a likelihood."""
+        return self.sighted and self.method == "importance" and log_likelihood is not None
+
 
 @dataclass(frozen=True)
 class Candidates:
@@ -102,7 +106,7 @@ def draw_products(
     """
     pool = None
     draws = []
-    sighted = settings.sighted and settings.method == "importance" and log_likelihood is not None
+    sighted = settings.weighs(log_likelihood)
     for target, count in zip(targets, counts, strict=True):
         simple = len(target) == 1 or _combinations(factors, target) <= settings.exact_below
         if (simple and not sighted) or settings.method != "importance":

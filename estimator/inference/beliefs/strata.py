@@ -135,9 +135,12 @@ def node_samples(
     factors: the incoming messages; without any there has to be a proposal. What has no support is told by the status.
     """
     everything = tuple(range(len(factors)))
+    # where candidates are weighed by the likelihood Q is one of their sources, and each counts by all of its weight; a
+    # stratum of its own would keep its share however unlikely it is
+    shouting = node.proposal is not None and not (factors and settings.weighs(node.log_likelihood))
     rests = [() if t.to is None else tuple(k for k in everything if k != t.to) for t in targets]
     splits = [
-        shares.counts(t.samples, (bool(factors), bool(rest), node.proposal is not None))
+        shares.counts(t.samples, (bool(factors), bool(rest), shouting))
         for t, rest in zip(targets, rests, strict=True)
     ]
     wanted = [
@@ -146,7 +149,8 @@ def node_samples(
     ]
     draws = _drawn(rng, factors, wanted, settings, node)
     shouted, log_proposal = np.empty((0, draws[0].points.shape[1])), np.empty(0)
-    if node.proposal is not None:
+    if shouting:
+        assert node.proposal is not None
         shouted = node.proposal.sample(rng, max(s.proposal for s in splits))
         log_proposal = node.proposal.log_density(shouted)
     parts = [*(d.points for d in draws), shouted]

@@ -1,0 +1,70 @@
+"""What the loose-limbed tracker carries: what is believed of every limb, and the poses that were made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.formats.checked_arrays import DamageError, Field, check_arrays
+from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief
+from estimator.inference.beliefs.space import PLACEMENTS
+from estimator.limbs.window import Beliefs
+from estimator.modes.mixture import Mixture
+from estimator.trackers.mixture_state import MixtureState
+from humanoid.kinematics.body import Body
+
+_FIELDS = {
+    "seen": Field("f"),
+    "limb_points": Field("f", ("L", "N", "size")),
+    "limb_weights": Field("f", ("L", "N")),
+    "limb_status": Field("U", ("L",)),
+}
+
+
+@dataclass(frozen=True)
+class LimbState:
+    """beliefs (L): of each limb in the last frame that was searched. mixture: poses of the last frame. time [s]: of
+    that. seen [s]: of the last frame that was searched."""
+
+    beliefs: Beliefs
+    mixture: Mixture
+    time: float
+    seen: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `estimator.trackers.base.State`."""
+        return {
+            **MixtureState(self.mixture, self.time).arrays(),
+            "seen": np.array(self.seen),
+            **belief_arrays(self.beliefs),
+        }
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray], body: Body, limbs: int) -> LimbState:
+        """The inverse of `arrays`, of so many limbs; raises DamageError for arrays that cannot be."""
+        state = MixtureState.from_arrays(arrays, body)
+        check_arrays(arrays, _FIELDS, {"L": limbs, "size": PLACEMENTS.size})
+        points, weights, seen = arrays["limb_points"], arrays["limb_weights"], float(arrays["seen"])
+        if weights.shape != points.shape[:2] or not (weights >= 0.0).all() or not np.allclose(weights.sum(axis=1), 1.0):
+            raise DamageError("limb_weights are no shares of limb_points")
+        if not np.allclose(np.linalg.norm(points[:, :, 3:], axis=2), 1.0):
+            raise DamageError("limb_points have quaternions of another length than 1")
+        if not seen <= state.time:
+            raise DamageError(f"limbs were seen at {seen:g} s, after {state.time:g}")
+        known = [str(status) for status in arrays["limb_status"]]
+        if not set(known) <= {OK, UNEXPLAINED, APART}:
+            raise DamageError("limb_status has what is no status")
+        beliefs = tuple(Belief(PLACEMENTS, p, w, s) for p, w, s in zip(points, weights, known, strict=True))
+        return LimbState(beliefs, state.mixture, state.time, seen)
+
+
+def belief_arrays(beliefs: Beliefs) -> dict[str, np.ndarray]:
+    """limb_points (L, N, 7), limb_weights (L, N) and limb_status (L): beliefs of as many points each, to the last bit;
+    see `estimator.inference.beliefs.graph.Belief`."""
+    return {
+        "limb_points": np.array([belief.points for belief in beliefs]),
+        "limb_weights": np.array([belief.weights for belief in beliefs]),
+        "limb_status": np.array([belief.status for belief in beliefs], dtype=np.str_),
+    }
