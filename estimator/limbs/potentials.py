@@ -64,7 +64,7 @@ class LimbPotentials:
     @property
     def longest(self) -> float:
         """The longest time step that `steps` knows [s]; 0 without any."""
-        return _FARTHEST * max((s.dt for s in self.temporal), default=0.0)
+        return (_FARTHEST + 1e-6) * max((s.dt for s in self.temporal), default=0.0)
 
     def steps(self, dt: float) -> Steps:
         """Those of a time step [s], from the nearest that was learned.
