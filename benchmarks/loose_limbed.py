@@ -28,6 +28,7 @@ LOST = 250.0  # mm
 AS_PRINTED = {"propagation": {"product": {"sighted": False}}, "shout": {"by_hull": False}}
 ALONE: dict[str, Any] = {"shout": {"by_hull": False}}
 STARTS = {WALK: (11, 20, 29, 38, 47, 56, 65), TURN: (10, 25, 40, 55, 70, 85, 100), PUNCH: (10, 30, 50, 70, 90, 110)}
+FEW = 3  # seeds of what is only looked at beside
 BLANK = (20, 21, 22, 23, 24)
 RECOVERY_END = 35
 Flag = Annotated[bool, Parameter(negative="")]
@@ -77,7 +78,7 @@ def main(
             runs = {
                 label: [
                     LimbRun(files[WALK], BEGIN, END, s, label, settings=json_module.dumps(changes))
-                    for s in seeds[: len(seeds) if label != "as printed" else 3]
+                    for s in seeds[: len(seeds) if label != "as printed" else FEW]
                 ]
                 for label, changes in (("shouters", {}), ("no shouters", ALONE), ("as printed", AS_PRINTED))
             }
@@ -96,8 +97,8 @@ def main(
 
 
 def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
-    """Both trackers in low contrast, and the annealed filter in normal contrast; also with as many particles as fill
-    the time of the loose-limbed tracker."""
+    """Both trackers in low contrast, and the annealed filter in normal contrast; also, a few times, with as many particles
+    as fill the time of the loose-limbed tracker."""
     equal = PARTICLES * 12
     runs: dict[str, list[LimbRun]] = {}
     for low in (False, True):
@@ -105,7 +106,8 @@ def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun
         for size in (PARTICLES, equal):
             label = f"annealed {LAYERS} x {size}, {text}"
             runs[label] = [
-                LimbRun(path, BEGIN, END, s, label, low_contrast=low, noise=noise, particles=size) for s in seeds
+                LimbRun(path, BEGIN, END, s, label, low_contrast=low, noise=noise, particles=size)
+                for s in (seeds if size == PARTICLES else seeds[:FEW])
             ]
         if low:
             label = f"loose-limbed, {text}"
