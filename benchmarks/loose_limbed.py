@@ -97,8 +97,8 @@ def main(
 
 
 def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
-    """Both trackers in low contrast, and the annealed filter in normal contrast; also, a few times, with as many particles
-    as fill the time of the loose-limbed tracker."""
+    """Both trackers in low contrast, and the annealed filter in normal contrast; also, a few times, with as many
+    particles as fill the time of the loose-limbed tracker."""
     equal = PARTICLES * 12
     runs: dict[str, list[LimbRun]] = {}
     for low in (False, True):

@@ -15,6 +15,7 @@ from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_c
 from estimator.synthesis.clothing import Clothes, Garment, dressed
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import Body, points_in_world
@@ -33,11 +34,12 @@ _CLOTHED = ("pelvis", "thigh", "shank", "torso", "upper_arm", "forearm", "")
 class LimbClip:
     """human34 in a captured motion, rendered as it is asked for.
 
-    motion: BVH file. seed: of room, clothes and noise. low_contrast: shirt and trousers are of the wall's colour.
-    cameras: how many, all around. begin, end: frames that are used, of those at `FPS`.
+    motion: BVH file; None for a person who reaches and turns. seed: of room, clothes and noise. low_contrast: shirt
+    and trousers are of the wall's colour. count: of cameras, all around. begin, end: frames that are used, of those at
+    `FPS`.
     """
 
-    motion: Path
+    motion: Path | None
     seed: int
     begin: int
     end: int
@@ -57,6 +59,8 @@ class LimbClip:
     @cached_property
     def q(self) -> np.ndarray:
         """The true poses of all frames (T, nq)."""
+        if self.motion is None:
+            return authored_motion(self.body, np.arange(self.end) / FPS)
         mocap = load_mocap(self.motion)
         return retarget(self.body, mocap, np.arange(0.0, min(mocap.seconds, self.end / FPS), 1.0 / FPS)).q
 

@@ -1,0 +1,136 @@
+"""The loose-limbed tracker on pictures alone: it starts, tracks, recovers, resumes, and says what it cannot do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.loose_limbed_clips import LimbClip, Markers
+from benchmarks.loose_limbed_runs import true_state
+from estimator.imaging.observation import Observation
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.limb_state import LimbState
+from estimator.tracking.frame_by_frame import FrameByFrame
+from estimator.tracking.registry import make_tracker, settings_for
+from humanoid.support.errors import InputError
+
+SMALL: dict[str, Any] = {
+    "propagation": {"kernels": 30, "samples": 30, "iterations": 2},
+    "start_kernels": 40,
+    "start_samples": 40,
+    "start_iterations": 6,
+    "assembly": {"rounds": 1},
+    "modes": 2,
+}
+BEGIN, BLANK, END = 2, (4,), 7
+
+
+@cache
+def clip() -> LimbClip:
+    return LimbClip(None, seed=5, begin=0, end=END + 1)
+
+
+@cache
+def observations() -> tuple[Observation, ...]:
+    """Frames of the clip; in one nobody is in the pictures."""
+    return tuple(clip().observation(k, blank=k in BLANK) for k in range(BEGIN, END))
+
+
+def tracker(**changes: Any) -> Any:
+    return make_tracker(
+        "loose-limbed", clip().body, settings_for("loose-limbed", changes={"loose_limbed": SMALL | changes})
+    )
+
+
+def track(state: LimbState | None = None, first: int = 0) -> tuple[list[FrameResult], list[LimbState]]:
+    frames = FrameByFrame(tracker(), 0, state=state)
+    results, states = [], []
+    for observation in observations()[first:]:
+        result = frames.push(observation)
+        if result is not None:
+            results.append(result)
+            states.append(frames.state)
+    for result in frames.rest():
+        results.append(result)
+        states.append(frames.state)
+    return results, states
+
+
+@cache
+def from_nothing() -> tuple[list[FrameResult], list[LimbState]]:
+    return track()
+
+
+def error(result: FrameResult) -> float:
+    """Mean of the markers of the best pose [mm]."""
+    markers, body, graph = Markers.of(clip().graph), clip().body, clip().graph
+    assert len(markers.limb) == 15
+    at = [markers.of_poses(graph, body, q) for q in (result.q[0], clip().q[result.index])]
+    return float(1e3 * np.linalg.norm(at[0] - at[1], axis=1).mean())
+
+
+def test_it_begins_with_pictures_alone_tracks_and_finds_who_was_away() -> None:
+    results, _ = from_nothing()
+    assert [r.status for r in results] == ["tracked", "tracked", "unobserved", "tracked", "tracked"]
+    assert max(error(r) for r in results if r.status == "tracked") < 80.0
+    body = clip().body
+    for r in results:
+        assert (r.q[:, body.bounded_q] >= body.lower[body.bounded_q]).all()
+        assert (r.q[:, body.bounded_q] <= body.upper[body.bounded_q]).all()
+        assert (r.penetration <= 0.01).all()
+
+
+def test_it_tells_what_it_believes_of_limbs() -> None:
+    results, states = from_nothing()
+    told = results[1].extra
+    assert tuple(told["limb_names"]) == clip().graph.names
+    assert np.array_equal(told["limb_points"], states[1].arrays()["limb_points"])
+    np.testing.assert_allclose(told["limb_weights"].sum(axis=1), 1.0)
+    assert not results[2].extra  # nothing was searched
+
+
+def test_resumed_is_uninterrupted() -> None:
+    results, states = from_nothing()
+    body_tracker = tracker()
+    again, _ = track(body_tracker.state_from(states[0].arrays()), first=1)
+    for a, b in zip(results[1:], again, strict=True):
+        assert np.array_equal(a.q, b.q)
+        assert np.array_equal(a.weight, b.weight)
+
+
+def test_damaged_states_are_refused() -> None:
+    arrays = from_nothing()[1][0].arrays()
+    for name, value in {
+        "limb_points": arrays["limb_points"][:-1],
+        "limb_weights": 2.0 * arrays["limb_weights"],
+        "limb_status": np.full(len(arrays["limb_status"]), "fine"),
+        "seen": np.array(99.0),
+    }.items():
+        with pytest.raises(ValueError, match=r"limb|seen"):
+            tracker().state_from(arrays | {name: value})
+
+
+def test_a_known_pose_is_followed_more_closely_than_without_past() -> None:
+    frames = FrameByFrame(tracker(), 0, state=true_state(clip(), BEGIN - 1, 40))
+    first = frames.push(observations()[0]) or frames.push(observations()[1])
+    assert first is not None
+    assert error(first) < 40.0
+
+
+def test_nobody_and_no_common_place() -> None:
+    blank = clip().observation(BEGIN, blank=True)
+    assert not tracker().can_start(blank)
+    assert tracker().can_start(observations()[0])
+    camera, round_about = observations()[0].cameras[0], np.diag([-1.0, 1.0, -1.0])
+    away = replace(
+        camera,
+        R_camera_world=round_about @ camera.R_camera_world,
+        t_camera_world=round_about @ camera.t_camera_world,
+    )
+    apart = replace(observations()[0], cameras=(away, *observations()[0].cameras[1:]))
+    with pytest.raises(InputError, match="see no place in common"):
+        tracker().init(np.random.default_rng(0), apart)
