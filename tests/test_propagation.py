@@ -11,14 +11,16 @@ from estimator.inference.beliefs import strata
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief, Edge, Graph, LogLikelihood, Node
 from estimator.inference.beliefs.mixture import Box, mixture_of
 from estimator.inference.beliefs.potential import Potential, potential_of
-from estimator.inference.beliefs.products import ProductSettings
+from estimator.inference.beliefs.products import ProductSettings, draw_products
 from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch, propagate_tree
 from estimator.inference.beliefs.space import PLACEMENTS, Space
+from estimator.inference.particles import effective_count
 from humanoid.support.errors import InputError
 
 LINE, PLANE = Space(1, False), Space(2, False)
 STAR, CHAIN, RING = ((0, 1), (0, 2), (0, 3)), ((0, 1), (1, 2), (2, 3), (3, 4)), ((0, 1), (1, 2), (2, 3), (0, 3))
 QUICK = ProductSettings(candidates=200, per_draw=4.0, rounds=1)
+PRINTED = replace(QUICK, sighted=False)
 
 
 def seen_at(place: np.ndarray, std: float) -> LogLikelihood:
@@ -134,11 +136,11 @@ def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation() -> 
 SHARES = {"belief": (0.0, 1.0), "incoming": (0.0, 0.0), "proposal": (1.0, 0.0), "all": (0.3, 0.5), "little": (0.1, 0.2)}
 
 
-def off_in_standard_errors(proposal: float, belief: float) -> float:
+def off_in_standard_errors(proposal: float, belief: float, product: ProductSettings = PRINTED) -> float:
     known = Gaussian(LINE, STAR, 5)
     settings = BeliefSettings(
         kernels=61, samples=100, iterations=3, proposal_share=proposal, proposal_factor=1.0, belief_share=belief,
-        product=QUICK,
+        product=product,
     )  # fmt: skip
     off = np.stack(
         [
@@ -149,9 +151,10 @@ def off_in_standard_errors(proposal: float, belief: float) -> float:
     return float(np.abs(off.mean(axis=0) / (off.std(axis=0, ddof=1) / np.sqrt(len(off)))).max())
 
 
+@pytest.mark.parametrize("sighted", [False, True])
 @pytest.mark.parametrize("shares", SHARES)
-def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str) -> None:
-    assert off_in_standard_errors(*SHARES[shares]) < 3.0
+def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str, sighted: bool) -> None:
+    assert off_in_standard_errors(*SHARES[shares], replace(QUICK, sighted=sighted)) < 3.0
 
 
 @pytest.mark.parametrize(
@@ -167,6 +170,49 @@ def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str) -> None
 def test_a_wrong_weight_is_seen(monkeypatch: pytest.MonkeyPatch, name: str, wrong: object, shares: str) -> None:
     monkeypatch.setattr(strata, name, wrong)
     assert off_in_standard_errors(*SHARES[shares]) > 4.0
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "shares"),
+    [
+        ("belief_weight", lambda log_phi, log_factors, to: log_phi, "belief"),
+        ("draw_products", lambda *given: [replace(d, sighted=False) for d in draw_products(*given)], "incoming"),
+    ],
+    ids=["B without 1 / m_ji", "phi twice"],
+)
+def test_a_wrong_weight_of_sighted_candidates_is_seen(
+    monkeypatch: pytest.MonkeyPatch, name: str, wrong: object, shares: str
+) -> None:
+    monkeypatch.setattr(strata, name, wrong)
+    # phi twice is right in the mean of symmetric graphs, and too sure
+    if name == "belief_weight":
+        assert off_in_standard_errors(*SHARES[shares], QUICK) > 4.0
+        return
+    known = Gaussian(LINE, STAR, 5)
+    settings = BeliefSettings(kernels=61, samples=100, iterations=3, belief_share=0.0, product=QUICK)
+    result = propagate_batch(np.random.default_rng(1), known.graph, settings)
+    exact = np.diag(known.covariance)
+    found = np.array([belief.moments()[1][0, 0] for belief in result.beliefs])
+    assert (found / exact).mean() < 0.8
+
+
+def test_a_likelihood_sharper_than_the_messages_is_found_by_more_samples() -> None:
+    """A message twenty times as wide as what is seen: its draws are mostly of no weight, candidates are not."""
+    wide = mixture_of(LINE, np.zeros((1, 1)), np.ones((1, 1)))
+    graph = Graph(LINE, (Node(seen_at(np.array([1.5]), 0.05), priors=(wide,)),))
+    worth = {}
+    for sighted in (False, True):
+        settings = BeliefSettings(product=ProductSettings(sighted=sighted))
+        beliefs = [propagate_batch(np.random.default_rng(s), graph, settings).beliefs[0] for s in range(6)]
+        assert all(belief.status == OK for belief in beliefs)
+        worth[sighted] = np.mean([effective_count(distinct_weights(belief)) for belief in beliefs])
+    assert worth[True] > 4.0 * worth[False], worth
+
+
+def distinct_weights(belief: Belief) -> np.ndarray:
+    """The weights of points that differ."""
+    _, label = np.unique(belief.points[:, 0], return_inverse=True)
+    return np.bincount(label, weights=belief.weights)
 
 
 def limbs() -> Graph:
