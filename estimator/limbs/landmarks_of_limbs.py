@@ -14,7 +14,9 @@ _POSES = 400
 _SEED = 0  # the poses are a means to look at the body, not a part of any trial
 _FIXED = 0.01  # of the longest limb: what moves less than this is fixed
 _LOOSE = 0.11  # of the limb's length: what moves less than this still says where the limb is
-_OFF_AXIS = 0.1  # of the limb's length: how far off the axis a landmark has to be, to say how the limb is turned about it
+_OFF_AXIS = (
+    0.1  # of the limb's length: how far off the axis a landmark has to be, to say how the limb is turned about it
+)
 _TURNED = 0.7  # rad: how little a landmark's direction from the axis may be known
 _MOST_TURNING = 6
 
@@ -48,9 +50,7 @@ def landmarks_of_limbs(body: Body, graph: LimbGraph) -> tuple[LimbLandmarks, ...
     points = body.landmarks_of(body.placed(np.ascontiguousarray(q)))
     t, R = limb_placements(graph, body, q)
     size = longest_of(graph)
-    return tuple(
-        _of_limb((points - t[:, None, k]) @ R[:, k], limb.length, size) for k, limb in enumerate(graph.limbs)
-    )
+    return tuple(_of_limb((points - t[:, None, k]) @ R[:, k], limb.length, size) for k, limb in enumerate(graph.limbs))
 
 
 def longest_of(graph: LimbGraph) -> float:

@@ -13,7 +13,7 @@ from estimator.search.shouters.keypoint_fits import Fits, along_rays, onto_point
 from humanoid.limbs.limb import Limb
 
 _LONG = 0.4  # of the longest limb: landmarks nearer together say little of how far away they are
-_NEAREST = 0.15  # quantile of what they say
+_NEAREST = 0.05  # quantile of what they say
 _OVER = 0.15  # of its length: how much longer a limb may look than it is
 _SAME_TURN = 0.9  # cosine of half the angle below which two fits are one
 

@@ -45,11 +45,11 @@ class KeypointShoutSettings:
     noise: float = setting(0.04, above=0)
     gate: float = setting(0.15, above=0)
     misfit: float = setting(0.12, above=0)
-    exchange: float = setting(2.0, at_least=0)
+    exchange: float = setting(1.5, at_least=0)
     rolls: int = setting(6, at_least=1)
     least: float = setting(0.02, at_least=0, below=1)
     alone: bool = True
-    depths: int = setting(11, at_least=1)
+    depths: int = setting(13, at_least=1)
     step: float = setting(0.25, above=0)
     deviation: float = setting(0.8, above=0)
 
@@ -140,9 +140,7 @@ def _pairs(
     return _Pairs(*(np.array(values) for values in zip(*made, strict=True))) if made else None
 
 
-def _by_pairs(
-    limb: Limb, of: LimbLandmarks, pairs: _Pairs, settings: KeypointShoutSettings, size: float
-) -> Shout:
+def _by_pairs(limb: Limb, of: LimbLandmarks, pairs: _Pairs, settings: KeypointShoutSettings, size: float) -> Shout:
     noise = settings.noise * size
     weight, line = usable(of, pairs.confidence[:, of.landmark], noise, limb.length)
     rows = np.flatnonzero(np.isfinite(line[:, 0]))
