@@ -99,8 +99,8 @@ def _add_evidence(t, R, place, spread, keypoints, cameras, kind, nu, exchange, t
     """Add to total (N,) [nats] of placements t (N, 3), R (N, 3, 3) of a limb with landmarks at place (M, 3) in its
     frame, whose variance there is spread (M,) [m^2].
 
-    keypoints (C, 2, M, 4): u, v [px], weight, variance [px^2], as detected and exchanged. cameras:
-    `estimator.cameras.projection.pack_cameras`.
+    keypoints (C, 2, M, 4): u, v [px], weight, variance [px^2], as detected and exchanged. cameras (4,):
+    see `estimator.cameras.projection.pack_cameras`.
     """
     detected = -math.log(1.0 + math.exp(-exchange))
     energy = np.empty(2)
