@@ -46,28 +46,25 @@ class VisualHull:
         return np.asarray(within & (self.state[x, y, z] > 0))
 
 
-def visual_hull(views: Sequence[LimbView], box: np.ndarray, spacing: float, overlooked: int = 0) -> VisualHull | None:
-    """The hull inside box (2, 3) [m], or None where no view has any foreground.
+def visual_hull(views: Sequence[LimbView], box: np.ndarray, spacing: float, overlooked: int = 0) -> VisualHull:
+    """The hull inside box (2, 3) [m]; all of the box where no view has a foreground map.
 
     A cell belongs to it if no view that shows its middle has only background within half a cell of there. `overlooked`
     views may have, as those do that a thing of the room stands before, if two others at least show the person. Views
-    without foreground, and places of them that are not known, say nothing. Where cells are many, as of one camera,
-    they are larger than `spacing` [m].
+    without a map, and places of them that are not known, say nothing. Where cells are many, as of one camera, they are
+    larger than `spacing` [m].
     """
-    seen = [(v.camera.arrays, v.foreground, _away(v.foreground)) for v in views if (v.foreground == PERSON).any()]
-    empty = any(v.foreground.size and not (v.foreground == PERSON).any() for v in views)
-    if not seen:
-        return None
+    maps = [(v.camera.arrays, v.foreground, _away(v.foreground)) for v in views if v.foreground.size]
     side = spacing * 2.0 ** math.ceil(math.log2(max(_COARSEST / spacing, 1.0)))
     shape = np.maximum(np.ceil((box[1] - box[0]) / side), 1).astype(int)
     cells = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1).reshape(-1, 3)
     while True:
         finest = side < 1.5 * spacing or len(cells) > _MOST_CELLS
         reach = 0.5 * side if finest else 0.5 * math.sqrt(3.0) * side
-        hits, misses = np.zeros(len(cells), np.int64), np.full(len(cells), int(empty))
-        for camera, foreground, away in seen:
+        hits, misses = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
+        for camera, foreground, away in maps:
             _count(box[0] + side * (cells + 0.5), reach, camera, foreground, away, hits, misses)
-        kept = (hits > 0) & (misses <= np.where(hits > 1, overlooked, 0))
+        kept = (misses <= np.where(hits > 1, overlooked, 0)) & ((hits > 0) | (not maps))
         cells, whole = cells[kept], misses[kept] == 0
         if finest or not len(cells):
             break
@@ -79,7 +76,9 @@ def visual_hull(views: Sequence[LimbView], box: np.ndarray, spacing: float, over
 
 
 def _away(foreground: np.ndarray) -> np.ndarray:
-    """How far the nearest pixel of the person is (H, W) [px]."""
+    """How far the nearest pixel of the person is (H, W) [px]; infinite without any."""
+    if not (foreground == PERSON).any():
+        return np.full(foreground.shape, np.inf, np.float32)
     return cv2.distanceTransform((foreground != PERSON).astype(np.uint8), cv2.DIST_L2, 3)
 
 
