@@ -1,8 +1,8 @@
 """How often detectors of limbs, which know no pose, have each limb among their candidates, and how many of those are
 right; on rendered people, rooms and clips that the limbs' likelihood was not learned from.
 
-A candidate is right if its proximal joint is within 100 mm of the true one, and its axis within 30 degrees. Recall is the
-share of limbs with a right candidate, precision that of right candidates among a limb's, each alike or by weight.
+A candidate is right if its proximal joint is within 100 mm of the true one, and its axis within 30 degrees. Recall is
+the share of limbs with a right candidate, precision that of right candidates among a limb's, each alike or by weight.
 "Either side": a limb's candidate may as well be at its mirror's place.
 """
 
@@ -54,8 +54,8 @@ be made in `Instant` or by the function."""
 
 
 class Clip(NamedTuple):
-    """A captured motion, the seed of its room and clothes, how many cameras see it, whether the background is known, and
-    names of detectors."""
+    """A captured motion, the seed of its room and clothes, how many cameras see it, whether the background is known,
+    and names of detectors."""
 
     path: Path
     seed: int
