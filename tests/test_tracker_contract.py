@@ -24,10 +24,16 @@ FEW: dict[str, dict[str, object]] = {
     "multiple_hypothesis": {"starts": 4},
     "elmo": {"rounds": 2},
     "loose_limbed": {
-        "propagation": {"kernels": 25, "samples": 20, "iterations": 2},
-        "start_kernels": 30,
-        "start_samples": 20,
-        "start_iterations": 4,
+        "propagation": {
+            "kernels": 16,
+            "samples": 12,
+            "iterations": 1,
+            "product": {"candidates": 40, "per_draw": 1.0, "rounds": 1},
+        },
+        "start_kernels": 16,
+        "start_samples": 12,
+        "start_iterations": 3,
+        "shout": {"keypoints": {"depths": 3}},
     },
 }
 BY_DEPTH = ("elmo", "psh")

@@ -10,8 +10,8 @@ from estimator.limbs.potentials import LimbPotentials, load_potentials, shipped_
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph
 
-_STEPS = (1.0 / 60.0, 1.0 / 30.0, 1.0 / 10.0)  # s
-_DRAWN = 600  # poses
+_STEPS = (1.0 / 30.0, 1.0 / 10.0)  # s
+_DRAWN = 400  # poses
 _SEED = 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import cast
 
 import numpy as np
@@ -83,13 +83,17 @@ class LooseLimbed:
     def graph(self) -> LimbGraph:
         """The limbs."""
         detail = cast(Detail, self.settings.detail)
-        return limb_graph(self.body, detail, self.settings.limbs or None)
+        if self.settings.limbs:
+            return limb_graph(self.body, detail, self.settings.limbs)
+        return _limbs_of(self.body, detail)
 
     @cached_property
     def potentials(self) -> LimbPotentials:
         """What limbs say of each other."""
         speed = self._search.model.transition_std(1.0)
-        return potentials_for(self.graph, self.body, speed, self.settings.potentials)
+        if self.settings.potentials or self.settings.limbs:
+            return potentials_for(self.graph, self.body, speed, self.settings.potentials)
+        return _potentials_of(self.body, self.graph, tuple(speed.tolist()))
 
     @cached_property
     def _instants(self) -> InstantReader:
@@ -173,6 +177,19 @@ class LooseLimbed:
             self._search, self.graph, beliefs, observation, pictures, before, elapsed,
             count=s.modes, settings=s.assembly, rng=rng,
         )  # fmt: skip
+
+
+# of a body alone, for those that are tracked again: graphs and drawn potentials take seconds
+
+
+@lru_cache(maxsize=4)
+def _limbs_of(body: Body, detail: Detail) -> LimbGraph:
+    return limb_graph(body, detail)
+
+
+@lru_cache(maxsize=4)
+def _potentials_of(body: Body, graph: LimbGraph, speed: tuple[float, ...]) -> LimbPotentials:
+    return potentials_for(graph, body, np.array(speed))
 
 
 SPEC = Spec(
