@@ -42,6 +42,7 @@ ALONE, ALL = "keypoints alone", "all together"
 CUES = {ALONE: "off", "silhouette": "silhouette", "edges": "edges", "flow": "flow", ALL: "edges,flow,silhouette"}
 
 SPREAD = {"mpjpe": "MPJPE", "pa": "PA", "filtered_mpjpe": "filtered", "filtered_pa": "PA ", "best_pa": "best of K, PA"}
+NONE, SEEN_ALONE = "none", "silhouette"  # instead of keypoints, and the cue that is looked at then
 ROUNDING_PX = 0.1  # of the copies
 Result = tuple[Scores, float]
 """Errors, and frames per second."""
@@ -67,12 +68,16 @@ class Task:
 
 def tracked(task: Task) -> Result:
     names = CAMERAS if task.view == TOGETHER else (task.view,)
-    files = {name: copied(task.folder / task.keypoints / f"{name}.json", task.copy, task.work) for name in names}
-    pictures = CUES[task.cues] != "off"
+    seen = CUES[task.cues] if task.keypoints != NONE else SEEN_ALONE
+    files, how = None, {"fit": "off", **task.how}
+    if task.keypoints != NONE:
+        files = {name: copied(task.folder / task.keypoints / f"{name}.json", task.copy, task.work) for name in names}
+        how = task.how
+    pictures = seen != "off"
     clips = {name: task.folder / "videos" / f"{name}.mp4" for name in names} if pictures else None
-    out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.seed}_{task.copy}.run"
+    out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.keypoints}_{task.seed}_{task.copy}.run"
     run, times = timed_track(
-        files, task.folder / "calibration.json", out, clips=clips, cues=CUES[task.cues], seed=task.seed, **task.how
+        files, task.folder / "calibration.json", out, clips=clips, cues=seen, seed=task.seed, **how
     )
     scores = score(run, Reference.load(task.folder / "reference3d.npz"))
     told = f"{scores.mpjpe:.1f}, {scores.pa:.1f} mm, {times.rate:.1f} frames a second"
@@ -129,7 +134,8 @@ def main(
     tracker, modes
         As in `kinemode track`.
     keypoints
-        keypoints, or keypoints_multicrop for the cleaner ones.
+        keypoints, or keypoints_multicrop for the cleaner ones; none for the pictures alone, the subject as it is, with
+        a tracker that can.
     changes
         Changes to the settings, as cost.nu=8 css.scale=4.
     jobs
