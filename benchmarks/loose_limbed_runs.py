@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,7 @@ class LimbRun:
         return _annealed(self) if self.noise else _loose(self)
 
 
-@cache
+@lru_cache(maxsize=2)  # a room takes 180 MB
 def clip_of(motion: str, seed: int, end: int, low_contrast: bool, cameras: int) -> LimbClip:
     """A clip, its scene made once in a process."""
     return LimbClip(Path(motion), seed, 0, end, low_contrast, cameras)

@@ -25,7 +25,7 @@ from estimator.results.pairs import paired
 from estimator.results.run_file import Run
 from estimator.results.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
 from estimator.smoothing import FixedLag
-from estimator.trackers.capabilities import energy_of
+from estimator.trackers.capabilities import HasEnergy
 from estimator.tracking.registry import make_tracker
 from kinemode.explain import run_settings
 
@@ -99,11 +99,14 @@ def score(run: Run, reference: Reference) -> Scores:
 def fixed_lag(run: Run) -> np.ndarray:
     """Landmarks (T, L, 3) of the trajectory that is smoothed some frames behind the track; NaN before the first pose.
 
-    Pictures are not read again: keypoints and the modes that were found with the pictures have to do.
+    Pictures are not read again: keypoints and the modes that were found with the pictures have to do. A tracker whose
+    hypotheses have no energy has the track itself.
     """
     settings = run_settings(run)
-    search = energy_of(make_tracker(run.header.tracker, run.body, settings), run.header.tracker)
-    smoother = FixedLag(search, settings.smooth)
+    tracker = make_tracker(run.header.tracker, run.body, settings)
+    if not isinstance(tracker, HasEnergy):
+        return np.asarray(run.mode_landmarks[:, 0])
+    smoother = FixedLag(tracker.search, settings.smooth)
     given = [g for i in range(len(run)) for g in smoother.push(run.observation(i), run.result(i))] + smoother.flush()
     points = np.full((run.frame_count, len(run.body.landmark_names), 3), np.nan)
     for index, q in given:

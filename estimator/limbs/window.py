@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimator.inference.beliefs.graph import Belief, Edge, Graph, LogLikelihood, Node
-from estimator.inference.beliefs.mixture import Box, Density
+from estimator.inference.beliefs.mixture import Box, Density, Mixture
 from estimator.inference.beliefs.potential import Potential
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
 from estimator.limbs.instant import LimbLogRatio
@@ -71,6 +71,19 @@ def window(potentials: LimbPotentials, share: float, instants: Sequence[Instant]
         nodes += [Node(fixed=belief) for belief in past.beliefs]
         links |= {(first + limb, limb): forward.potential(outlier, share) for limb, forward in enumerate(forwards)}
     return Graph(PLACEMENTS, tuple(nodes), links)
+
+
+def said_by(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, Mixture]:
+    """First messages of a window's graph of so many limbs, as if in all its instants each limb were believed at some
+    placements, points (L, K, 7), alike."""
+    count = points.shape[1]
+    alike = np.full(count, -np.log(count))
+    free = [i for i, node in enumerate(graph.nodes) if node.fixed is None]
+    return {
+        (i, j): potential.message(points[i % limbs], alike)
+        for (i, j), potential in graph.potentials.items()
+        if i in free and j in free
+    }
 
 
 def _node(instant: Instant, limb: int) -> Node:

@@ -96,10 +96,11 @@ class InstantReader:
         proposals: tuple[Density | None, ...] = (None,) * len(self._graph.limbs)
         if anew or shouts:
             proposals = importance_functions(shouts, len(self._graph.limbs), box, self._shout.importance)
-        return Instant(observation.time, self._log_ratio(observation, pictures), proposals, box)
+        return Instant(observation.time, self.log_ratio(observation), proposals, box)
 
-    def _log_ratio(self, observation: Observation, pictures: LimbLikelihood | None) -> LimbLogRatio | None:
-        """Of pictures and keypoints together."""
+    def log_ratio(self, observation: Observation) -> LimbLogRatio | None:
+        """Of limbs, by what is seen of a frame: pictures and keypoints together; None where nothing is."""
+        pictures = self.pictures(observation)
         if not self._seen.by_keypoints or not observation.count:
             return None if pictures is None else pictures.log_ratio
         body, sigma = self._model.body, self._model.keypoint_sigma(observation)

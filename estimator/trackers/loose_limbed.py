@@ -11,10 +11,12 @@ from typing import cast
 import numpy as np
 
 from estimator.imaging.observation import Observation
-from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, propagate_batch
+from estimator.inference.beliefs.graph import Graph
+from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch
+from estimator.inference.beliefs.space import points_of
 from estimator.limbs.potential_choice import potentials_for
 from estimator.limbs.potentials import LimbPotentials
-from estimator.limbs.window import Beliefs, Past, window
+from estimator.limbs.window import Beliefs, Past, said_by, window
 from estimator.modes.mixture import Mixture
 from estimator.search.assembly import AssemblySettings, assembled
 from estimator.search.mode_search import ModeSearch
@@ -26,7 +28,7 @@ from estimator.trackers.mixture_state import carried, judged
 from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
-from humanoid.limbs.limb import LimbGraph
+from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.limbs.merging import RULES, Detail
 from humanoid.support.settings import check, setting
 
@@ -40,6 +42,8 @@ class LooseLimbedSettings:
     such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
     a past. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
     `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
+    start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
+    each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
     seen: what limbs are seen by. shout: who says bottom-up where limbs may be. modes: hypotheses kept. assembly:
     how they are made of the limbs.
     """
@@ -51,7 +55,8 @@ class LooseLimbedSettings:
     propagation: BeliefSettings = field(default_factory=BeliefSettings)
     start_kernels: int = setting(200, at_least=2)
     start_samples: int = setting(200, at_least=1)
-    start_iterations: int = setting(30, at_least=1)
+    start_iterations: int = setting(15, at_least=1)
+    start_rounds: int = setting(2, at_least=1)
     start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
     seen: SeenSettings = field(default_factory=SeenSettings)
     shout: ShoutSettings = field(default_factory=ShoutSettings)
@@ -135,8 +140,16 @@ class LooseLimbed:
         following: Sequence[Observation],
     ) -> tuple[LimbState, FrameResult]:
         past = self._past(state, observation.time)
-        beliefs = self._inferred(rng, past, observation, following).beliefs[: len(self.graph.limbs)]
+        graph = self._window(rng, past, observation, following)
+        how, limbs = self._propagation(past is None), len(self.graph.limbs)
+        beliefs = propagate_batch(rng, graph, how).beliefs[:limbs]
         mixture = self._assembled(rng, beliefs, state, observation)
+        for _ in range(self.settings.start_rounds - 1 if past is None else 0):
+            said = said_by(graph, limbs, self._limbs_in(mixture))
+            again = propagate_batch(rng, graph, how, said).beliefs[:limbs]
+            other = self._assembled(rng, again, state, observation)
+            if self._at_least_as_good(other, mixture, observation):
+                beliefs, mixture = again, other
         told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(beliefs)}
         after, result = judged(self._search, observation, mixture, told)
         return LimbState(beliefs, mixture, after.time, after.time), result
@@ -147,14 +160,31 @@ class LooseLimbed:
             return None
         return Past(state.seen, state.beliefs)
 
-    def _inferred(
+    def _limbs_in(self, mixture: Mixture) -> np.ndarray:
+        """Points (L, K, 7) of the limbs in the poses of a mixture."""
+        t, R = limb_placements(self.graph, self.body, np.array([mode.q for mode in mixture.modes]))
+        return np.stack([points_of(t[:, k], R[:, k]) for k in range(len(self.graph.limbs))])
+
+    def _at_least_as_good(self, other: Mixture, mixture: Mixture, observation: Observation) -> bool:
+        """Whether the best pose of another mixture is the same, or one whose limbs are likelier to be seen so."""
+        best, before = other.modes[0].q, mixture.modes[0].q
+        landmarks = [self.body.landmarks(self.body.at(q)) for q in (best, before)]
+        if float(np.linalg.norm(landmarks[0] - landmarks[1], axis=1).mean()) < self._search.distinct_by:
+            return True
+        log_ratio = self._instants.log_ratio(observation)
+        if log_ratio is None:
+            return True
+        t, R = limb_placements(self.graph, self.body, np.array([best, before]))
+        seen = np.sum([log_ratio(k, t[:, k], R[:, k]) for k in range(len(self.graph.limbs))], axis=0)
+        return bool(seen[0] >= seen[1])
+
+    def _window(
         self, rng: np.random.Generator, past: Past | None, observation: Observation, following: Sequence[Observation]
-    ) -> Propagated:
+    ) -> Graph:
         reader = self._instants
         shown = [observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
         instants = [reader.instant(rng, o, anew=past is None) for o in shown]
-        graph = window(self.potentials, self.settings.outlier, instants, past)
-        return propagate_batch(rng, graph, self._propagation(past is None))
+        return window(self.potentials, self.settings.outlier, instants, past)
 
     def _propagation(self, anew: bool) -> BeliefSettings:
         s = self.settings
