@@ -92,13 +92,14 @@ class LooseLimbed:
         return potentials_for(self.graph, self.body, speed, self.settings.potentials)
 
     @cached_property
-    def _instants(self) -> InstantReader:
+    def instants(self) -> InstantReader:
+        """What is made of a frame."""
         s = self.settings
         return InstantReader(self._search.model, self.graph, s.seen, s.shout)
 
     def can_start(self, observation: Observation) -> bool:
         """Whether the person is seen: by keypoints, or in the foreground of a picture."""
-        return self._instants.shows_person(observation)
+        return self.instants.shows_person(observation)
 
     def init(
         self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
@@ -146,13 +147,14 @@ class LooseLimbed:
     def _inferred(
         self, rng: np.random.Generator, past: Past | None, observation: Observation, following: Sequence[Observation]
     ) -> Propagated:
-        reader = self._instants
+        reader = self.instants
         shown = [observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
         instants = [reader.instant(rng, o, anew=past is None) for o in shown]
         graph = window(self.potentials, self.settings.outlier, instants, past)
-        return propagate_batch(rng, graph, self._propagation(past is None))
+        return propagate_batch(rng, graph, self.propagation(anew=past is None))
 
-    def _propagation(self, anew: bool) -> BeliefSettings:
+    def propagation(self, *, anew: bool) -> BeliefSettings:
+        """How beliefs of a frame are inferred. anew: without a past."""
         s = self.settings
         if not anew:
             return s.propagation
@@ -168,7 +170,7 @@ class LooseLimbed:
         self, rng: np.random.Generator, beliefs: Beliefs, state: LimbState | None, observation: Observation
     ) -> Mixture:
         before, elapsed = (None, 0.0) if state is None else (state.mixture, observation.time - state.time)
-        pictures, s = self._instants.pictures(observation), self.settings
+        pictures, s = self.instants.pictures(observation), self.settings
         return assembled(
             self._search, self.graph, beliefs, observation, pictures, before, elapsed,
             count=s.modes, settings=s.assembly, rng=rng,
