@@ -59,7 +59,9 @@ def test_samples_are_drawn_where_the_limbs_are(loose: Any) -> None:
     run = loose()
     layer = limb_layer(run)
     assert layer.beliefs[1] is None
-    points, _ = layer.beliefs[0]
+    told = layer.beliefs[0]
+    assert told is not None
+    points = told[0]
     camera = replace(
         run.header.cameras[0],
         R_camera_world=np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
