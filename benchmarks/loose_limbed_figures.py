@@ -22,7 +22,6 @@ from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_runs import LOOSE
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.graph import Belief
-from estimator.inference.beliefs.mixture import Mixture
 from estimator.inference.beliefs.propagation import Propagated, propagate_batch
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
 from estimator.limbs.window import window
@@ -42,6 +41,7 @@ WALK, CLIP_SEED = "walk_straight_07_01", 4
 FIRST, LAST, STEP = 11, 41, 10  # the frame that is searched from nothing, the last tracked one, those shown
 FIGURES = ("messages", "start", "tracking", "iterations")
 _SAMPLES = 60  # drawn of a density
+_OF_EACH = 8  # of them where those of all limbs lie over each other
 _LONGEST = 640  # px
 _MARGIN = 0.25  # of the person's height, about what is shown
 
@@ -70,14 +70,14 @@ def main(
         return
     stage = Stage(LimbClip(folder / "mocap" / f"{WALK}.bvh", CLIP_SEED, 0, LAST + 2))
     paths = {name: out / f"loose_limbed_{name}.png" for name in FIGURES}
-    if {"messages", "start"} & set(figures):
-        beginning = stage.begun(seeds[0])
-        if "messages" in figures:
-            write_messages(paths["messages"], stage, beginning)
-        if "start" in figures:
-            write_start(paths["start"], stage, beginning)
+    needed = seeds if "iterations" in figures else seeds[:1] if {"messages", "start"} & set(figures) else ()
+    beginnings = [stage.begun(seed) for seed in needed]
+    if "messages" in figures:
+        write_messages(paths["messages"], stage, beginnings[0])
+    if "start" in figures:
+        write_start(paths["start"], stage, beginnings[0])
     if "iterations" in figures:
-        write_iterations(paths["iterations"], [stage.begun(seed).errors for seed in seeds])
+        write_iterations(paths["iterations"], [beginning.errors for beginning in beginnings])
     if "tracking" in figures:
         write_tracking(paths["tracking"], stage, seeds[0])
 
@@ -86,11 +86,10 @@ def main(
 class Beginning:
     """The first frame of two, searched from nothing.
 
-    shouted (L): whether anybody shouted of a limb. proposals: samples of Q, points (L, N, 7).
+    proposals: samples of Q, points (L, N, 7).
     result: of all iterations. errors (iterations,): mean of the markers after each, expected over the samples [mm].
     """
 
-    shouted: tuple[bool, ...]
     proposals: np.ndarray
     result: Propagated
     errors: np.ndarray
@@ -126,7 +125,7 @@ class Stage:
         result = propagate_batch(rng, graph, tracker.propagation(anew=True), watch=watch)
         densities = [density for density in instants[0].proposals if density is not None]
         samples = np.array([density.sample(rng, _SAMPLES) for density in densities])
-        return Beginning(tuple(isinstance(d, Mixture) for d in densities), samples, result, np.array(errors))
+        return Beginning(samples, result, np.array(errors))
 
     def error(self, frame: int, beliefs: Sequence[Belief]) -> float:
         """Mean of the markers [mm]."""
@@ -137,11 +136,12 @@ class Stage:
         return markers.expected_error(true, t, R, np.stack([belief.weights for belief in beliefs], axis=1))
 
     def picture(self, frame: int, camera: int) -> tuple[np.ndarray, CameraView]:
-        """A camera's picture (H, W, 3) uint8 BGR to draw on, paler than it is, and its view."""
+        """A camera's picture (H, W, 3) uint8 BGR to draw on, grey and darker than it is, and its view."""
         cues = self.seen(frame).cues[camera]
         view = camera_view(cues.camera, _LONGEST)
         image = reduced(cues.picture, view)
-        return (255.0 - 0.6 * (255.0 - image)).astype(np.uint8), view
+        grey = 0.55 * image.mean(axis=2, keepdims=True)
+        return np.repeat(grey.astype(np.uint8), 3, axis=2), view
 
     def around(self, frame: int, view: CameraView) -> tuple[slice, slice]:
         """Rows and columns about where the person truly is."""
@@ -209,7 +209,7 @@ def write_start(path: Path, stage: Stage, beginning: Beginning) -> None:
         rows.append(
             [
                 ("picture", stage.tile(FIRST, camera, None)),
-                ("samples of Q", stage.tile(FIRST, camera, beginning.proposals)),
+                ("samples of Q", stage.tile(FIRST, camera, beginning.proposals[:, :_OF_EACH])),
                 (f"beliefs, {len(beginning.errors)} iterations", stage.tile(FIRST, camera, points, weights)),
                 ("likeliest samples", stage.tile(FIRST, camera, points, weights, best=True)),
             ]
@@ -253,7 +253,7 @@ def write_tiles(path: Path, rows: Sequence[Sequence[Tile]]) -> None:
     """Pictures with their captions, in rows, as a PNG."""
     count = max(len(row) for row in rows)
     height, width = rows[0][0][1].shape[:2]
-    figure = new_figure(1.9 * count, len(rows) * (1.9 * height / width + 0.25))
+    figure = new_figure(1.8 * count, len(rows) * (1.8 * height / width + 0.25))
     grid = figure.subplots(len(rows), count, squeeze=False)
     for axes in grid.ravel():
         axes.axis("off")
