@@ -69,7 +69,8 @@ def test_the_outline_is_where_the_cone_ends_across_the_line_of_sight() -> None:
 
 
 def test_a_bar_before_black_is_measured_as_it_is() -> None:
-    """A bright upright bar, as wide as the limb: both edges, a ridge, all inside and nothing beside is the person."""
+    """A bright upright bar, as wide as the limb and longer: both edges, a ridge, all inside and beyond its ends and
+    nothing beside is the person."""
     camera = camera_at(0.0, height=0.0)
     limb = replace(LIMB, start=0.0, end=1.0, proximal=np.full(2, 0.06), distal=np.full(2, 0.06))
     t, R = np.array([[0.0, 0.0, -0.5]]), np.eye(3)[None]
@@ -84,7 +85,7 @@ def test_a_bar_before_black_is_measured_as_it_is() -> None:
     assert named["left edge"] == pytest.approx(step / (step + 4.0), rel=0.02)
     assert named["right edge"] == pytest.approx(step / (step + 4.0), rel=0.02)
     assert named["ridge"] > 0.3 * 200.0
-    assert [named[name] for name in FEATURES[3:]] == [1.0, 1.0, 0.0, 0.0]
+    assert [named[name] for name in FEATURES[3:]] == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
 
 
 def test_views_are_added_and_the_world_may_be_turned() -> None:

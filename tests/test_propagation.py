@@ -192,8 +192,8 @@ def test_a_wrong_weight_of_sighted_candidates_is_seen(
     settings = BeliefSettings(kernels=61, samples=100, iterations=3, belief_share=0.0, product=QUICK)
     result = propagate_batch(np.random.default_rng(1), known.graph, settings)
     exact = np.diag(known.covariance)
-    found = np.array([belief.moments()[1][0, 0] for belief in result.beliefs])
-    assert (found / exact).mean() < 0.8
+    variance = np.array([belief.moments()[1][0, 0] for belief in result.beliefs])
+    assert (variance / exact).mean() < 0.8
 
 
 def test_a_likelihood_sharper_than_the_messages_is_found_by_more_samples() -> None:

@@ -88,8 +88,8 @@ def _equal(x: Any, y: Any) -> bool:
     return np.array_equal(x, y, equal_nan=np.asarray(x).dtype.kind == "f")
 
 
-BY_POINTS = [name for name in TRACKERS if TRACKERS[name].group != "elmo"]
-"""Of the others see `tests.test_elmo`; `icp`, which can do without depth, keeps the contract."""
+BY_POINTS = [name for name in TRACKERS if TRACKERS[name].group not in ("elmo", "loose_limbed")]
+"""Of the others see `tests.test_elmo` and `tests.test_loose_limbed`; they keep the contract."""
 
 
 @pytest.fixture(params=BY_POINTS)

@@ -101,13 +101,14 @@ class LooseLimbed:
         return _potentials_of(self.body, self.graph, tuple(speed.tolist()))
 
     @cached_property
-    def _instants(self) -> InstantReader:
+    def instants(self) -> InstantReader:
+        """What is made of a frame."""
         s = self.settings
         return InstantReader(self._search.model, self.graph, s.seen, s.shout)
 
     def can_start(self, observation: Observation) -> bool:
         """Whether the person is seen: by keypoints, or in the foreground of a picture."""
-        return self._instants.shows_person(observation)
+        return self.instants.shows_person(observation)
 
     def init(
         self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
@@ -140,8 +141,8 @@ class LooseLimbed:
         following: Sequence[Observation],
     ) -> tuple[LimbState, FrameResult]:
         past = self._past(state, observation.time)
-        graph = self._window(rng, past, observation, following)
-        how, limbs = self._propagation(past is None), len(self.graph.limbs)
+        graph = self.window(rng, past, observation, following)
+        how, limbs = self.propagation(anew=past is None), len(self.graph.limbs)
         beliefs = propagate_batch(rng, graph, how).beliefs[:limbs]
         mixture = self._assembled(rng, beliefs, state, observation)
         for _ in range(self.settings.start_rounds - 1 if past is None else 0):
@@ -171,22 +172,24 @@ class LooseLimbed:
         landmarks = [self.body.landmarks(self.body.at(q)) for q in (best, before)]
         if float(np.linalg.norm(landmarks[0] - landmarks[1], axis=1).mean()) < self._search.distinct_by:
             return True
-        log_ratio = self._instants.log_ratio(observation)
+        log_ratio = self.instants.log_ratio(observation)
         if log_ratio is None:
             return True
         t, R = limb_placements(self.graph, self.body, np.array([best, before]))
         seen = np.sum([log_ratio(k, t[:, k], R[:, k]) for k in range(len(self.graph.limbs))], axis=0)
         return bool(seen[0] >= seen[1])
 
-    def _window(
+    def window(
         self, rng: np.random.Generator, past: Past | None, observation: Observation, following: Sequence[Observation]
     ) -> Graph:
-        reader = self._instants
+        """The graph of a frame and of those of the following that are looked at."""
+        reader = self.instants
         shown = [observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
         instants = [reader.instant(rng, o, anew=past is None) for o in shown]
         return window(self.potentials, self.settings.outlier, instants, past)
 
-    def _propagation(self, anew: bool) -> BeliefSettings:
+    def propagation(self, *, anew: bool) -> BeliefSettings:
+        """How beliefs of a frame are inferred. anew: without a past."""
         s = self.settings
         if not anew:
             return s.propagation
@@ -202,7 +205,7 @@ class LooseLimbed:
         self, rng: np.random.Generator, beliefs: Beliefs, state: LimbState | None, observation: Observation
     ) -> Mixture:
         before, elapsed = (None, 0.0) if state is None else (state.mixture, observation.time - state.time)
-        pictures, s = self._instants.pictures(observation), self.settings
+        pictures, s = self.instants.pictures(observation), self.settings
         return assembled(
             self._search, self.graph, beliefs, observation, pictures, before, elapsed,
             count=s.modes, settings=s.assembly, rng=rng,

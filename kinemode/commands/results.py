@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from kinemode.commands.options import Flag
+
 Format = Literal["npz", "csv", "trc", "mot", "osim", "gait2392-mot", "rajagopal-mot", "c3d", "bvh", "glb", "rrd"]
 
 
@@ -31,10 +33,14 @@ def view(run: Path, /, *, html: Path | None = None) -> None:
         print(page)
 
 
-def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
+def overlay(run: Path, /, *, out: Path, camera: str | None = None, limbs: Flag = False) -> None:
     """Write the video with the body drawn over it.
 
-    Example: kinemode overlay walk.run --out walk-overlay.mp4
+    Examples:
+
+    kinemode overlay walk.run --out walk-overlay.mp4
+
+    kinemode overlay loose.run --limbs --out loose-limbs.mp4
 
     Parameters
     ----------
@@ -44,10 +50,13 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None) -> None:
         A file ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).
     camera
         Name of one camera; all of them side by side unless given.
+    limbs
+        In place of the body draw what the loose-limbed tracker believes of each limb: samples as outlines, stronger the
+        more they weigh, and their means as cones.
     """
     import kinemode as km
 
-    print(km.overlay(run, out, camera=camera, progress=km.reported))
+    print(km.overlay(run, out, camera=camera, limbs=limbs, progress=km.reported))
 
 
 def report(run: Path, /, *, out: Path) -> None:

@@ -60,7 +60,14 @@ def view(run: RunLike, *, html: PathLike | None = None, port: int = 0, open_brow
     return None
 
 
-def overlay(run: RunLike, file: PathLike, *, camera: str | None = None, progress: Reporter | None = None) -> Path:
+def overlay(
+    run: RunLike,
+    file: PathLike,
+    *,
+    camera: str | None = None,
+    limbs: bool = False,
+    progress: Reporter | None = None,
+) -> Path:
     """Write the video with the body drawn over it, and return its path.
 
     Parameters
@@ -68,19 +75,23 @@ def overlay(run: RunLike, file: PathLike, *, camera: str | None = None, progress
     run: a run, or the path of its file.
     file: ending in .mp4 (H.264), .webm (VP9) or .gif (smaller, 12.5 frames per second).
     camera: the name of one; all of them side by side unless given.
+    limbs: in place of the body draw what a run of the loose-limbed tracker believes of each limb: samples as outlines,
+    stronger the more they weigh, and their means as cones.
     progress: opens a progress report, such as `kinemode.reported`; none by default.
 
     Raises
     ------
-    InputError: no run, no such camera, another ending, a file that cannot be written.
+    InputError: no run, no such camera, a tracker that tells nothing of limbs, another ending, a file that cannot be
+    written.
     """
     check_arguments(run=run, file=file, camera=camera, progress=progress)
+    check_as("overwrite", limbs=limbs)
     opened = _opened(run)
     _note_how_it_is_drawn(opened)
     from viz.pictures.overlay import write_overlay
 
     with (progress or unreported)("overlay") as report:
-        return write_overlay(opened, Path(file), camera=camera, progress=report)
+        return write_overlay(opened, Path(file), camera=camera, limbs=limbs, progress=report)
 
 
 def report(run: RunLike, file: PathLike, *, progress: Reporter | None = None) -> Path:

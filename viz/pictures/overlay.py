@@ -12,6 +12,7 @@ from estimator.media.film import check_film_name, write_film
 from estimator.results.run_file import Run
 from humanoid.support.errors import InputError
 from viz import palette
+from viz.pictures.limb_layer import LimbLayer, limb_layer
 from viz.pictures.painter import BodyPainter, CameraView, camera_view
 from viz.scene import Scene, as_scene
 from viz.solids.body_solids import side_of
@@ -28,18 +29,21 @@ def write_overlay(
     *,
     camera: str | None = None,
     hypotheses: bool = True,
+    limbs: bool = False,
     progress: Progress | None = None,
 ) -> Path:
     """Write the overlay as .mp4, .webm or .gif; several cameras stand side by side.
 
     camera: draw only this one. hypotheses: draw the others as thin skeletons, fainter the smaller their weight.
-    progress: called with (frames done, frames in all).
-    Raises InputError where the camera does not exist or the file cannot be written.
+    limbs: in place of all bodies draw what a run believes of each limb. progress: called with (frames done, frames in
+    all).
+    Raises InputError where the camera does not exist, nothing is told of limbs, or the file cannot be written.
     """
     check_film_name(Path(path))
+    layer = limb_layer(run) if limbs and isinstance(run, Run) else None
     scene = as_scene(run)
     chosen = chosen_cameras(scene, camera)
-    return write_film(path, pictures(scene, chosen, hypotheses, progress), scene.rate)
+    return write_film(path, pictures(scene, chosen, hypotheses, progress, limbs=layer), scene.rate)
 
 
 def pictures(
@@ -50,10 +54,11 @@ def pictures(
     *,
     rows: range | None = None,
     longest: int = LONGEST,
+    limbs: LimbLayer | None = None,
 ) -> Iterator[np.ndarray]:
     """One picture an instant (H, W, 3) uint8 BGR, the chosen cameras side by side.
 
-    rows: the instants, all unless given. longest: longer side of a camera's picture [px].
+    rows: the instants, all unless given. longest: longer side of a camera's picture [px]. limbs: see `drawn`.
     """
     views = [camera_view(scene.cameras[c], longest) for c in chosen]
     painter = BodyPainter(scene.body)
@@ -61,7 +66,7 @@ def pictures(
     streams = [scene.images(c, rows) for c in chosen]
     for t, *images in zip(rows, *streams, strict=True):
         tiles = [
-            drawn(scene, painter, view, c, t, image, hypotheses=hypotheses)
+            drawn(scene, painter, view, c, t, image, hypotheses=hypotheses, limbs=limbs)
             for view, c, image in zip(views, chosen, images, strict=True)
         ]
         yield side_by_side(tiles)
@@ -89,12 +94,18 @@ def drawn(
     *,
     hypotheses: bool = True,
     caption: bool = True,
+    limbs: LimbLayer | None = None,
 ) -> np.ndarray:
-    """One camera's picture at one instant with everything on it, (H, W, 3) uint8 BGR."""
+    """One camera's picture at one instant with everything on it, (H, W, 3) uint8 BGR.
+
+    limbs: drawn in place of the bodies, which would hide them.
+    """
     canvas = reduced(image, view)
-    if scene.has_body(t):
+    if limbs is not None:
+        limbs.draw(canvas, view, t)
+    elif scene.has_body(t):
         painter.solid(canvas, view, scene.body.at(scene.q[t]), OPACITY if image is not None else 1.0)
-    if hypotheses:
+    if hypotheses and limbs is None:
         _draw_others(scene, painter, view, t, canvas)
     _draw_keypoints(scene, view, camera, t, canvas)
     if caption:
