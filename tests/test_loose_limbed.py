@@ -20,10 +20,10 @@ from humanoid.support.errors import InputError
 
 SMALL: dict[str, Any] = {
     "propagation": {"kernels": 30, "samples": 30, "iterations": 2},
-    "start_kernels": 40,
+    "start_kernels": 60,
     "start_samples": 40,
-    "start_iterations": 6,
-    "assembly": {"rounds": 1},
+    "start_iterations": 5,
+    "assembly": {"rounds": 2},
     "modes": 2,
 }
 BEGIN, BLANK, END = 2, (4,), 7
