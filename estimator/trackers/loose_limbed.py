@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.graph import Graph
-from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch
+from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, Watch, propagate_batch
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.inference.particles import systematic
 from estimator.limbs.potential_choice import potentials_for
@@ -147,18 +147,33 @@ class LooseLimbed:
     ) -> tuple[LimbState, FrameResult]:
         past = self._past(state, observation.time)
         graph = self.window(rng, past, observation, following)
-        how, limbs = self.propagation(anew=past is None), len(self.graph.limbs)
-        beliefs = propagate_batch(rng, graph, how).beliefs[:limbs]
-        mixture = self._assembled(rng, beliefs, state, observation)
-        for _ in range(self.settings.start_rounds - 1 if past is None else 0):
-            said = said_by(graph, limbs, self._limbs_in(mixture))
-            again = propagate_batch(rng, graph, how, said).beliefs[:limbs]
-            other = self._assembled(rng, again, state, observation)
-            if self._at_least_as_good(other, mixture, observation):
-                beliefs, mixture = again, other
+        result, mixture = self.inferred(rng, graph, state, observation, anew=past is None)
+        beliefs = result.beliefs[: len(self.graph.limbs)]
         told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(beliefs)}
-        after, result = judged(self._search, observation, mixture, told)
-        return LimbState(self._tied(rng, beliefs, mixture), mixture, after.time, after.time), result
+        after, judgement = judged(self._search, observation, mixture, told)
+        return LimbState(self._tied(rng, beliefs, mixture), mixture, after.time, after.time), judgement
+
+    def inferred(
+        self,
+        rng: np.random.Generator,
+        graph: Graph,
+        state: LimbState | None,
+        observation: Observation,
+        *,
+        anew: bool,
+        watch: Watch | None = None,
+    ) -> tuple[Propagated, Mixture]:
+        """What is believed of the nodes of a window, and the poses that are made of its first frame; anew: without a
+        past, in several rounds. watch: see `propagate_batch`, of all rounds."""
+        how, limbs = self.propagation(anew=anew), len(self.graph.limbs)
+        result = propagate_batch(rng, graph, how, watch=watch)
+        mixture = self._assembled(rng, result.beliefs[:limbs], state, observation)
+        for _ in range(self.settings.start_rounds - 1 if anew else 0):
+            again = propagate_batch(rng, graph, how, said_by(graph, limbs, self._limbs_in(mixture)), watch)
+            other = self._assembled(rng, again.beliefs[:limbs], state, observation)
+            if self._at_least_as_good(other, mixture, observation):
+                result, mixture = again, other
+        return result, mixture
 
     def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
         """What the next frame is told: some of it as the assembled poses have each limb, since limbs alone do not know
