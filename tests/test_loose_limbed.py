@@ -133,7 +133,7 @@ def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
     believed = tuple(Belief(PLACEMENTS, np.eye(7)[[6]], np.ones(1)) for _ in range(10))
     graph = window(potentials, 0.01, instants, Past(0.0, believed))
     assert len(graph.nodes) == 30
-    # the paper's 94 are three times 18 and forty in time; what is believed of the past stays, and needs to be told nothing
+    # the paper's 94: three times 18, and 40 in time; what is believed of the past stays, and is told nothing
     assert len(graph.potentials) == 94 - 18 - 10
     assert sum(i // 10 == j // 10 for i, j in graph.potentials) == 2 * 18
     with pytest.raises(InputError, match="of 1 s"):
