@@ -11,14 +11,16 @@ from estimator.inference.beliefs import strata
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief, Edge, Graph, LogLikelihood, Node
 from estimator.inference.beliefs.mixture import Box, mixture_of
 from estimator.inference.beliefs.potential import Potential, potential_of
-from estimator.inference.beliefs.products import ProductSettings
+from estimator.inference.beliefs.products import ProductSettings, draw_products
 from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch, propagate_tree
 from estimator.inference.beliefs.space import PLACEMENTS, Space
+from estimator.inference.particles import effective_count
 from humanoid.support.errors import InputError
 
 LINE, PLANE = Space(1, False), Space(2, False)
 STAR, CHAIN, RING = ((0, 1), (0, 2), (0, 3)), ((0, 1), (1, 2), (2, 3), (3, 4)), ((0, 1), (1, 2), (2, 3), (0, 3))
 QUICK = ProductSettings(candidates=200, per_draw=4.0, rounds=1)
+PRINTED = replace(QUICK, sighted=False)
 
 
 def seen_at(place: np.ndarray, std: float) -> LogLikelihood:
@@ -64,11 +66,12 @@ def means(beliefs: tuple[Belief, ...]) -> np.ndarray:
     return np.stack([belief.weights @ belief.points for belief in beliefs])
 
 
-def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number() -> None:
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number(product: ProductSettings) -> None:
     """And there is no bias: the mean over seeds is within three standard errors of the exact solution."""
     known, error = Gaussian(PLANE, ((0, 1), (0, 2), (2, 3), (2, 4)), 0), {}
     for count in (25, 225):
-        settings = BeliefSettings(kernels=count + 1, samples=count, product=QUICK)
+        settings = BeliefSettings(kernels=count + 1, samples=count, product=product)
         off = np.stack(
             [
                 means(propagate_tree(np.random.default_rng(s), known.graph, settings).beliefs) - known.mean
@@ -82,7 +85,8 @@ def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number() -> None:
     assert 2.1 < error[25] / error[225] < 4.3  # nine times as many: three
 
 
-def test_a_chain_is_the_rauch_tung_striebel_smoother() -> None:
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_a_chain_is_the_rauch_tung_striebel_smoother(product: ProductSettings) -> None:
     """A window of five instants whose first belief stays, as that of the frame before does."""
     known = Gaussian(PLANE, CHAIN, 1)
     first = known.noise**2 * np.eye(2)
@@ -100,7 +104,7 @@ def test_a_chain_is_the_rauch_tung_striebel_smoother() -> None:
     even = known.noise * np.random.default_rng(2).standard_normal((3000, 2))
     fixed = Belief(PLANE, known.seen[0] + even - even.mean(axis=0), np.full(3000, 1.0 / 3000))
     graph = Graph(PLANE, (Node(fixed=fixed), *known.graph.nodes[1:]), known.graph.potentials)
-    settings = BeliefSettings(kernels=201, samples=300, proposal_share=0.25, product=QUICK)
+    settings = BeliefSettings(kernels=201, samples=300, proposal_share=0.25, product=product)
     results = [propagate_tree(np.random.default_rng(s), graph, settings).beliefs for s in range(6)]
     assert all(result[0] is fixed for result in results)
     for i, (mean, covariance) in enumerate(smoothed[::-1][1:], start=1):
@@ -109,7 +113,8 @@ def test_a_chain_is_the_rauch_tung_striebel_smoother() -> None:
         np.testing.assert_allclose(np.mean([c for _, c in moments], axis=0), covariance, atol=0.03)
 
 
-def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation() -> None:
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation(product: ProductSettings) -> None:
     """Whose means are exact, and whose variances are not."""
     known = Gaussian(LINE, RING, 4, step=0.3, noise=0.8)
     A, b, count = known.precision, known.pull, 4
@@ -123,7 +128,7 @@ def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation() -> 
     mean = np.array([b[i] + sum(said[k, i][1] for k in sources[i]) for i in range(count)]) / precision
     np.testing.assert_allclose(mean, known.mean[:, 0], atol=1e-9)
     assert np.abs(precision * np.diag(known.covariance) - 1.0).max() > 0.01
-    settings = BeliefSettings(kernels=151, samples=150, iterations=6, product=QUICK)
+    settings = BeliefSettings(kernels=151, samples=150, iterations=6, product=product)
     results = [propagate_batch(np.random.default_rng(s), known.graph, settings).beliefs for s in range(6)]
     np.testing.assert_allclose(np.mean([means(r)[:, 0] for r in results], axis=0), mean, atol=0.05)
     variance = np.mean([[r.moments()[1][0, 0] for r in result] for result in results], axis=0)
@@ -134,11 +139,11 @@ def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation() -> 
 SHARES = {"belief": (0.0, 1.0), "incoming": (0.0, 0.0), "proposal": (1.0, 0.0), "all": (0.3, 0.5), "little": (0.1, 0.2)}
 
 
-def off_in_standard_errors(proposal: float, belief: float) -> float:
+def off_in_standard_errors(proposal: float, belief: float, product: ProductSettings = PRINTED) -> float:
     known = Gaussian(LINE, STAR, 5)
     settings = BeliefSettings(
         kernels=61, samples=100, iterations=3, proposal_share=proposal, proposal_factor=1.0, belief_share=belief,
-        product=QUICK,
+        product=product,
     )  # fmt: skip
     off = np.stack(
         [
@@ -149,9 +154,10 @@ def off_in_standard_errors(proposal: float, belief: float) -> float:
     return float(np.abs(off.mean(axis=0) / (off.std(axis=0, ddof=1) / np.sqrt(len(off)))).max())
 
 
+@pytest.mark.parametrize("sighted", [False, True])
 @pytest.mark.parametrize("shares", SHARES)
-def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str) -> None:
-    assert off_in_standard_errors(*SHARES[shares]) < 3.0
+def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str, sighted: bool) -> None:
+    assert off_in_standard_errors(*SHARES[shares], replace(QUICK, sighted=sighted)) < 3.0
 
 
 @pytest.mark.parametrize(
@@ -167,6 +173,49 @@ def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str) -> None
 def test_a_wrong_weight_is_seen(monkeypatch: pytest.MonkeyPatch, name: str, wrong: object, shares: str) -> None:
     monkeypatch.setattr(strata, name, wrong)
     assert off_in_standard_errors(*SHARES[shares]) > 4.0
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "shares"),
+    [
+        ("belief_weight", lambda log_phi, log_factors, to: log_phi, "belief"),
+        ("draw_products", lambda *given: [replace(d, sighted=False) for d in draw_products(*given)], "incoming"),
+    ],
+    ids=["B without 1 / m_ji", "phi twice"],
+)
+def test_a_wrong_weight_of_sighted_candidates_is_seen(
+    monkeypatch: pytest.MonkeyPatch, name: str, wrong: object, shares: str
+) -> None:
+    monkeypatch.setattr(strata, name, wrong)
+    # phi twice is right in the mean of symmetric graphs, and too sure
+    if name == "belief_weight":
+        assert off_in_standard_errors(*SHARES[shares], QUICK) > 4.0
+        return
+    known = Gaussian(LINE, STAR, 5)
+    settings = BeliefSettings(kernels=61, samples=100, iterations=3, belief_share=0.0, product=QUICK)
+    result = propagate_batch(np.random.default_rng(1), known.graph, settings)
+    exact = np.diag(known.covariance)
+    variance = np.array([belief.moments()[1][0, 0] for belief in result.beliefs])
+    assert (variance / exact).mean() < 0.8
+
+
+def test_a_likelihood_sharper_than_the_messages_is_found_by_more_samples() -> None:
+    """A message twenty times as wide as what is seen: its draws are mostly of no weight, candidates are not."""
+    wide = mixture_of(LINE, np.zeros((1, 1)), np.ones((1, 1)))
+    graph = Graph(LINE, (Node(seen_at(np.array([1.5]), 0.05), priors=(wide,)),))
+    worth = {}
+    for sighted in (False, True):
+        settings = BeliefSettings(product=ProductSettings(sighted=sighted))
+        beliefs = [propagate_batch(np.random.default_rng(s), graph, settings).beliefs[0] for s in range(6)]
+        assert all(belief.status == OK for belief in beliefs)
+        worth[sighted] = np.mean([effective_count(distinct_weights(belief)) for belief in beliefs])
+    assert worth[True] > 4.0 * worth[False], worth
+
+
+def distinct_weights(belief: Belief) -> np.ndarray:
+    """The weights of points that differ."""
+    _, label = np.unique(belief.points[:, 0], return_inverse=True)
+    return np.bincount(label, weights=belief.weights)
 
 
 def limbs() -> Graph:
@@ -188,8 +237,9 @@ def limbs() -> Graph:
     )
 
 
-def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
-    settings = BeliefSettings(kernels=31, samples=20, iterations=3)
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) -> None:
+    settings = BeliefSettings(kernels=31, samples=20, iterations=3, product=product)
 
     def backwards(function, tasks):  # type: ignore[no-untyped-def]
         return [*map(function, [*tasks][::-1])][::-1]
@@ -210,8 +260,9 @@ def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
 
 
 @pytest.mark.parametrize("blind", [-np.inf, np.nan, np.inf])
-def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(blind: float) -> None:
-    known, settings = Gaussian(LINE, STAR, 9), BeliefSettings(kernels=101, samples=200, product=QUICK)
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(product: ProductSettings, blind: float) -> None:
+    known, settings = Gaussian(LINE, STAR, 9), BeliefSettings(kernels=101, samples=200, product=product)
     dark = replace(known.graph.nodes[1], log_likelihood=lambda points: np.full(len(points), blind))
     graph = Graph(LINE, (known.graph.nodes[0], dark, *known.graph.nodes[2:]), known.graph.potentials)
     result = propagate_batch(np.random.default_rng(9), graph, settings)

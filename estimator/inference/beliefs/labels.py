@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.beliefs.mixture import CUT, Mixture, kernel_exponent
+from estimator.inference.beliefs.mixture import CUT, Mixture, kernel_exponent, placement_exponent
 from estimator.inference.beliefs.space import Space
 from estimator.inference.beliefs.turns import carried, difference, moved
 from estimator.numerics.linear import solve_definite
@@ -118,6 +118,9 @@ def _labels_at(  # type: ignore[no-untyped-def]
                     square += (points[i, a] - mean[k, a]) ** 2
                 if not value[k] - 0.5 * square * reach[c] > highest - CUT:
                     value[k] = -math.inf
+                elif turns and n == 3:
+                    half, factor = placement_exponent(points, i, mean, k, whitener, c, value[k] - highest + CUT)
+                    value[k] = value[k] - half + math.log(factor) if factor > 0.0 else -math.inf
                 else:
                     value[k] += kernel_exponent(n, turns, mean[k], points[i], whitener[c], e)
                 highest = max(highest, value[k])

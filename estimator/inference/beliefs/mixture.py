@@ -244,12 +244,45 @@ def kernel_exponent(n, turns, mean, point, whitener, e):  # type: ignore[no-unty
 
 
 @jit
+def placement_exponent(points, i, mean, k, whitener, c, allowed):  # type: ignore[no-untyped-def]
+    """Half the squared distance of placement i of points (N, 7) from kernel k of mean (K, 7), by whitener c (C, 6, 6),
+    and the factor that the measure gives its density (see `kernel_exponent`); infinity and 0 where the former is more
+    than allowed. Whole arrays are given, since a view of each row would take longer than the rest."""
+    a0, a1, a2, a3 = mean[k, 3], mean[k, 4], mean[k, 5], mean[k, 6]
+    x, y, z = points[i, 0] - mean[k, 0], points[i, 1] - mean[k, 1], points[i, 2] - mean[k, 2]
+    u, v, w = 2.0 * (y * a2 - z * a1), 2.0 * (z * a0 - x * a2), 2.0 * (x * a1 - y * a0)
+    x, y, z = x + a3 * u + v * a2 - w * a1, y + a3 * v + w * a0 - u * a2, z + a3 * w + u * a1 - v * a0
+    e0 = whitener[c, 0, 0] * x
+    e1 = whitener[c, 1, 0] * x + whitener[c, 1, 1] * y
+    e2 = whitener[c, 2, 0] * x + whitener[c, 2, 1] * y + whitener[c, 2, 2] * z
+    half = 0.5 * (e0 * e0 + e1 * e1 + e2 * e2)
+    if not half < allowed:
+        return math.inf, 0.0
+    b0, b1, b2, b3 = points[i, 3], points[i, 4], points[i, 5], points[i, 6]
+    u = a3 * b0 - a0 * b3 - a1 * b2 + a2 * b1
+    v = a3 * b1 - a1 * b3 - a2 * b0 + a0 * b2
+    w = a3 * b2 - a2 * b3 - a0 * b1 + a1 * b0
+    ratio = half_sine_ratio(u, v, w, a3 * b3 + a0 * b0 + a1 * b1 + a2 * b2)
+    u, v, w = ratio * u, ratio * v, ratio * w
+    e0 = whitener[c, 3, 0] * x + whitener[c, 3, 1] * y + whitener[c, 3, 2] * z + whitener[c, 3, 3] * u
+    e1 = (
+        whitener[c, 4, 0] * x
+        + whitener[c, 4, 1] * y
+        + whitener[c, 4, 2] * z
+        + whitener[c, 4, 3] * u
+        + whitener[c, 4, 4] * v
+    )
+    e2 = whitener[c, 5, 0] * x + whitener[c, 5, 1] * y + whitener[c, 5, 2] * z
+    e2 += whitener[c, 5, 3] * u + whitener[c, 5, 4] * v + whitener[c, 5, 5] * w
+    return half + 0.5 * (e0 * e0 + e1 * e1 + e2 * e2), 0.25 * ratio * ratio
+
+
+@jit
 def _placements_log_density(points, log_weight, mean, shape, whitener, constant, reach, out):  # type: ignore[no-untyped-def]
-    """`mixture_log_density` of placements, written out: points (N, 7), log_weight (K,), mean (K, 7), shape (K,) int,
-    whitener (C, 6, 6), constant, reach (C,), out (N,)."""
+    """`mixture_log_density` of placements: points (N, 7), log_weight (K,), mean (K, 7), shape (K,) int, whitener
+    (C, 6, 6), constant, reach (C,), out (N,)."""
     for i in range(len(points)):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        b0, b1, b2, b3 = points[i, 3], points[i, 4], points[i, 5], points[i, 6]
         highest, total = -math.inf, 0.0
         lowest = -1e300
         for k in range(len(log_weight)):
@@ -258,27 +291,8 @@ def _placements_log_density(points, log_weight, mean, shape, whitener, constant,
             x, y, z = px - mean[k, 0], py - mean[k, 1], pz - mean[k, 2]
             if not top - 0.5 * (x * x + y * y + z * z) * reach[c] > lowest:
                 continue
-            a0, a1, a2, a3 = mean[k, 3], mean[k, 4], mean[k, 5], mean[k, 6]
-            u, v, w = 2.0 * (y * a2 - z * a1), 2.0 * (z * a0 - x * a2), 2.0 * (x * a1 - y * a0)
-            x, y, z = x + a3 * u + v * a2 - w * a1, y + a3 * v + w * a0 - u * a2, z + a3 * w + u * a1 - v * a0
-            e0 = whitener[c, 0, 0] * x
-            e1 = whitener[c, 1, 0] * x + whitener[c, 1, 1] * y
-            e2 = whitener[c, 2, 0] * x + whitener[c, 2, 1] * y + whitener[c, 2, 2] * z
-            top -= 0.5 * (e0 * e0 + e1 * e1 + e2 * e2)
-            if not top > lowest:
-                continue
-            u = a3 * b0 - a0 * b3 - a1 * b2 + a2 * b1
-            v = a3 * b1 - a1 * b3 - a2 * b0 + a0 * b2
-            w = a3 * b2 - a2 * b3 - a0 * b1 + a1 * b0
-            ratio = half_sine_ratio(u, v, w, a3 * b3 + a0 * b0 + a1 * b1 + a2 * b2)
-            factor = 0.25 * ratio * ratio
-            u, v, w = ratio * u, ratio * v, ratio * w
-            e0 = whitener[c, 3, 0] * x + whitener[c, 3, 1] * y + whitener[c, 3, 2] * z + whitener[c, 3, 3] * u
-            e1 = whitener[c, 4, 0] * x + whitener[c, 4, 1] * y + whitener[c, 4, 2] * z
-            e1 += whitener[c, 4, 3] * u + whitener[c, 4, 4] * v
-            e2 = whitener[c, 5, 0] * x + whitener[c, 5, 1] * y + whitener[c, 5, 2] * z
-            e2 += whitener[c, 5, 3] * u + whitener[c, 5, 4] * v + whitener[c, 5, 5] * w
-            top -= 0.5 * (e0 * e0 + e1 * e1 + e2 * e2)
+            half, factor = placement_exponent(points, i, mean, k, whitener, c, top - lowest)
+            top -= half
             if top > highest:
                 total = total * math.exp(highest - top) + factor
                 highest = top

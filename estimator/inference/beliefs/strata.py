@@ -140,8 +140,7 @@ def node_samples(
     shouting = node.proposal is not None and not (factors and settings.weighs(node.log_likelihood))
     rests = [() if t.to is None else tuple(k for k in everything if k != t.to) for t in targets]
     splits = [
-        shares.counts(t.samples, (bool(factors), bool(rest), shouting))
-        for t, rest in zip(targets, rests, strict=True)
+        shares.counts(t.samples, (bool(factors), bool(rest), shouting)) for t, rest in zip(targets, rests, strict=True)
     ]
     wanted = [
         (everything, max(s.belief for s in splits)),
