@@ -23,6 +23,12 @@ FEW: dict[str, dict[str, object]] = {
     "annealed": {"layers": 4, "particles": 40},
     "multiple_hypothesis": {"starts": 4},
     "elmo": {"rounds": 2},
+    "loose_limbed": {
+        "propagation": {"kernels": 25, "samples": 20, "iterations": 2},
+        "start_kernels": 30,
+        "start_samples": 20,
+        "start_iterations": 4,
+    },
 }
 BY_DEPTH = ("elmo", "psh")
 """These begin by depth, see `tests.test_elmo`."""

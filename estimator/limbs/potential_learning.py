@@ -87,10 +87,18 @@ def drawn_poses(
     speed: np.ndarray,
     rng: np.random.Generator,
 ) -> LimbPoses:
-    """Poses of any subject where nobody was captured.
+    """Poses of any subject where nobody was captured, see `drawn_configurations`. A pose `dt` later is off by speed
+    (nv,) [1/s] times dt times normal numbers."""
+    q = drawn_configurations(body, count, rng)
+    pairs = {dt: (q, body.integrated(q, dt * speed * rng.standard_normal((count, body.nv)))) for dt in steps}
+    return limb_poses(graph, body, q, pairs)
+
+
+def drawn_configurations(body: Body, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Configurations (count, nq) of any subject, a free root at the origin.
 
     Joints are drawn from their stabilisers' normal densities within the limits, those without one evenly within the
-    limits; what has neither stays at rest. A pose `dt` later is off by speed (nv,) [1/s] times dt times normal numbers.
+    limits; what has neither stays at rest.
     """
     q = np.repeat(body.neutral[None], count, axis=0)
     index = body.bounded_q
@@ -102,9 +110,7 @@ def drawn_poses(
             share = ndtr((np.array([body.lower[k], body.upper[k]]) - s.rest) / s.std)
             lowest, highest = np.clip(share, 1e-12, 1.0 - 1e-12)
             q[:, k] = s.rest + s.std * ndtri(rng.uniform(float(lowest), float(highest), count))
-    q = np.array([body.clamp(pose) for pose in q])
-    pairs = {dt: (q, body.integrated(q, dt * speed * rng.standard_normal((count, body.nv)))) for dt in steps}
-    return limb_poses(graph, body, q, pairs)
+    return np.array([body.clamp(pose) for pose in q])
 
 
 def limb_poses(

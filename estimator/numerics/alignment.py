@@ -43,6 +43,19 @@ def similarity_onto(points: np.ndarray, reference: np.ndarray, *, scaled: bool =
     return Similarity(R, mean_reference - scale * R @ mean_points, scale)
 
 
+def motions_onto(points: np.ndarray, reference: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R (N, 3, 3), t (N, 3) of the rigid motions that bring points (M, 3) nearest to each of many others (N, M, 3), by
+    weights (N, M), whose sum is above 0; what has no weight may be NaN. As `similarity_onto`, many at once."""
+    share = (weight / weight.sum(axis=1, keepdims=True))[..., None]
+    reference = np.where(share > 0.0, reference, 0.0)
+    from_centre = points - (share * points).sum(axis=1, keepdims=True)
+    centre = (share * reference).sum(axis=1, keepdims=True)
+    U, _, Vt = np.linalg.svd(np.swapaxes(share * (reference - centre), 1, 2) @ from_centre)
+    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+    R = U @ Vt
+    return R, centre[:, 0] - np.einsum("nij,nj->ni", R, (share * points).sum(axis=1))
+
+
 def _rotation(vectors: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, float]:
     """The rotation R (3, 3), and the sum of reference . R vectors."""
     U, singular, Vt = np.linalg.svd(reference.T @ vectors)

@@ -9,16 +9,20 @@ from functools import cached_property
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.cost.model import CostModel
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.mixture import Density
-from estimator.limbs.instant import limb_views, shows_person
+from estimator.limbs.instant import LimbLogRatio, limb_views, shows_person
+from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
+from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
 from estimator.limbs.volume import common_box
 from estimator.limbs.window import Instant
 from estimator.search.shouters.contract import Shouts
 from estimator.search.shouters.hull import HullSettings, hull_shouts
 from estimator.search.shouters.importance import ImportanceSettings, importance_functions
+from estimator.search.shouters.keypoints import KeypointShoutSettings, keypoint_shouts
 from estimator.search.shouters.template_file import load_templates
 from estimator.search.shouters.templates import LimbTemplates, observed_views, template_shouts
 from estimator.trackers.beginning import enough_keypoints
@@ -32,14 +36,32 @@ _KEPT = 2  # instants whose views are kept: that to come is asked for again as t
 class ShoutSettings:
     """Who says bottom-up where limbs may be, and how importance functions are made of it.
 
-    by_hull: places that are foreground in all views, the likeliest for each limb. templates: a file of eigen-templates,
-    made by `kinemode train-templates` for these cameras; none without. hull: of that. importance: of Q.
+    by_keypoints: the frame's keypoints, by every pair of views, or one and the limb's length. by_hull: places that are
+    foreground in all views, the likeliest for each limb. templates: a file of eigen-templates, made by `kinemode
+    train-templates` for these cameras; none without. keypoints, hull: of these two. importance: of Q.
     """
 
+    by_keypoints: bool = True
     by_hull: bool = True
     templates: str = ""
+    keypoints: KeypointShoutSettings = field(default_factory=KeypointShoutSettings)
     hull: HullSettings = field(default_factory=HullSettings)
     importance: ImportanceSettings = field(default_factory=ImportanceSettings)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True)
+class SeenSettings:
+    """What limbs are seen by.
+
+    pictures: of their likelihood. keypoints: how a frame's keypoints count as evidence beside it, if `by_keypoints`.
+    """
+
+    pictures: LimbSettings = field(default_factory=LimbSettings)
+    by_keypoints: bool = True
+    keypoints: KeypointEvidenceSettings = field(default_factory=KeypointEvidenceSettings)
 
     def __post_init__(self) -> None:
         check(self)
@@ -49,8 +71,8 @@ class InstantReader:
     """Makes likelihoods and importance functions of the frames of one clip; those of a frame that is asked for again
     are not read again."""
 
-    def __init__(self, graph: LimbGraph, likelihood: LimbSettings, shout: ShoutSettings) -> None:
-        self._graph, self._likelihood, self._shout = graph, likelihood, shout
+    def __init__(self, model: CostModel, graph: LimbGraph, seen: SeenSettings, shout: ShoutSettings) -> None:
+        self._model, self._graph, self._seen, self._shout = model, graph, seen, shout
         self._kept: deque[tuple[tuple[ImageCues, ...], list[LimbView]]] = deque(maxlen=_KEPT)
         self._box: tuple[tuple[Camera, ...], np.ndarray] | None = None
 
@@ -64,7 +86,7 @@ class InstantReader:
         if not views:
             return None
         box = self.box(observation)
-        return LimbLikelihood(self._graph.limbs, views, settings=self._likelihood, box=box)
+        return LimbLikelihood(self._graph.limbs, views, settings=self._seen.pictures, box=box)
 
     def instant(self, rng: np.random.Generator, observation: Observation, *, anew: bool) -> Instant:
         """What is measured in a frame. anew: nothing is known of the frame before, so that importance functions are
@@ -74,13 +96,34 @@ class InstantReader:
         proposals: tuple[Density | None, ...] = (None,) * len(self._graph.limbs)
         if anew or shouts:
             proposals = importance_functions(shouts, len(self._graph.limbs), box, self._shout.importance)
-        return Instant(observation.time, None if pictures is None else pictures.log_ratio, proposals, box)
+        return Instant(observation.time, self._log_ratio(observation, pictures), proposals, box)
+
+    def _log_ratio(self, observation: Observation, pictures: LimbLikelihood | None) -> LimbLogRatio | None:
+        """Of pictures and keypoints together."""
+        if not self._seen.by_keypoints or not observation.count:
+            return None if pictures is None else pictures.log_ratio
+        body, sigma = self._model.body, self._model.keypoint_sigma(observation)
+        evidence = KeypointEvidence(body, self._graph, observation, sigma, self._seen.keypoints, self._landmarks)
+        if pictures is None:
+            return evidence.log_likelihood
+
+        def log_ratio(limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+            return np.asarray(pictures.log_ratio(limb, t, R) + evidence.log_likelihood(limb, t, R))
+
+        return log_ratio
+
+    @cached_property
+    def _landmarks(self) -> tuple[LimbLandmarks, ...]:
+        return landmarks_of_limbs(self._model.body, self._graph)
 
     def shouts(
         self, rng: np.random.Generator, observation: Observation, pictures: LimbLikelihood | None
     ) -> tuple[Shouts, ...]:
         """What every shouter that is on says of a frame."""
         said: list[Shouts] = []
+        if self._shout.by_keypoints and observation.count:
+            body, settings = self._model.body, self._shout.keypoints
+            said.append(keypoint_shouts(body, self._graph, observation, settings, self._landmarks))
         if self._shout.by_hull and pictures is not None:
             said.append(hull_shouts(rng, self._graph, pictures, self._views(observation), self._shout.hull))
         templates = self._templates
@@ -92,7 +135,7 @@ class InstantReader:
         """Lowest and highest corner (2, 3) [m] of where limbs can be; raises InputError where cameras see no place in
         common."""
         if self._box is None or self._box[0] is not observation.cameras:
-            s = self._likelihood
+            s = self._seen.pictures
             self._box = observation.cameras, common_box(observation.cameras, s.farthest, s.margin)
         return self._box[1]
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, propagate_batch
-from estimator.limbs.likelihood import LimbSettings
 from estimator.limbs.potential_choice import potentials_for
 from estimator.limbs.potentials import LimbPotentials
 from estimator.limbs.window import Beliefs, Past, window
@@ -21,7 +20,7 @@ from estimator.search.assembly import AssemblySettings, assembled
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.defaults import ONLY_FILTERS
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.limb_instant import InstantReader, ShoutSettings
+from estimator.trackers.limb_instant import InstantReader, SeenSettings, ShoutSettings
 from estimator.trackers.limb_state import LimbState, belief_arrays
 from estimator.trackers.mixture_state import carried, judged
 from estimator.trackers.spec import Spec, by_search
@@ -41,7 +40,7 @@ class LooseLimbedSettings:
     such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
     a past. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
     `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
-    likelihood: of limbs in pictures. shout: who says bottom-up where limbs may be. modes: hypotheses kept. assembly:
+    seen: what limbs are seen by. shout: who says bottom-up where limbs may be. modes: hypotheses kept. assembly:
     how they are made of the limbs.
     """
 
@@ -54,7 +53,7 @@ class LooseLimbedSettings:
     start_samples: int = setting(200, at_least=1)
     start_iterations: int = setting(30, at_least=1)
     start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
-    likelihood: LimbSettings = field(default_factory=LimbSettings)
+    seen: SeenSettings = field(default_factory=SeenSettings)
     shout: ShoutSettings = field(default_factory=ShoutSettings)
     modes: int = setting(5, at_least=1)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
@@ -95,7 +94,7 @@ class LooseLimbed:
     @cached_property
     def _instants(self) -> InstantReader:
         s = self.settings
-        return InstantReader(self.graph, s.likelihood, s.shout)
+        return InstantReader(self._search.model, self.graph, s.seen, s.shout)
 
     def can_start(self, observation: Observation) -> bool:
         """Whether the person is seen: by keypoints, or in the foreground of a picture."""
