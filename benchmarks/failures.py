@@ -22,14 +22,14 @@ from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
 from kinemode.terminal import report
 
-WITHOUT_DEPTH = tuple(name for name, spec in TRACKERS.items() if spec.group != "elmo")
-"""ELMO and its parts go by depth, which these clips do not have."""
+BY_ONE_CAMERA = tuple(name for name, spec in TRACKERS.items() if spec.group not in ("elmo", "loose_limbed"))
+"""ELMO and its parts go by depth, which these clips do not have, loose-limbed people by several cameras."""
 
 
 def main(
     *,
     motions: Annotated[tuple[Motion, ...], Several] = ("arm", "pivot", "turn_reach"),
-    trackers: Annotated[tuple[str, ...], Several] = WITHOUT_DEPTH,
+    trackers: Annotated[tuple[str, ...], Several] = BY_ONE_CAMERA,
     clip_seeds: Annotated[tuple[int, ...], Several] = (1, 2, 3),
     seeds: Annotated[tuple[int, ...], Several] = (0, 1, 2),
     seconds: float | None = None,

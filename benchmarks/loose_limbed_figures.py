@@ -22,7 +22,7 @@ from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_runs import LOOSE
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.graph import Belief
-from estimator.inference.beliefs.propagation import Propagated, propagate_batch
+from estimator.inference.beliefs.propagation import Propagated
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
 from estimator.limbs.window import window
 from estimator.trackers.loose_limbed import LooseLimbed
@@ -120,9 +120,9 @@ class Stage:
 
         def watch(iteration: int, beliefs: tuple[Belief, ...]) -> None:
             errors.append(self.error(FIRST, beliefs[: len(self.clip.graph.limbs)]))
-            tell(f"seed {seed}, iteration {iteration + 1}: {errors[-1]:.0f} mm")
+            tell(f"seed {seed}, iteration {len(errors)}: {errors[-1]:.0f} mm")
 
-        result = propagate_batch(rng, graph, tracker.propagation(anew=True), watch=watch)
+        result, _ = tracker.inferred(rng, graph, None, self.seen(FIRST), anew=True, watch=watch)
         densities = [density for density in instants[0].proposals if density is not None]
         samples = np.array([density.sample(rng, _SAMPLES) for density in densities])
         return Beginning(samples, result, np.array(errors))

@@ -17,7 +17,7 @@ from benchmarks.ablation_runs import STAND_INS, Measured, Wanted, parts
 from benchmarks.common import CUES
 from benchmarks.failure_runs import CSS, Attempt, Sizing, Tracking, own_size, resized, size_for
 from benchmarks.failure_table import PAPER, in_markdown, order, summed
-from benchmarks.failures import WITHOUT_DEPTH
+from benchmarks.failures import BY_ONE_CAMERA
 from benchmarks.kept_runs import INTERRUPTED, Figures, Kept, all_done
 from benchmarks.runs_plot import write_differences, write_runs
 from benchmarks.scores import TRAJECTORIES, Outcome, TrackErrors
@@ -57,7 +57,7 @@ def test_time_grows_in_a_straight_line() -> None:
     assert size_for(0.4, [10, 40], [0.1, 0.1001]) == 480  # nearly so
 
 
-@pytest.mark.parametrize("tracker", WITHOUT_DEPTH)
+@pytest.mark.parametrize("tracker", BY_ONE_CAMERA)
 def test_a_tracker_is_given_its_size(tracker: str) -> None:
     changes = {"css": {"modes": 3}}
     own = own_size(tracker, changes)

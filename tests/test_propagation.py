@@ -66,11 +66,12 @@ def means(beliefs: tuple[Belief, ...]) -> np.ndarray:
     return np.stack([belief.weights @ belief.points for belief in beliefs])
 
 
-def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number() -> None:
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number(product: ProductSettings) -> None:
     """And there is no bias: the mean over seeds is within three standard errors of the exact solution."""
     known, error = Gaussian(PLANE, ((0, 1), (0, 2), (2, 3), (2, 4)), 0), {}
     for count in (25, 225):
-        settings = BeliefSettings(kernels=count + 1, samples=count, product=QUICK)
+        settings = BeliefSettings(kernels=count + 1, samples=count, product=product)
         off = np.stack(
             [
                 means(propagate_tree(np.random.default_rng(s), known.graph, settings).beliefs) - known.mean
@@ -84,7 +85,8 @@ def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number() -> None:
     assert 2.1 < error[25] / error[225] < 4.3  # nine times as many: three
 
 
-def test_a_chain_is_the_rauch_tung_striebel_smoother() -> None:
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_a_chain_is_the_rauch_tung_striebel_smoother(product: ProductSettings) -> None:
     """A window of five instants whose first belief stays, as that of the frame before does."""
     known = Gaussian(PLANE, CHAIN, 1)
     first = known.noise**2 * np.eye(2)
@@ -102,7 +104,7 @@ def test_a_chain_is_the_rauch_tung_striebel_smoother() -> None:
     even = known.noise * np.random.default_rng(2).standard_normal((3000, 2))
     fixed = Belief(PLANE, known.seen[0] + even - even.mean(axis=0), np.full(3000, 1.0 / 3000))
     graph = Graph(PLANE, (Node(fixed=fixed), *known.graph.nodes[1:]), known.graph.potentials)
-    settings = BeliefSettings(kernels=201, samples=300, proposal_share=0.25, product=QUICK)
+    settings = BeliefSettings(kernels=201, samples=300, proposal_share=0.25, product=product)
     results = [propagate_tree(np.random.default_rng(s), graph, settings).beliefs for s in range(6)]
     assert all(result[0] is fixed for result in results)
     for i, (mean, covariance) in enumerate(smoothed[::-1][1:], start=1):
@@ -111,7 +113,8 @@ def test_a_chain_is_the_rauch_tung_striebel_smoother() -> None:
         np.testing.assert_allclose(np.mean([c for _, c in moments], axis=0), covariance, atol=0.03)
 
 
-def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation() -> None:
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation(product: ProductSettings) -> None:
     """Whose means are exact, and whose variances are not."""
     known = Gaussian(LINE, RING, 4, step=0.3, noise=0.8)
     A, b, count = known.precision, known.pull, 4
@@ -125,7 +128,7 @@ def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation() -> 
     mean = np.array([b[i] + sum(said[k, i][1] for k in sources[i]) for i in range(count)]) / precision
     np.testing.assert_allclose(mean, known.mean[:, 0], atol=1e-9)
     assert np.abs(precision * np.diag(known.covariance) - 1.0).max() > 0.01
-    settings = BeliefSettings(kernels=151, samples=150, iterations=6, product=QUICK)
+    settings = BeliefSettings(kernels=151, samples=150, iterations=6, product=product)
     results = [propagate_batch(np.random.default_rng(s), known.graph, settings).beliefs for s in range(6)]
     np.testing.assert_allclose(np.mean([means(r)[:, 0] for r in results], axis=0), mean, atol=0.05)
     variance = np.mean([[r.moments()[1][0, 0] for r in result] for result in results], axis=0)
@@ -234,8 +237,9 @@ def limbs() -> Graph:
     )
 
 
-def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
-    settings = BeliefSettings(kernels=31, samples=20, iterations=3)
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) -> None:
+    settings = BeliefSettings(kernels=31, samples=20, iterations=3, product=product)
 
     def backwards(function, tasks):  # type: ignore[no-untyped-def]
         return [*map(function, [*tasks][::-1])][::-1]
@@ -256,8 +260,9 @@ def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
 
 
 @pytest.mark.parametrize("blind", [-np.inf, np.nan, np.inf])
-def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(blind: float) -> None:
-    known, settings = Gaussian(LINE, STAR, 9), BeliefSettings(kernels=101, samples=200, product=QUICK)
+@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(product: ProductSettings, blind: float) -> None:
+    known, settings = Gaussian(LINE, STAR, 9), BeliefSettings(kernels=101, samples=200, product=product)
     dark = replace(known.graph.nodes[1], log_likelihood=lambda points: np.full(len(points), blind))
     graph = Graph(LINE, (known.graph.nodes[0], dark, *known.graph.nodes[2:]), known.graph.potentials)
     result = propagate_batch(np.random.default_rng(9), graph, settings)

@@ -72,11 +72,12 @@ def anneal(
     return particles, Layers(powers, counts)
 
 
-def annealing_power(energies: np.ndarray, survival: float) -> float:
+def annealing_power(energies: np.ndarray, survival: float, halvings: int = 50) -> float:
     """The power beta for which weights exp(-beta E) leave a given share of the particles alive.
 
     energies (N,). survival: alpha, effective count over N, below 1 (Deutscher, Blake and Reid 2000, section 4). Where
-    so many particles share the lowest energy that no power leaves fewer alive, a very large one.
+    so many particles share the lowest energy that no power leaves fewer alive, a very large one. halvings: of the
+    interval that the power is looked for in.
     """
     excess = energies - np.min(energies)
     spread = float(np.mean(excess))
@@ -93,7 +94,7 @@ def annealing_power(energies: np.ndarray, survival: float) -> float:
     while alive(high) > wanted and high * spread < 1e9:
         high *= 2.0
     low = 0.0
-    for _ in range(50):
+    for _ in range(halvings):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if alive(middle) > wanted else (low, middle)
     return high

@@ -12,8 +12,9 @@ import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.graph import Graph
-from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch
-from estimator.inference.beliefs.space import points_of
+from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, Watch, propagate_batch
+from estimator.inference.beliefs.space import PLACEMENTS, points_of
+from estimator.inference.particles import systematic
 from estimator.limbs.potential_choice import potentials_for
 from estimator.limbs.potentials import LimbPotentials
 from estimator.limbs.window import Beliefs, Past, said_by, window
@@ -32,6 +33,8 @@ from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.limbs.merging import RULES, Detail
 from humanoid.support.settings import check, setting
 
+_TIED_STD = 0.01, 0.05  # m, rad: how exactly assembled poses place limbs
+
 
 @dataclass(frozen=True)
 class LooseLimbedSettings:
@@ -40,7 +43,8 @@ class LooseLimbedSettings:
     detail: which bodies are limbs of their own, "paper" or "fine" (`humanoid.limbs`). limbs: a TOML file with changes
     to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs, else
     such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
-    a past. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
+    a past. tied: share of what the next frame is told of each limb that is as the assembled poses have it; 0 in the
+    paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
     `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
     start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
     each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
@@ -53,6 +57,7 @@ class LooseLimbedSettings:
     potentials: str = ""
     outlier: float = setting(0.01, above=0, below=1)
     propagation: BeliefSettings = field(default_factory=BeliefSettings)
+    tied: float = setting(0.5, at_least=0, at_most=1)
     start_kernels: int = setting(200, at_least=2)
     start_samples: int = setting(200, at_least=1)
     start_iterations: int = setting(15, at_least=1)
@@ -142,18 +147,46 @@ class LooseLimbed:
     ) -> tuple[LimbState, FrameResult]:
         past = self._past(state, observation.time)
         graph = self.window(rng, past, observation, following)
-        how, limbs = self.propagation(anew=past is None), len(self.graph.limbs)
-        beliefs = propagate_batch(rng, graph, how).beliefs[:limbs]
-        mixture = self._assembled(rng, beliefs, state, observation)
-        for _ in range(self.settings.start_rounds - 1 if past is None else 0):
-            said = said_by(graph, limbs, self._limbs_in(mixture))
-            again = propagate_batch(rng, graph, how, said).beliefs[:limbs]
-            other = self._assembled(rng, again, state, observation)
-            if self._at_least_as_good(other, mixture, observation):
-                beliefs, mixture = again, other
+        result, mixture = self.inferred(rng, graph, state, observation, anew=past is None)
+        beliefs = result.beliefs[: len(self.graph.limbs)]
         told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(beliefs)}
-        after, result = judged(self._search, observation, mixture, told)
-        return LimbState(beliefs, mixture, after.time, after.time), result
+        after, judgement = judged(self._search, observation, mixture, told)
+        return LimbState(self._tied(rng, beliefs, mixture), mixture, after.time, after.time), judgement
+
+    def inferred(
+        self,
+        rng: np.random.Generator,
+        graph: Graph,
+        state: LimbState | None,
+        observation: Observation,
+        *,
+        anew: bool,
+        watch: Watch | None = None,
+    ) -> tuple[Propagated, Mixture]:
+        """What is believed of the nodes of a window, and the poses that are made of its first frame; anew: without a
+        past, in several rounds. watch: see `propagate_batch`, of all rounds."""
+        how, limbs = self.propagation(anew=anew), len(self.graph.limbs)
+        result = propagate_batch(rng, graph, how, watch=watch)
+        mixture = self._assembled(rng, result.beliefs[:limbs], state, observation)
+        for _ in range(self.settings.start_rounds - 1 if anew else 0):
+            again = propagate_batch(rng, graph, how, said_by(graph, limbs, self._limbs_in(mixture)), watch)
+            other = self._assembled(rng, again.beliefs[:limbs], state, observation)
+            if self._at_least_as_good(other, mixture, observation):
+                result, mixture = again, other
+        return result, mixture
+
+    def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
+        """What the next frame is told: some of it as the assembled poses have each limb, since limbs alone do not know
+        that two of them are in one place."""
+        tied = []
+        for belief, points in zip(beliefs, self._limbs_in(mixture), strict=True):
+            count = round(self.settings.tied * len(belief.points))
+            loose = systematic(rng, belief.weights / belief.weights.sum(), len(belief.points) - count)
+            chosen = points[rng.choice(len(points), count, p=mixture.weights)]
+            near = np.repeat(_TIED_STD, 3) * rng.standard_normal((count, 6))
+            both = np.concatenate([belief.points[loose], PLACEMENTS.moved(chosen, near) if count else chosen])
+            tied.append(replace(belief, points=both, weights=np.full(len(both), 1.0 / len(both))))
+        return tuple(tied)
 
     def _past(self, state: LimbState | None, time: float) -> Past | None:
         """What was believed, unless that is longer ago than the potentials know of."""

@@ -19,6 +19,7 @@ LogLikelihood = Callable[[np.ndarray], np.ndarray]
 METHODS = ("importance", "gibbs", "exact")
 _CENTRES = 64  # kernels of a round's proposals at most
 _ALIVE = 0.1  # share of the candidates that a round's proposals go by, at least
+_HALVINGS = 10  # about a thousandth of the power that leaves so many alive is near enough
 _WIDER = 1.5  # covariance of a round's proposals over that of the products that they are made of
 
 
@@ -232,4 +233,4 @@ def _flattened(weights: np.ndarray) -> np.ndarray:
     if effective_count(weights) >= _ALIVE * len(weights):
         return weights
     energies = -np.log(np.maximum(weights, 1e-300))
-    return normalised(-min(1.0, annealing_power(energies, _ALIVE)) * energies)[0]
+    return normalised(-min(1.0, annealing_power(energies, _ALIVE, _HALVINGS)) * energies)[0]

@@ -17,6 +17,8 @@ from humanoid.support.settings import check, setting
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """As `map`."""
+Watch = Callable[[int, tuple[Belief, ...]], None]
+"""Told the number of an iteration and the beliefs after it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ def propagate_batch(
     graph: Graph,
     settings: BeliefSettings,
     messages: Mapping[Edge, Mixture] | None = None,
-    watch: Callable[[int, tuple[Belief, ...]], None] | None = None,
+    watch: Watch | None = None,
     each: Each = map,
 ) -> Propagated:
     """All messages anew from those of the iteration before, several times (Sigal et al. 2004, section 4).

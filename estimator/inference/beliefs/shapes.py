@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -80,19 +81,25 @@ def _share_of_turns(covariance: np.ndarray) -> np.ndarray:
     wide = np.flatnonzero(variance[:, -1] > _NARROW**2)
     if len(wide) == 0:
         return share
-    # Gauss and Legendre along the axis of the largest variance, evenly around it
+    square, weights = _directions()
+    for c in wide:
+        precision = square @ (1.0 / variance[c])
+        density = (2.0 * np.pi) ** -1.5 / math.sqrt(float(np.prod(variance[c])))
+        share[c] = density * _within(precision, weights)
+    return np.minimum(share, 1.0)
+
+
+@cache
+def _directions() -> tuple[np.ndarray, np.ndarray]:
+    """Squares (D, 3) of unit vectors in all directions and their weights (D,), the solid angles: Gauss and Legendre
+    along the last axis, evenly around it."""
     height, weight = np.polynomial.legendre.leggauss(_ELEVATIONS)
     around = 2.0 * np.pi * (np.arange(_AZIMUTHS) + 0.5) / _AZIMUTHS
     flat = np.sqrt(1.0 - height**2)
     directions = np.stack(
         [np.outer(flat, np.cos(around)), np.outer(flat, np.sin(around)), np.outer(height, np.ones(_AZIMUTHS))], axis=-1
     ).reshape(-1, 3)
-    weights = np.repeat(weight * 2.0 * np.pi / _AZIMUTHS, _AZIMUTHS)
-    for c in wide:
-        precision = np.square(directions) @ (1.0 / variance[c])
-        density = (2.0 * np.pi) ** -1.5 / math.sqrt(float(np.prod(variance[c])))
-        share[c] = density * _within(precision, weights)
-    return np.minimum(share, 1.0)
+    return np.square(directions), np.repeat(weight * 2.0 * np.pi / _AZIMUTHS, _AZIMUTHS)
 
 
 @jit
