@@ -156,10 +156,9 @@ def show(graph: LimbGraph, view: str, values: np.ndarray) -> dict[str, list[floa
         made.add_row(name, *(f"{value:.3f}" for value in row))
     console().print(made)
     if view == TOGETHER:
-        recall, precision = rows["mean"][[0, 2]]
-        console().print(
-            f"recall {recall:.3f}, bar {RECALL}; precision {precision:.3f}, bar {PRECISION}, by pairs of views"
-        )
+        for side, (recall, precision) in (("either side", rows["mean"][[0, 2]]), ("its own", rows["mean"][[1, 3]])):
+            bars = f"recall {recall:.3f}, bar {RECALL}; precision {precision:.3f}, bar {PRECISION}"
+            console().print(f"{side}: {bars}, by pairs of views")
     return {name: row.tolist() for name, row in rows.items()}
 
 

@@ -16,6 +16,7 @@ from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidence
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.numerics.alignment import motions_onto, similarity_onto
 from estimator.search.shouters.contract import Shout, Shouts
+from estimator.search.shouters.keypoint_fits import Fits, turned_about
 from estimator.search.shouters.keypoints import KeypointShoutSettings, keypoint_shouts
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
@@ -122,6 +123,46 @@ def test_the_likeliest_candidate_is_the_limb_s_own() -> None:
         assert nearest(best, t[k], R[k])[0] < 3e-3
 
 
+def test_neighbours_tell_how_a_limb_is_turned() -> None:
+    off = []
+    for seed in range(6):
+        observation, t, R = seen("human34", seed)
+        made = shouts("human34", observation)
+        for k in told("human34"):
+            best = Shout(made[k].points[[made[k].weights.argmax()]], np.ones(1))
+            off.append(nearest(best, t[k], R[k])[2])
+    assert np.mean(np.array(off) < 30.0) > 0.85
+
+
+def test_rays_that_miss_each_other_are_doubted_and_far_ones_are_not_of_one_landmark() -> None:
+    observation, t, _ = seen("human34", 1)
+    pixels = observation.pixels.copy()
+    pixels[0, :, 1] += 30.0  # all of a view alike, so that only the rays' distance tells
+    view_off = replace(observation, pixels=pixels)
+    for k in told("human34"):
+        shout = shouts("human34", view_off)[k]
+        away = np.linalg.norm(placements_of(shout.points)[0] - t[k], axis=1)
+        assert away[shout.weights.argmax()] < 3e-3
+        assert shout.weights[away > 0.02].max(initial=0.0) < 0.5 * shout.weights.max()
+    pixels[0, :, 1] += 120.0
+    two = replace(observation, cameras=CAMERAS[:2], pixels=pixels[:2], confidence=observation.confidence[:2])
+    assert all(not len(shout.weights) for shout in shouts("human34", two, alone=False))
+
+
+def test_turning_about_a_line_leaves_the_line() -> None:
+    rng = np.random.default_rng(2)
+    R, _ = motions_onto(rng.normal(size=(4, 3)), rng.normal(size=(5, 4, 3)), np.ones((5, 4)))
+    line = rng.normal(size=(5, 3))
+    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    fits = Fits(R, rng.normal(size=(5, 3)), np.zeros(5), np.arange(5), line, rng.normal(size=(5, 3)))
+    turned = turned_about(fits, np.full(5, 1.0))
+    for along in (0.0, 0.7):
+        on_line = fits.pivot + along * line
+        before, after = (np.einsum("kij,kj->ki", f.R, on_line) + f.t for f in (fits, turned))
+        np.testing.assert_allclose(after, before, atol=1e-12)
+    assert np.trace(fits.R[0].T @ turned.R[0]) == pytest.approx(1.0 + 2.0 * np.cos(1.0))
+
+
 def test_one_camera_knows_a_limb_by_its_length() -> None:
     good = []
     for seed in range(6):
@@ -140,9 +181,16 @@ def test_exchanged_sides_are_covered_in_one_view_or_all() -> None:
     for other in (observation.exchanged(mirror), replace(observation, pixels=pixels)):
         for k in told("human34"):
             assert nearest(shouts("human34", other)[k], t[k], R[k])[0] < 3e-3
+    # in every view at the exchange's price in each of a pair, spread over its turns where nothing tells of them
+    graph, made = limbs_of("human34")[0], shouts("human34", observation)
+    price = 2.0 * KeypointShoutSettings().exchange
+    for k in (k for k in told("human34") if graph.mirror[k] != k):
+        places, weights = placements_of(made[k].points)[0], made[k].weights
+        sums = [weights[np.linalg.norm(places - t[i], axis=1) < 3e-3].sum() for i in (k, graph.mirror[k])]
+        assert sums[1] / sums[0] == pytest.approx(np.exp(-price), rel=0.05)
+    thigh = next(k for k in told("human34") if graph.mirror[k] != k)
     # two views, one of them exchanged: nothing but an exchange meets
     two = replace(observation, cameras=CAMERAS[:2], pixels=pixels[:2], confidence=observation.confidence[:2])
-    thigh = next(k for k in told("human34") if limbs_of("human34")[0].mirror[k] != k)
     assert nearest(shouts("human34", two)[thigh], t[thigh], R[thigh])[0] < 3e-3
 
 
@@ -161,7 +209,7 @@ def test_nothing_seen_says_nothing() -> None:
 
 
 @pytest.mark.parametrize("name", ["human34", "arm8"])
-@pytest.mark.parametrize("views", [4, 2, 1])
+@pytest.mark.parametrize("views", [4, 3, 2, 1])
 def test_the_true_placement_is_likelier_than_far_ones(name: str, views: int) -> None:
     observation, t, R = seen(name, 5, views)
     of, rng = evidence(name, observation), np.random.default_rng(0)
@@ -184,6 +232,16 @@ def test_evidence_of_exchanged_sides_costs_the_exchange_in_every_view() -> None:
     own = evidence("human34", observation).log_likelihood(k, t[[k]], R[[k]])[0]
     assert own == pytest.approx(-4.0 * np.log(1.0 + np.exp(-3.0)), abs=0.05)
     assert evidence("human34", other).log_likelihood(k, t[[k]], R[[k]])[0] == pytest.approx(own - 12.0, abs=0.05)
+
+
+def test_landmarks_that_move_in_a_limb_are_less_certain() -> None:
+    """Nothing but the neck is fixed to the torso: its true placement is hardly worse than the best one could be."""
+    trunk = next(k for k in range(len(limbs_of("human34")[0].limbs)) if k not in told("human34"))
+    values = []
+    for seed in range(12):
+        observation, t, R = seen("human34", seed)
+        values.append(evidence("human34", observation).log_likelihood(trunk, t[[trunk]], R[[trunk]])[0])
+    assert np.mean(values) > -5.0
 
 
 def test_keypoints_of_two_limbs_count_once() -> None:

@@ -36,9 +36,10 @@ class KeypointShoutSettings:
     noise: standard deviation of a landmark that is placed by two views, and of how far they miss each other. gate: two
     rays of a landmark farther apart are not of one landmark. misfit: landmarks farther from where the limb has them do
     not count. exchange [nats]: of taking one view's left for right. rolls: turns about a limb's axis that are tried
-    where nothing tells. least: share of the best weight below which a candidate is left out. alone: where no pair of
-    views shows a limb, take each view with the limb's length. depths: that are tried then, apart by `step`. deviation:
-    of depths from the one that the body's size gives.
+    where nothing tells. least: share of the best weight below which a candidate is left out, before it is spread over
+    turns; both views of a pair are taken as exchanged only where twice the exchange costs less than that. alone: where
+    no pair of views shows a limb, take each view with the limb's length. depths: that are tried then, apart by `step`.
+    deviation: of depths from the one that the body's size gives.
     Raises InputError where a value cannot be.
     """
 
@@ -155,7 +156,7 @@ def _by_pairs(limb: Limb, of: LimbLandmarks, pairs: _Pairs, settings: KeypointSh
     log_weight -= 0.5 * gap / noise**2 + 0.5 * np.square(misfit / allowed)
     fits = Fits(R, t, log_weight, rows, line, share @ of.place)
     fits = fits.of(np.flatnonzero(misfit <= settings.misfit * size * allowed / noise))
-    return _shout(_rolled(limb, of, fits, settings, pairs), settings)
+    return _shout(_rolled(limb, of, _likeliest(fits, settings), settings, pairs))
 
 
 def _rolled(
@@ -230,12 +231,16 @@ def _by_views(
     if not fits:
         return NOTHING
     together = Fits(*(np.concatenate(values) for values in zip(*fits, strict=True)))
-    return _shout(_rolled(limb, of, together, settings), settings)
+    return _shout(_rolled(limb, of, _likeliest(together, settings), settings))
 
 
-def _shout(fits: Fits, settings: KeypointShoutSettings) -> Shout:
+def _likeliest(fits: Fits, settings: KeypointShoutSettings) -> Fits:
+    """Those of enough weight, whose turns are then tried: what is spread over many turns is no less likely for it."""
+    best = fits.log_weight.max(initial=-np.inf)
+    return fits.of(np.flatnonzero(fits.log_weight > best + np.log(max(settings.least, 1e-300))))
+
+
+def _shout(fits: Fits) -> Shout:
     if not len(fits.t):
         return NOTHING
-    weights = np.exp(fits.log_weight - fits.log_weight.max())
-    best = fits.log_weight > fits.log_weight.max() + np.log(max(settings.least, 1e-300))
-    return Shout(points_of(fits.t[best], fits.R[best]), weights[best])
+    return Shout(points_of(fits.t, fits.R), np.exp(fits.log_weight - fits.log_weight.max()))
