@@ -155,11 +155,14 @@ const video = document.createElement("video"), canvas = document.createElement("
 video.muted = true;
 video.onerror = () => done(video.error.message);
 video.onloadeddata = () => { video.currentTime = time; };
+let tries = 0;
 video.onseeked = () => {
   canvas.width = video.videoWidth; canvas.height = video.videoHeight;
   const context = canvas.getContext("2d");
   context.drawImage(video, 0, 0);
   const {data} = context.getImageData(0, 0, canvas.width, canvas.height);
+  // a busy Chromium says "seeked" before it has the frame, and then draws black
+  if (tries++ < 100 && data.every((value, i) => i % 4 == 3 || value == 0)) return setTimeout(video.onseeked, 20);
   done([video.duration, canvas.width, canvas.height, [...data]]);
 };
 video.src = URL.createObjectURL(new Blob([bytes], {type}));
