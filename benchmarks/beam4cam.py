@@ -66,8 +66,13 @@ class Task:
     how: dict[str, Any]
 
 
+def cameras_of(view: str) -> tuple[str, ...]:
+    """Of a view: a camera's name, several joined by "+", or `TOGETHER`."""
+    return CAMERAS if view == TOGETHER else tuple(view.split("+"))
+
+
 def tracked(task: Task) -> Result:
-    names = CAMERAS if task.view == TOGETHER else (task.view,)
+    names = cameras_of(task.view)
     seen = CUES[task.cues] if task.keypoints != NONE else SEEN_ALONE
     files, how = None, {"fit": "off", **task.how}
     if task.keypoints != NONE:
@@ -128,7 +133,7 @@ def main(
     copies
         Copies of the keypoints: 0 as they are, others moved at random by at most 0.05 px and rounded to 0.1 px.
     views
-        Cameras to track from alone, and "four" for all together.
+        Cameras to track from alone, several joined by "+" (cam01+cam03), and "four" for all together.
     cues
         Track from each camera alone with keypoints, with one cue of the pictures besides, and with all of them.
     tracker, modes
@@ -166,8 +171,8 @@ def main(
 
 def checked(views: tuple[str, ...], valid: tuple[str, ...]) -> tuple[str, ...]:
     """Those of the views that are valid here; raises InputError for an unknown one, or if none is left."""
-    unknown = [view for view in views if view not in (*CAMERAS, TOGETHER)]
-    chosen = tuple(view for view in views if view in valid)
+    unknown = [view for view in views if not set(cameras_of(view)) <= set(CAMERAS)]
+    chosen = tuple(view for view in views if view in valid or (TOGETHER in valid and len(cameras_of(view)) > 1))
     if unknown or not chosen:
         raise InputError(
             "--views", f"there is no {', '.join(unknown) or TOGETHER}", remedy=f"some of {', '.join(valid)}"
@@ -182,7 +187,7 @@ def print_table(by_view: dict[str, list[Result]], runs: int) -> None:
         made.add_row(
             view, *cells(mean_scores(s for s, _ in results), float(np.median([r for _, r in results]))), *learned
         )
-    alone = [result for view, results in by_view.items() if view != TOGETHER for result in results]
+    alone = [result for view, results in by_view.items() if view in CAMERAS for result in results]
     if alone:
         rate = float(np.median([r for _, r in alone]))
         made.add_section()
@@ -202,7 +207,7 @@ def print_spread(by_view: dict[str, list[Result]]) -> None:
     """Mean and standard deviation over the runs of a view, and of the mean of the cameras."""
     made = report.table("mean and standard deviation over runs [mm]", "view", *SPREAD.values())
     errors = {v: np.array([[getattr(s, name) for name in SPREAD] for s, _ in of]) for v, of in by_view.items()}
-    alone = [of for view, of in errors.items() if view != TOGETHER]
+    alone = [of for view, of in errors.items() if view in CAMERAS]
     if len(alone) > 1:
         errors["mean alone"] = np.mean(alone, axis=0)
     for view, of in errors.items():
@@ -232,7 +237,7 @@ def print_cues(by_cues: dict[str, dict[str, list[Result]]], runs: int) -> None:
 
 
 def figures(by_view: dict[str, list[Result]], runs: list[tuple[int, int]], how: dict[str, Any]) -> dict[str, Any]:
-    alone = [s for view, results in by_view.items() if view != TOGETHER for s, _ in results]
+    alone = [s for view, results in by_view.items() if view in CAMERAS for s, _ in results]
     return {
         "tracker": how["tracker"],
         "settings": how["settings"],
