@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json as json_module
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from cyclopts import Parameter
 
 from benchmarks.common import Data, Json, Several, Work, captured_folder, save, start, work_folder
 from benchmarks.kept_runs import Figures, Kept, all_done
+from benchmarks.loose_limbed_duel import write_duel
 from benchmarks.loose_limbed_rival import LAYERS, PARTICLES, learned_noise
 from benchmarks.loose_limbed_runs import LimbRun
 from humanoid.kinematics.body import Body
@@ -45,6 +47,7 @@ def main(
     data: Data = None,
     work: Work = None,
     json: Json = None,
+    figure: Path | None = None,
 ) -> None:
     """Measure what is asked for.
 
@@ -63,6 +66,8 @@ def main(
         Of the trackers.
     jobs
         Runs at a time, each in a process of its own.
+    figure
+        Also draw the errors of --walk and --annealed over the frames here (Figure 8, right).
     """
     folder = captured_folder(data)
     if folder is None:
@@ -94,6 +99,9 @@ def main(
             figures["recovery"] = _done("recovery", kept, recoveries(files[WALK], noise, seeds), jobs)
             show_recovery(figures["recovery"])
     save(json, {"measure": "loose-limbed", **figures})
+    if figure is not None:
+        loose = {"loose-limbed, normal contrast": figures["walk"]["shouters"]} if walk else {}
+        write_duel(figure, loose | figures.get("annealed", {}))
 
 
 def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
