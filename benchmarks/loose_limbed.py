@@ -27,7 +27,7 @@ from kinemode.terminal import report
 WALK, TURN, PUNCH = "walk_straight_07_01", "walk_turn_26_01", "punch_02_05"
 BEGIN, END = 11, 70  # frames of the walk that are tracked
 LOST = 250.0  # mm
-AS_PRINTED = {"propagation": {"product": {"sighted": False}}, "shout": {"by_hull": False}}
+AS_PRINTED = {"propagation": {"product": {"sighted": False}}, "shout": {"by_hull": False}, "tied": 0.0}
 ALONE: dict[str, Any] = {"shout": {"by_hull": False}}
 STARTS = {WALK: (11, 20, 29, 38, 47, 56, 65), TURN: (10, 25, 40, 55, 70, 85, 100), PUNCH: (10, 30, 50, 70, 90, 110)}
 FEW = 3  # seeds of what is only looked at beside
