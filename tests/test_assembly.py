@@ -352,6 +352,22 @@ def test_keypoints_choose_their_association() -> None:
     assert assembled(search, graph_of(name), beliefs, seen.exchanged(search.mirror)).modes[0].association == "exchanged"
 
 
+def test_one_camera_s_keypoints_are_heard_beside_sharp_beliefs_that_are_wrong() -> None:
+    rng, name = np.random.default_rng(19), "human34"
+    body, off = body_of(name), np.repeat([0.05, 0.3], 3)
+    errors = np.zeros((4, 2))
+    for row in errors:
+        q = quiet_pose(name, rng)
+        seen = observe(body, q, CAMERAS[:1], noise=1.0, rng=rng)
+        wrong = points_at(name, q)
+        wrong = PLACEMENTS.moved(wrong, off * rng.standard_normal((len(wrong), 6)))
+        beliefs = about(rng, wrong, 0.005, 0.02)
+        for k, settings in enumerate((AssemblySettings(), AssemblySettings(alone_place=0.01, alone_turn=0.1))):
+            best = assembled(search_of(name), graph_of(name), beliefs, seen, settings=settings).modes[0]
+            row[k] = away(name, best.q, q)
+    assert errors[:, 0].mean() < 0.9 * errors[:, 1].mean(), errors
+
+
 def test_equal_seeds_equal_bits_whoever_does_the_work() -> None:
     rng, name = np.random.default_rng(14), "human34"
     q = quiet_pose(name, rng)

@@ -32,7 +32,8 @@ class AssemblySettings:
     place_floor [m], turn_floor [rad]: what is added to how well a belief knows a limb's place and turn: sampled beliefs
     collapse. nu: squared distance, in standard deviations, from which a limb counts as astray and pulls less. doubted:
     weight of a limb whose belief nothing measured explains. coarse_place [m], coarse_turn [rad]: the same floors of the
-    first pull, from wherever the body is.
+    first pull, from wherever the body is. alone_place [m], alone_turn [rad]: the same floors where there is one camera:
+    how far away a limb is, hardly anything says, and samples collapse there without being right.
 
     clusters: places that are told apart in a belief, of which the limb's ends are about `apart` [m] from each other or
     more. least: share of a belief from which another of its places is tried. same [m]: two limbs are believed in one
@@ -53,6 +54,8 @@ class AssemblySettings:
     doubted: float = setting(0.1, at_least=0, at_most=1)
     coarse_place: float = setting(0.08, above=0)
     coarse_turn: float = setting(0.5, above=0)
+    alone_place: float = setting(0.05, above=0)
+    alone_turn: float = setting(0.3, above=0)
     clusters: int = setting(3, at_least=1)
     apart: float = setting(0.25, above=0)
     least: float = setting(0.1, above=0, at_most=1)
@@ -80,9 +83,10 @@ class AssemblySettings:
         """Of the first pull."""
         return Stiffness(self.coarse_place, self.coarse_turn, "gaussian", self.nu)
 
-    @property
-    def fine(self) -> Stiffness:
-        """Of the last."""
+    def fine(self, cameras: int) -> Stiffness:
+        """Of the last, by so many cameras."""
+        if cameras == 1:
+            return Stiffness(self.alone_place, self.alone_turn, "lorentzian", self.nu)
         return Stiffness(self.place_floor, self.turn_floor, "lorentzian", self.nu)
 
 
@@ -123,7 +127,7 @@ def assembled(
     places = limb_places(graph, beliefs, s.apart, s.clusters)
     made = choices(graph, places, Mistakes(s.exchange, s.least, s.same))
     weight, pulls = np.where(places.explained, 1.0, s.doubted), LimbPulls(graph, search.body)
-    fine = tuple(pulls.of_choice(choice, weight, s.fine) for choice in made)
+    fine = tuple(pulls.of_choice(choice, weight, s.fine(len(observation.cameras))) for choice in made)
     case = FrameCase(search.associations(observation), elapsed, None, fine)
     frame = _Frame(search, graph, pulls, case, likelihood, before, s)
     coarse = [pulls.of_choice(choice, weight, s.coarse) for choice in made]
