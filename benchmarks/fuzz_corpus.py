@@ -15,9 +15,11 @@ import cv2
 import numpy as np
 
 import kinemode as km
+from benchmarks.fuzz_limbs import templates, two_limbs
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, LIMBS, OBJ
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.limbs.potentials import SHIPPED
 from estimator.results.export import export
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS
@@ -37,7 +39,10 @@ def corpus(subjects: Sequence[str] = ("arm8", "upper13")) -> dict[str, list[File
     """All of it, with runs of some subjects; the first name of each folder is the file that is read."""
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as name:
         folder = Path(name)
-        return {**_keypoints(), **_texts(), **_subjects(), **_pictures(folder), **_runs(folder, subjects)}
+        return {
+            **_keypoints(), **_texts(), **_subjects(), **_limbs(folder), **_pictures(folder),
+            **_runs(folder, subjects),
+        }  # fmt: skip
 
 
 def points(layout: str, frame: int) -> np.ndarray:
@@ -219,6 +224,12 @@ def _subjects() -> dict[str, list[Files]]:
         "landmark file": [{"arm.landmarks.toml": ARM_LANDMARKS.encode(), "arm.urdf": ARM_MESHES[""].encode()}],
         "mesh": [{name: data, "arm.urdf": ARM_MESHES[name].encode()} for name, data in shapes],
     }
+
+
+def _limbs(folder: Path) -> dict[str, list[Files]]:
+    """What limbs do beside each other, and what they look like."""
+    potentials = [{"potentials.json": data} for data in (two_limbs(), SHIPPED.read_bytes())]
+    return {"potentials": list(potentials), "templates": [{"templates.npz": templates(folder, cameras())}]}
 
 
 def _pictures(folder: Path) -> dict[str, list[Files]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.fuzz_arrays import mutated_npy, mutated_npz, mutated_run
 from benchmarks.fuzz_corpus import FRAMES, SIZE, Files
+from benchmarks.fuzz_limbs import use_potentials, use_templates
 from benchmarks.fuzz_mutations import mutated
 from estimator.cameras.camera import guessed_camera
 from estimator.formats.cameras import load_cameras
@@ -135,7 +136,7 @@ def _clicked() -> KeypointTrack:
 
 
 READERS = {
-    "keypoints": Reader("json", load_keypoints, 0.2),
+    "keypoints": Reader("json", load_keypoints, 0.18),
     "keypoint folder": Reader("json", lambda path: load_keypoints(path.parent), 0.1, folder=True),
     "deeplabcut": Reader("text", load_keypoints, 0.03),
     "coco": Reader("json", load_keypoints, 0.03),
@@ -155,6 +156,8 @@ READERS = {
     "urdf": Reader("text", _body, 0.008),
     "landmark file": Reader("text", _landmark_file, 0.004),
     "limb file": Reader("text", _limb_file, 0.004),
+    "potentials": Reader("json", use_potentials, 0.01),
+    "templates": Reader("npz", use_templates, 0.01),
     "mesh": Reader("text", lambda path: _body(path.with_name("arm.urdf")), 0.003),
     "run": Reader("run", _run, 0.008),
     "state": Reader("run", _state, 0.004),
