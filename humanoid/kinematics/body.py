@@ -235,9 +235,7 @@ class Body(Summarised):
 
     def landmarks_of(self, placed: PlacedBodies) -> np.ndarray:
         """Landmarks of N configurations in the world [m], (N, L, 3); each as `landmarks` has them, to the last bit."""
-        points = np.empty((len(placed.q), *self.landmark_local.shape))
-        _place_points(placed.placements, self.landmark_joint, self.landmark_local, points)
-        return points
+        return points_of_each(placed, self.landmark_joint, self.landmark_local)
 
     def landmark_jacobians(self, posed: PosedBody) -> np.ndarray:
         """Derivative of every landmark [m per unit of v], world frame, (L, 3, nv)."""
@@ -362,6 +360,14 @@ def points_on_links(
 def points_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Points fixed to joints, in the world [m], (N, 3)."""
     return directions_in_world(posed, joints, local) + posed.translations[joints]
+
+
+def points_of_each(placed: PlacedBodies, joints: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Points (P, 3) fixed to joints (P,), in the world [m], (N, P, 3), of N configurations; each as `points_in_world`
+    has them, to the last bit."""
+    points = np.empty((len(placed.q), *local.shape))
+    _place_points(placed.placements, joints, local, points)
+    return points
 
 
 def directions_in_world(posed: PosedBody, joints: np.ndarray, local: np.ndarray) -> np.ndarray:

@@ -1,0 +1,85 @@
+"""Points of a body that trackers of image features predict: its head, its hands, or its landmarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.search.jumps.anatomy import Anatomy
+from humanoid.kinematics.body import Body, PlacedBodies, points_of_each, points_on_links
+from humanoid.support.errors import InputError
+
+FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")
+HAND = "wrist"  # how the end of a limb with a hand is called, in COCO's names
+HEAD = "head"
+TRUNK = -1
+
+
+@dataclass(frozen=True, eq=False)
+class PointFeatures:
+    """Points fixed to links.
+
+    names (F,). joint (F,), local (F, 3) [m]: where they are fixed, in the joints' frames. limb (F,): the number of the
+    limb (`Anatomy.limbs`) whose joints move them beside the trunk's, -1 for none.
+    """
+
+    names: tuple[str, ...]
+    joint: np.ndarray
+    local: np.ndarray
+    limb: np.ndarray
+
+    def points(self, placed: PlacedBodies) -> np.ndarray:
+        """In the world [m], (N, F, 3), of N configurations."""
+        return points_of_each(placed, self.joint, self.local)
+
+    def ends(self, limb: int) -> np.ndarray:
+        """The features (K,) that a limb moves, the outermost last."""
+        return np.flatnonzero(self.limb == limb)
+
+    @property
+    def of_trunk(self) -> np.ndarray:
+        """The features (K,) that no limb moves."""
+        return np.flatnonzero(self.limb == TRUNK)
+
+
+def skin_features(body: Body, anatomy: Anatomy) -> PointFeatures:
+    """The middle of the face, and the middle of the hand at the end of each limb whose end is a wrist (Taycher et al.
+    2004, section 4).
+
+    The middle of a hand is that of the flesh on its link, where it has flesh.
+
+    Raises
+    ------
+    InputError: a body without a face, or without such a limb.
+    """
+    marks = {mark.name: mark for mark in body.subject.landmarks}
+    face = [marks[name] for name in FACE if name in marks]
+    arms = [k for k, limb in enumerate(anatomy.limbs) if HAND in body.landmark_names[int(limb.landmarks[2])]]
+    if not face or not arms or len({mark.link for mark in face}) > 1:
+        lacks = "no arms of two segments that end in a wrist" if face else "no landmarks on one face"
+        remedy = 'features = "keypoints", or a subject with nose, eyes or ears and wrists'
+        raise InputError(f"subject {body.subject.name}", f"has {lacks}", remedy=remedy)
+    flesh = {part.link: part.xyz for part in body.subject.flesh}
+    names, places = [HEAD], [(face[0].link, tuple(np.mean([mark.xyz for mark in face], axis=0)))]
+    for k in arms:
+        wrist = marks[body.landmark_names[int(anatomy.limbs[k].landmarks[2])]]
+        names.append(wrist.name.replace(HAND, "hand"))
+        places.append((wrist.link, flesh.get(wrist.link, wrist.xyz)))
+    joint, local = points_on_links(body.model, places)
+    return PointFeatures(tuple(names), joint, local, np.array([TRUNK, *arms]))
+
+
+def landmark_features(body: Body, anatomy: Anatomy, names: Sequence[str] | None = None) -> PointFeatures:
+    """All landmarks, or those of some names; a limb moves its middle and its end."""
+    chosen = [k for k, name in enumerate(body.landmark_names) if names is None or name in names]
+    limb = np.full(len(body.landmark_names), TRUNK)
+    for k, one_limb in enumerate(anatomy.limbs):
+        moved = body.landmark_support[:, one_limb.dofs].any(axis=1)
+        moved[int(one_limb.landmarks[0])] = False  # its root, whose axes meet there
+        limb[moved] = k
+    return PointFeatures(
+        tuple(body.landmark_names[k] for k in chosen), body.landmark_joint[chosen], body.landmark_local[chosen],
+        limb[chosen],
+    )  # fmt: skip
