@@ -1,0 +1,115 @@
+"""One frame of several chains that estimate the same image: what they tell each other through its features.
+
+Taycher, Fisher and Darrell 2004: eqs. 1 and 2, the product of experts; eq. 5, marginals of the frame before in place of
+their joint; the four steps of section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from estimator.inference.chains.evidence import Evidence
+from estimator.inference.chains.feature_density import FeatureDensity, product, uniform
+from humanoid.support.errors import InputError
+
+S = TypeVar("S")
+P = TypeVar("P")
+GATED, PRINTED, ONE_WAY, APART = "gated", "printed", "one-way", "apart"
+EXCHANGES = (GATED, PRINTED, ONE_WAY, APART)
+MOST = 40  # kernels of a message
+
+
+@dataclass(frozen=True, eq=False)
+class Message:
+    """mu_F->S, what a chain is told of the features.
+
+    evidence: what its states are weighed by. guide: where the features may be, by all that the other chains expect; it
+    says where to look, and is no evidence.
+    """
+
+    evidence: FeatureDensity
+    guide: FeatureDensity
+
+
+class Chain(Protocol[S, P]):
+    """A hidden Markov chain that predicts image features. Equal random generators give equal states."""
+
+    def predict(self, state: S, dt: float) -> P:
+        """mu_St-1->St: what is expected `dt` seconds after a state, before the image is looked at (step 1)."""
+        ...
+
+    def features(self, prior: P) -> FeatureDensity:
+        """mu_S->F: what it expects of the features (step 2); it is 1 over features that it does not predict."""
+        ...
+
+    def update(self, prior: P, message: Message) -> tuple[S, float]:
+        """p(S | O) and the logarithm of what the message weighs under the prior (step 4)."""
+        ...
+
+
+def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: str = GATED) -> list[Message]:
+    """mu_F->Si for each of n >= 2 chains, from mu_Si->F of all of them and phi(O, F) (step 3).
+
+    A chain never receives its own message: what goes to i is phi(O, F) times what all others expect.
+
+    exchange: "printed" is that and nothing else. While nothing is seen chains then go on confirming what they have from
+    each other, and are sure of it. "gated": where no detection is a feature's, what the others expect of it is no
+    evidence, only a guide; it still counts in how much an association weighs. "one-way": as gated, and nobody but the
+    first is told anything. "apart": nobody is.
+
+    Raises
+    ------
+    InputError: a chain that has no feature in common with any other.
+    """
+    if exchange not in EXCHANGES:
+        raise InputError("exchange", f"there is no {exchange!r}", remedy="one of " + ", ".join(EXCHANGES))
+    _check_common(expected)
+    names = tuple(dict.fromkeys(n for d in (evidence.density, *expected) for n in d.names))
+    seen = evidence.density.over(names)
+    told = []
+    for i in range(len(expected)):
+        listens = exchange in (GATED, PRINTED) or (exchange == ONE_WAY and i == 0)
+        others = [d for k, d in enumerate(expected) if k != i] if listens else []
+        theirs = product(others, names, MOST)
+        whole = seen.times(theirs).reduced(MOST)
+        told.append(Message(whole if exchange == PRINTED else _gated(seen, theirs), whole))
+    return told
+
+
+def _gated(seen: FeatureDensity, theirs: FeatureDensity) -> FeatureDensity:
+    """The product, in which nothing but a weight is left of what others expect where no detection is."""
+    factor = seen.times(theirs)
+    supported = seen.known[_row_of(len(seen.log_weight), len(theirs.log_weight))]
+    gated = FeatureDensity(factor.names, factor.log_weight, supported, factor.mean, factor.covariance)
+    return gated.reduced(MOST)
+
+
+def _row_of(left: int, right: int) -> list[int]:
+    """The kernel of the left factor that each kernel of a product comes from (`FeatureDensity.times`)."""
+    return [i for i in range(left) for _ in range(right)]
+
+
+def _check_common(expected: Sequence[FeatureDensity]) -> None:
+    for i, own in enumerate(expected):
+        others = {n for k, d in enumerate(expected) if k != i for n in d.names}
+        if len(expected) > 1 and not others & set(own.names):
+            problem = f"chain {i + 1} predicts {', '.join(own.names)}, and no other does"
+            raise InputError("chains", problem, remedy="chains that share features")
+
+
+def step(
+    chains: Sequence[Chain[Any, Any]], states: Sequence[Any], evidence: Evidence, dt: float, exchange: str = GATED
+) -> tuple[list[Any], list[Message]]:
+    """All four steps for one frame: the chains' new states and what each was told."""
+    priors = [chain.predict(state, dt) for chain, state in zip(chains, states, strict=True)]
+    expected = [chain.features(prior) for chain, prior in zip(chains, priors, strict=True)]
+    told = messages(expected, evidence, exchange)
+    after = [chain.update(prior, m)[0] for chain, prior, m in zip(chains, priors, told, strict=True)]
+    return after, told
+
+
+def nothing_seen(names: Sequence[str]) -> Message:
+    """What a chain is told that is alone in the dark."""
+    return Message(uniform(names), uniform(names))

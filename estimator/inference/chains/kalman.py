@@ -1,0 +1,145 @@
+"""Points of an image by a robust Kalman filter: each goes on with its velocity, which fades."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.inference.chains.exchange import Message
+from estimator.inference.chains.feature_density import FeatureDensity, gaussian
+from humanoid.support.settings import check, setting
+
+
+@dataclass(frozen=True)
+class PointSettings:
+    """How points move.
+
+    keep: share of its velocity that a point keeps in a second. noise: standard deviation of the random acceleration, as
+    a change of velocity in one second, in sizes of the person per second. speed: of velocities at first, in sizes per
+    second. loose: standard deviation [sizes] to which a point is lost at most.
+    Raises InputError where a value cannot be.
+    """
+
+    keep: float = setting(0.02, at_least=0, at_most=1)
+    noise: float = setting(3.0, above=0)
+    speed: float = setting(1.0, above=0)
+    loose: float = setting(0.5, above=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Where points are and how they move: mean (F, 4) x, y [px] and velocities [px/s], covariance (4F, 4F)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """As plain arrays; `from_arrays` is the inverse."""
+        return {"point_mean": self.mean, "point_covariance": self.covariance}
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray]) -> Points:
+        """Those of `arrays`, among others."""
+        return Points(arrays["point_mean"], arrays["point_covariance"])
+
+
+@dataclass(frozen=True, eq=False)
+class PointChain:
+    """A chain of points that go on with a velocity that fades, each with noise of its own.
+
+    names (F,). size [px]: the person's in the image, by which noise is measured. settings.
+
+    An update is by a mixture: every association moves the points by Kalman's rule, and all are then one normal density
+    with their mean and covariance. So clutter moves points in proportion to how likely it is one of them.
+    """
+
+    names: tuple[str, ...]
+    size: float
+    settings: PointSettings = PointSettings()
+
+    def begun(self, mean: np.ndarray, covariance: np.ndarray) -> Points:
+        """Points at rest, in all likelihood: mean (F, 2) [px], covariance (2F, 2F) [px^2]."""
+        count = len(self.names)
+        whole = np.eye(4 * count) * (self.settings.speed * self.size) ** 2
+        place = self._places
+        whole[np.ix_(place, place)] = covariance
+        return Points(np.hstack([mean, np.zeros((count, 2))]), whole)
+
+    def predict(self, state: Points, dt: float) -> Points:
+        """See `estimator.inference.chains.exchange.Chain`."""
+        A, Q = self._motion(dt)
+        count = len(self.names)
+        whole, noise = np.kron(np.eye(count), A), np.kron(np.eye(count), Q)
+        covariance = whole @ state.covariance @ whole.T + noise
+        return Points((whole @ state.mean.ravel()).reshape(count, 4), self._bounded(covariance))
+
+    def features(self, prior: Points) -> FeatureDensity:
+        """See `estimator.inference.chains.exchange.Chain`."""
+        place = self._places
+        return gaussian(self.names, prior.mean[:, :2], prior.covariance[np.ix_(place, place)])
+
+    def update(self, prior: Points, message: Message) -> tuple[Points, float]:
+        """See `estimator.inference.chains.exchange.Chain`."""
+        told = message.evidence.over(self.names)
+        means, covariances, log_weights = [], [], []
+        for k in range(len(told.log_weight)):
+            m, C, weight = self._updated(prior, told, k)
+            means.append(m)
+            covariances.append(C)
+            log_weights.append(weight)
+        total = float(np.logaddexp.reduce(log_weights))
+        share = np.exp(np.array(log_weights) - total)
+        mean = np.einsum("k,ki->i", share, np.array(means))
+        off = np.array(means) - mean
+        covariance = np.einsum("k,kij->ij", share, np.array(covariances)) + (share[:, None] * off).T @ off
+        return Points(mean.reshape(-1, 4), self._bounded(covariance)), total
+
+    def _updated(self, prior: Points, told: FeatureDensity, k: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Mean (4F,), covariance and log weight after one kernel of a message."""
+        mean, C = prior.mean.ravel(), prior.covariance
+        dims = told.dims(k)
+        if not len(dims):
+            return mean, C, float(told.log_weight[k])
+        place = self._places[dims]
+        off = told.mean[k].ravel()[dims] - mean[place]
+        S = C[np.ix_(place, place)] + told.covariance[k][np.ix_(dims, dims)]
+        gain = np.linalg.solve(S, C[place]).T
+        weight = told.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
+        return mean + gain @ off, C - gain @ C[place], float(weight)
+
+    @property
+    def _places(self) -> np.ndarray:
+        """Where positions are in the state, (2F,)."""
+        return np.flatnonzero(np.tile([True, True, False, False], len(self.names)))
+
+    def _motion(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Transition (4, 4) and noise (4, 4) of one point in `dt` [s]: velocity decays as exp(-rate t), driven by white
+        noise (the integrated Ornstein-Uhlenbeck process)."""
+        rate = -np.log(np.clip(self.settings.keep, 1e-12, 1.0 - 1e-9))
+        fade = np.exp(-rate * dt)
+        moved = (1.0 - fade) / rate
+        power = (self.settings.noise * self.size) ** 2
+        vv = power * (1.0 - fade**2) / (2.0 * rate)
+        xv = power * (1.0 - fade) ** 2 / (2.0 * rate**2)
+        # by its series where the closed form cancels
+        small = rate * dt < 1e-2
+        xx = power * (dt**3 / 3.0 - rate * dt**4 / 4.0) if small else power / rate**2 * (
+            dt - 2.0 * moved + (1.0 - fade**2) / (2.0 * rate)
+        )  # fmt: skip
+        eye = np.eye(2)
+        A = np.block([[eye, moved * eye], [0.0 * eye, fade * eye]])
+        return A, np.block([[xx * eye, xv * eye], [xv * eye, vv * eye]])
+
+    def _bounded(self, covariance: np.ndarray) -> np.ndarray:
+        """Symmetric, and no position less certain than `loose`: nobody who was lost for long is nowhere."""
+        covariance = 0.5 * (covariance + covariance.T)
+        most = (self.settings.loose * self.size) ** 2
+        place = self._places
+        scale = np.ones(len(covariance))
+        scale[place] = np.minimum(1.0, np.sqrt(most / np.maximum(np.diag(covariance)[place], 1e-300)))
+        return covariance * scale[:, None] * scale[None, :]
