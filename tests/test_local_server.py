@@ -111,7 +111,11 @@ def test_an_interrupt_ends_the_view_and_frees_its_port(capfd: pytest.CaptureFixt
         places.append(server.server_address[:2])
         threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
 
-    live.serve(moving_scene(2), open_browser=False, ready=ready)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job begins with it ignored
+    try:
+        live.serve(moving_scene(2), open_browser=False, ready=ready)
+    finally:
+        signal.signal(signal.SIGINT, before)
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(places[0], timeout=5)
     assert capfd.readouterr() == ("", "")

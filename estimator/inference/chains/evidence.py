@@ -124,11 +124,12 @@ def _log_area(covariance: np.ndarray) -> float:
 def _density(detections: Detections, ways: np.ndarray, log_weight: np.ndarray) -> FeatureDensity:
     size = len(detections.names)
     known = ways >= 0
-    mean = np.where(known[..., None], detections.mean[ways] if len(detections.mean) else 0.0, 0.0)
+    mean = np.zeros((len(ways), size, 2))
+    mean[known] = detections.mean[ways[known]]
     covariance = np.tile(np.eye(2 * size), (len(ways), 1, 1))
     for k, f in np.argwhere(known):
         covariance[k, 2 * f : 2 * f + 2, 2 * f : 2 * f + 2] = detections.covariance[ways[k, f]]
-    return FeatureDensity(detections.names, log_weight, known, mean.reshape(len(ways), size, 2), covariance)
+    return FeatureDensity(detections.names, log_weight, known, mean, covariance)
 
 
 def _agreement(density: FeatureDensity, prior: FeatureDensity) -> np.ndarray:

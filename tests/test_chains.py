@@ -1,0 +1,212 @@
+"""Several chains of one image: exact where the graph is a tree, no chain hears itself, gated messages are no echo."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.chains import exactness, impossible
+from benchmarks.chains_toy import POINT, Belief, Crowd, Joint, ParticleWalk, Walk, seen
+from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
+from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, messages, step
+from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
+from estimator.inference.chains.kalman import PointChain, Points
+from humanoid.support.errors import InputError
+
+HANDS = ("head", "left_hand", "right_hand")
+START = Belief(np.zeros(2), 1.0)
+
+
+def test_messages_are_exact_inference() -> None:
+    """Eq. 3 at first, eq. 5 later, both on a grid; Kalman's filter beside a chain that knows nothing."""
+    figures = {check.what: check for check in exactness(1)}
+    for check in figures.values():
+        if check.bar:
+            assert float(check.figure) <= float(check.bar), check
+    gap = next(c for what, c in figures.items() if "eq. 4, exact" in what)
+    assert float(gap.figure) > 0.01  # the joint of both walks is not the product of its marginals
+    assert impossible() == 0.0
+
+
+def test_a_chain_does_not_hear_itself() -> None:
+    """What goes to each is phi times what the others expect, of three chains."""
+    expected = [gaussian(POINT, np.full((1, 2), float(k)), (k + 1.0) * np.eye(2)) for k in range(3)]
+    told = messages(expected, seen(np.array([0.3, 0.1])), PRINTED)
+    phi = seen(np.array([0.3, 0.1])).density
+    points = np.random.default_rng(0).normal(size=(10, 1, 2))
+    for i, message in enumerate(told):
+        others = sum(d.log_density(points) for k, d in enumerate(expected) if k != i)
+        np.testing.assert_allclose(message.evidence.log_density(points), phi.log_density(points) + others, atol=1e-9)
+
+
+def test_the_order_of_chains_does_not_matter() -> None:
+    states: list[Any] = [START, Belief(np.ones(2), 2.0), Belief(-np.ones(2), 0.5)]
+    chains = [Walk(), Walk(q=0.5), Walk(r=1.0)]
+    phi = seen(np.array([0.5, 0.0]))
+    after, _ = step(chains, states, phi, 1.0)
+    back, _ = step(chains[::-1], states[::-1], phi, 1.0)
+    for a, b in zip(after, back[::-1], strict=True):
+        np.testing.assert_allclose(a.mean, b.mean, atol=1e-12)
+        assert a.variance == pytest.approx(b.variance, abs=1e-12)
+
+
+@pytest.mark.parametrize("exchange", [GATED, PRINTED, ONE_WAY, APART])
+def test_in_the_dark(exchange: str) -> None:
+    """As printed a chain becomes surer of what nobody sees; gated it is as sure as alone, and knows where to look."""
+    states = [START, START]
+    for _ in range(15):
+        states, told = step([Walk(), Walk()], states, seen(None), 1.0, exchange)
+    alone = START.variance + 15 * 0.25
+    if exchange == PRINTED:
+        assert states[0].variance < 0.5 * alone
+    else:
+        assert states[0].variance == pytest.approx(alone)
+    assert bool(told[0].guide.known.any()) == (exchange != APART)
+    assert bool(told[1].guide.known.any()) == (exchange in (GATED, PRINTED))
+
+
+def test_seen_again_gated_is_as_printed() -> None:
+    """With a detection both are eq. 5."""
+    phi = seen(np.array([1.0, -1.0]))
+    gated, _ = step([Walk(), Walk()], [START, START], phi, 1.0, GATED)
+    printed, _ = step([Walk(), Walk()], [START, START], phi, 1.0, PRINTED)
+    assert gated[0].variance == printed[0].variance
+    joint = Joint(np.zeros(2), np.eye(2)).stepped(1.0)
+    assert gated[0].mean[0] == pytest.approx(joint.mean[0])
+
+
+def test_samples_agree_with_the_closed_form() -> None:
+    rng = np.random.default_rng(0)
+    chains: list[Any] = [ParticleWalk(rng), Walk()]
+    crowd = Crowd(rng.standard_normal((20_000, 2)), np.full(20_000, 1.0 / 20_000))
+    after, _ = step(chains, [crowd, START], seen(np.array([0.7, -0.2])), 1.0)
+    truth, _ = step([Walk(), Walk()], [START, START], seen(np.array([0.7, -0.2])), 1.0)
+    error = np.sqrt(truth[0].variance / 20_000)
+    np.testing.assert_allclose(after[0].mean, truth[0].mean, atol=4.0 * error)
+    np.testing.assert_allclose(after[0].variance, truth[0].variance, rtol=0.05)
+
+
+def test_chains_without_a_common_feature_are_refused() -> None:
+    apart = [gaussian(("a",), np.zeros((1, 2)), np.eye(2)), gaussian(("b",), np.zeros((1, 2)), np.eye(2))]
+    with pytest.raises(InputError, match="no other does"):
+        messages(apart, Evidence(uniform(("a",)), np.array([[-1]])))
+    with pytest.raises(InputError, match="one of gated, printed"):
+        messages(apart[:1], Evidence(uniform(("a",)), np.array([[-1]])), "both")
+
+
+def blobs(*places: tuple[float, float], merged: bool = False) -> Detections:
+    """Detections that may be of any hand; the first may be of the head."""
+    suits = np.tile([0.0, 1.0, 1.0], (len(places), 1))
+    suits[0, 0] = 1.0
+    suits[0, 1:] = 0.01
+    covariance = np.tile(16.0 * np.eye(2), (len(places), 1, 1))
+    return Detections(HANDS, np.array(places, float), covariance, suits, np.full(len(places), merged))
+
+
+def expected_at(*places: tuple[float, float], spread: float = 10.0) -> FeatureDensity:
+    return gaussian(HANDS, np.array(places, float), spread**2 * np.eye(6))
+
+
+def likeliest(detections: Detections, prior: FeatureDensity) -> tuple[int, ...]:
+    evidence = evidence_of(detections, EvidenceSettings(), prior)
+    weight = evidence.density.times(prior).log_weight
+    return tuple(evidence.detection[int(np.argmax(weight))].tolist())
+
+
+def test_two_hands_do_not_take_one_detection() -> None:
+    """Though it is as near to both: unless it is merged, or there is no room for a miss."""
+    prior = expected_at((100, 50), (100, 200), (110, 200))
+    alone = likeliest(blobs((100, 50), (105, 200)), prior)
+    assert sorted(alone[1:]) == [-1, 1] or alone[1:] == (1, 1)
+    evidence = evidence_of(blobs((100, 50), (105, 200)), EvidenceSettings(shared=0.0), prior)
+    assert not any(d >= 0 and way.tolist().count(d) > 1 for way in evidence.detection for d in way)
+    assert likeliest(blobs((100, 50), (105, 200), merged=True), prior)[1:] == (1, 1)
+
+
+def test_identity_goes_by_what_is_expected() -> None:
+    detections = blobs((100, 50), (60, 200), (140, 200))
+    assert likeliest(detections, expected_at((100, 50), (62, 205), (138, 195))) == (0, 1, 2)
+    assert likeliest(detections, expected_at((100, 50), (138, 195), (62, 205))) == (0, 2, 1)
+
+
+def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
+    """The face stays the head's. Who is not sure where the hand is rather thinks it missed, for the face is small."""
+    detections = blobs((100, 50), (60, 200))
+    assert likeliest(detections, expected_at((100, 50), (60, 200), (101, 52), spread=3.0)) == (0, 1, 0)
+    assert likeliest(detections, expected_at((100, 50), (60, 200), (101, 52), spread=20.0)) == (0, 1, -1)
+    assert likeliest(detections, expected_at((100, 50), (60, 200), (220, 120))) == (0, 1, -1)
+
+
+def test_far_detections_are_clutter() -> None:
+    detections = blobs((100, 50), (60, 200), (300, 10))
+    assert likeliest(detections, expected_at((100, 50), (60, 200), (140, 200))) == (0, 1, -1)
+
+
+def test_only_the_likeliest_associations_are_kept_and_they_keep_their_weights() -> None:
+    detections = blobs(*[(100 + 30 * k, 50 + 20 * k) for k in range(6)])
+    prior = expected_at((100, 50), (130, 70), (160, 90))
+    whole = evidence_of(detections, EvidenceSettings(most=10_000), prior)
+    few = evidence_of(detections, EvidenceSettings(most=5), prior)
+    weight = dict(zip(map(tuple, whole.detection.tolist()), whole.density.log_weight.tolist(), strict=True))
+    assert len(few.detection) == 5
+    for way, value in zip(map(tuple, few.detection.tolist()), few.density.log_weight.tolist(), strict=True):
+        assert weight[way] == value
+    kept = np.logaddexp.reduce(few.density.times(prior).log_weight)
+    assert np.exp(kept - np.logaddexp.reduce(whole.density.times(prior).log_weight)) > 0.9
+
+
+def test_nothing_detected_says_nothing() -> None:
+    evidence = evidence_of(Detections.none(HANDS), EvidenceSettings())
+    assert not evidence.density.known.any()
+    assert evidence.density.log_weight[0] == pytest.approx(3.0 * np.log(0.1))
+
+
+CHAIN = PointChain(HANDS, 100.0)
+
+
+def begun() -> Points:
+    return CHAIN.begun(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 9.0 * np.eye(6))
+
+
+def test_points_are_moved_in_steps_as_in_one() -> None:
+    """The noise of two half steps is that of one whole one: an exact discretisation."""
+    state = begun()
+    once = CHAIN.predict(state, 0.08)
+    twice = CHAIN.predict(CHAIN.predict(state, 0.04), 0.04)
+    np.testing.assert_allclose(once.mean, twice.mean, atol=1e-9)
+    np.testing.assert_allclose(once.covariance, twice.covariance, rtol=1e-7, atol=1e-6)
+
+
+def test_a_moving_point_is_followed_with_its_velocity() -> None:
+    """Within the noise, also over gaps; its velocity fades where nothing is seen."""
+    rng = np.random.default_rng(0)
+    state, errors = begun(), []
+    for t in range(1, 60):
+        truth = np.array([[100.0, 50.0], [60.0 + 4.0 * t, 200.0], [140.0, 200.0 - 3.0 * t]])
+        places = [tuple(p) for p in truth + 2.0 * rng.normal(size=(3, 2))]
+        missing = t % 9 in (4, 5)
+        detections = blobs(*(places[:1] if missing else places))
+        prior = CHAIN.predict(state, 1 / 25)
+        phi = evidence_of(detections, EvidenceSettings(), CHAIN.features(prior))
+        told = messages([CHAIN.features(prior), uniform_like(prior)], phi, GATED)
+        state, _ = CHAIN.update(prior, told[0])
+        if t > 10 and not missing:
+            errors.append(np.abs(state.mean[:, :2] - truth).max())
+    assert max(errors) < 8.0
+    assert state.mean[1, 2] == pytest.approx(100.0, abs=40.0)  # px/s
+    faded = CHAIN.predict(state, 2.0)
+    assert abs(faded.mean[1, 2]) < 1.0
+    assert np.sqrt(np.diag(faded.covariance)[4]) <= 50.0 + 1e-9
+
+
+def uniform_like(prior: Points) -> FeatureDensity:
+    return uniform(HANDS)
+
+
+def test_points_are_stored_to_the_bit() -> None:
+    state = CHAIN.predict(begun(), 0.04)
+    again = Points.from_arrays(state.arrays())
+    np.testing.assert_array_equal(again.mean, state.mean)
+    np.testing.assert_array_equal(again.covariance, state.covariance)
