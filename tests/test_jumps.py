@@ -127,7 +127,7 @@ def onto_pixels(
     for _ in range(15):
         posed = body.at(turned(body, sight.q, dofs, x))
         points = body.landmarks(posed)[landmarks]
-        off = points - sight.eye
+        off = points - sight.eyes[landmarks]
         across = np.eye(3) - sight.rays[landmarks][:, :, None] * sight.rays[landmarks][:, None, :]
         miss = np.einsum("kij,kj->ki", across, off).ravel()
         if np.abs(miss).max() < 1e-7:

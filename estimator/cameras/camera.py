@@ -1,4 +1,4 @@
-"""A calibrated camera: pinhole and lens, or fisheye."""
+"""A calibrated camera: pinhole and lens, fisheye, or parallel projection."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.cameras.lens import distorted, lens_array, undistorted
+from estimator.cameras.lens import distorted, lens_array, parallel_lens, undistorted
 from humanoid.support.errors import InputError
 from humanoid.support.summary import Facts, Summarised
 
@@ -23,6 +23,9 @@ class Camera(Summarised):
         fisheye (4,). See `estimator.cameras.lens.lens_array`.
     R_camera_world (3, 3), t_camera_world (3,) [m]: x_camera = R_camera_world @ x_world + t_camera_world.
     fisheye: whether the lens is a fisheye (OpenCV's `cv2.fisheye`), seen up to 90 degrees from the optical axis.
+    parallel: whether it is a parallel (orthographic) camera. The pixel is then K[:2, :2] @ (x, y) + K[:2, 2] of the
+        place in the camera, K's scale is in px/m, and the depth z says only what hides what: it may be negative too. It
+        has no lens and no centre: all its rays are along its axis, R_camera_world[2].
     """
 
     name: str
@@ -32,36 +35,66 @@ class Camera(Summarised):
     R_camera_world: np.ndarray
     t_camera_world: np.ndarray
     fisheye: bool = False
+    parallel: bool = False
 
     def _called(self) -> str:
         return self.name
 
     def _facts(self) -> Facts:
         width, height = self.image_size
-        x, y, z = self.centre_world
+        x, y, z = self.origin_world
+        if self.parallel:
+            scale = f"{self.K[0, 0]:.1f} {self.K[1, 1]:.1f} px/m"
+            return [
+                ("image", f"{width}x{height} px"),
+                ("parallel", scale),
+                ("plane through", f"{x:.2f} {y:.2f} {z:.2f} m"),
+            ]
         facts = [("image", f"{width}x{height} px"), ("focal length", f"{self.K[0, 0]:.1f} {self.K[1, 1]:.1f} px")]
         lens = "fisheye" if self.fisheye else "distorted" if np.any(self.distortion) else "pinhole"
         return [*facts, ("lens", lens), ("centre", f"{x:.2f} {y:.2f} {z:.2f} m")]
 
     @property
     def centre_world(self) -> np.ndarray:
-        """Optical centre in the world [m], (3,)."""
+        """Optical centre in the world [m], (3,).
+
+        Raises InputError: a parallel camera, which has none.
+        """
+        self.needs_centre()
+        return self.origin_world
+
+    @property
+    def origin_world(self) -> np.ndarray:
+        """Origin of the camera's frame in the world [m], (3,): the optical centre, or of a parallel camera where its
+        axis meets the plane of depth zero. For pictures of the camera; rays are told by `rays` and `sight_lines`."""
         return -self.R_camera_world.T @ self.t_camera_world
+
+    def needs_centre(self) -> None:
+        """Raise InputError if the camera is parallel: for what is made for rays that meet in one point."""
+        if self.parallel:
+            remedy = "calibrate a perspective camera, or leave out what needs one"
+            raise InputError(f"camera {self.name!r}", "is parallel: it has no centre that rays meet in", remedy=remedy)
 
     @cached_property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """What the kernels of `estimator.cameras.projection` take: intrinsics (5,) fx, fy, cx, cy, skew [px],
-        lens (5,) or (1, 22), R (3, 3) and t (3,) camera from world."""
+        lens (5,), (1, 22) or (1, 1, 22), R (3, 3) and t (3,) camera from world."""
         K = self.K
         intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], K[0, 1]])
         return intrinsics, self.lens, self.R_camera_world, self.t_camera_world
 
     @cached_property
     def lens(self) -> np.ndarray:
-        """The lens as the functions of `estimator.cameras.lens` take it, (5,) or (1, 22).
+        """The lens as the functions of `estimator.cameras.lens` take it, (5,), (1, 22) or (1, 1, 22).
 
-        Raises InputError: a number of coefficients that no model has.
+        Raises InputError: a number of coefficients that no model has; a parallel camera with distortion or a fisheye.
         """
+        if self.parallel:
+            if self.fisheye or np.any(self.distortion):
+                problem = "is parallel and has a fisheye" if self.fisheye else "is parallel and has a distorting lens"
+                remedy = "a parallel camera has neither: free its pictures of the lens first"
+                raise InputError(f"camera {self.name!r}", problem, place="distortion", remedy=remedy)
+            return parallel_lens()
         try:
             return lens_array(np.asarray(self.distortion), fisheye=self.fisheye)
         except ValueError as error:
@@ -69,12 +102,15 @@ class Camera(Summarised):
             raise InputError(f"camera {self.name!r}", f"has {error}", place="distortion", remedy=remedy) from None
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera.
+        """World points (..., 3) [m] -> pixels (..., 2); NaN behind the camera, of which a parallel one sees all.
 
         For pictures and people. Energies project by `estimator.cameras.projection`, one point at a time: the same to
         rounding, but without an image for what is nearer than `MIN_DEPTH`.
         """
         x = points @ self.R_camera_world.T + self.t_camera_world
+        if self.parallel:
+            _ = self.lens  # has none
+            return x[..., :2] @ self.K[:2, :2].T + self.K[:2, 2]
         depth = np.where(x[..., 2] > 1e-6, x[..., 2], np.nan)
         u, v = x[..., 0] / depth, x[..., 1] / depth
         ud, vd = distorted(u, v, self.lens)
@@ -87,7 +123,10 @@ class Camera(Summarised):
 
         The inverse of `project` up to depth. Where no direction leads to a pixel, as outside a fisheye's circle, NaN;
         with Brown's five coefficients OpenCV's five iterations are taken as they are.
+
+        Raises InputError: a parallel camera, whose rays differ by where they begin; see `rays`.
         """
+        self.needs_centre()
         flat = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1) @ np.linalg.inv(self.K).T
         seen = np.isfinite(flat).all(axis=-1)
         if seen.any() and (self.fisheye or np.any(self.distortion)):
@@ -95,6 +134,34 @@ class Camera(Summarised):
             seen &= np.isfinite(flat).all(axis=-1)
         flat[~seen] = np.nan
         return np.asarray(flat)
+
+    def depths(self, points: np.ndarray) -> np.ndarray:
+        """Depths (...) [m] of world points (..., 3): z in the camera. Of a parallel camera only differences count."""
+        return points @ self.R_camera_world[2] + self.t_camera_world[2]
+
+    def rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (..., 2) -> the lines in the world that they show: points of them (..., 3) [m], unit directions away
+        from the camera (..., 3); NaN where no line is shown.
+
+        The points are the optical centre, or of a parallel camera the lines' points at depth zero.
+        """
+        if not self.parallel:
+            ways = self.directions(pixels) @ self.R_camera_world
+            ways /= np.linalg.norm(ways, axis=-1, keepdims=True)
+            return np.where(np.isfinite(ways), self.centre_world, np.nan), ways
+        flat = np.zeros((*pixels.shape[:-1], 3))
+        flat[..., :2] = np.linalg.solve(self.K[:2, :2], (pixels - self.K[:2, 2])[..., None])[..., 0]
+        origins = (flat - self.t_camera_world) @ self.R_camera_world
+        return origins, np.where(np.isfinite(origins), self.R_camera_world[2], np.nan)
+
+    def sight_lines(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The `rays` through world points (N, 3) [m]: points of them (N, 3) [m] and unit directions (N, 3)."""
+        if self.parallel:
+            ways = np.tile(self.R_camera_world[2], (len(points), 1))
+            return points - self.depths(points)[:, None] * ways, ways
+        eye = self.centre_world
+        ways = points - eye
+        return np.tile(eye, (len(points), 1)), ways / np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
 
 
 def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:
@@ -107,3 +174,26 @@ def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:
     K = np.array([[focal, 0.0, (width - 1) / 2.0], [0.0, focal, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
     R_camera_world = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))
+
+
+def parallel_camera(
+    name: str,
+    image_size: tuple[int, int],
+    scale: float,
+    middle: np.ndarray,
+    *,
+    azimuth: float = 0.0,
+    away: float = 10.0,
+) -> Camera:
+    """A level parallel camera that looks at a subject: one that faces x, with z up, as all built-in ones at rest.
+
+    scale [px/m]. middle (3,) [m]: the place in the world that the picture's middle shows. azimuth [rad]: where the
+    camera stands, seen from above: 0 in front of the subject, positive to the subject's left. away [m]: the depth of
+    the middle, which changes no pixel.
+    """
+    width, height = image_size
+    K = np.array([[scale, 0.0, (width - 1) / 2.0], [0.0, scale, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    R_camera_world = np.array([[-s, c, 0.0], [0.0, 0.0, -1.0], [-c, -s, 0.0]])
+    t_camera_world = np.array([0.0, 0.0, away]) - R_camera_world @ middle
+    return Camera(name, image_size, K, np.zeros(5), R_camera_world, t_camera_world, parallel=True)

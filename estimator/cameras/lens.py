@@ -7,7 +7,9 @@ stand at the places of k1, k2, k3, k4. Formulas and orders are those of OpenCV's
 
 The two have different numbers of axes so that kernels are compiled for each: of `if lens.ndim == 2` numba leaves out
 what does not hold, and Brown's model is as fast as if there were no other (with a branch on a number it took 1.7 to 9
-times as long, being no longer compiled into its callers).
+times as long, being no longer compiled into its callers). A parallel camera has no lens, but its array says that it is
+parallel: a row as above with the model `PARALLEL`, (1, 1, 22). Where such a camera is among several, all have that
+many axes, and the number decides.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from humanoid.support.compiled import jit
 _BROWN, _SIZE = 5, 22
 COUNTS = (4, 5, 8, 12, 14)
 """How many coefficients OpenCV's models have; a fisheye's has 4."""
-GENERAL, FISHEYE = 1.0, 2.0
+GENERAL, FISHEYE, PARALLEL = 1.0, 2.0, 3.0
 _K3, _K4 = 4, 5
 _TILT = 12
 _MODEL = 21
@@ -58,11 +60,38 @@ def lens_array(distortion: np.ndarray, *, fisheye: bool = False) -> np.ndarray:
     return lens[None]
 
 
+def parallel_lens() -> np.ndarray:
+    """What stands for the lens of a parallel camera, (1, 1, 22)."""
+    lens = np.zeros((1, 1, _SIZE))
+    lens[0, 0, _TILT:_MODEL] = np.eye(3).ravel()
+    lens[0, 0, _MODEL] = PARALLEL
+    return lens
+
+
 def of_one_size(lenses: Sequence[np.ndarray]) -> np.ndarray:
-    """Several lenses as one array, (C, 5), or (C, 1, 22) where one of them is not Brown's."""
-    if any(lens.ndim == 2 for lens in lenses):
-        lenses = [lens if lens.ndim == 2 else lens_array(np.append(lens, np.zeros(3))) for lens in lenses]
+    """Several lenses as one array, (C, 5), (C, 1, 22) where one of them is not Brown's, or (C, 1, 1, 22) where one is a
+    parallel camera's."""
+    axes = max((lens.ndim for lens in lenses), default=1)
+    if axes > 1:
+        lenses = [lens if lens.ndim > 1 else lens_array(np.append(lens, np.zeros(3))) for lens in lenses]
+        lenses = [lens if lens.ndim == axes else lens[None] for lens in lenses]
     return np.array(lenses)
+
+
+@jit
+def is_parallel(lens):  # type: ignore[no-untyped-def]
+    """Whether a lens (5,), (1, 22) or (1, 1, 22) is a parallel camera's; of the first two known when compiled."""
+    if lens.ndim == 3:
+        return lens[0, 0, _MODEL] == PARALLEL
+    return False
+
+
+@jit
+def row_of(lens):  # type: ignore[no-untyped-def]
+    """The numbers (22,) of a lens beyond Brown's model, (1, 22) or (1, 1, 22)."""
+    if lens.ndim == 3:
+        return lens[0, 0]
+    return lens[0]
 
 
 def _tilted(tau_x: float, tau_y: float) -> np.ndarray:
@@ -79,10 +108,13 @@ def _tilted(tau_x: float, tau_y: float) -> np.ndarray:
 def distorted(a, b, lens):  # type: ignore[no-untyped-def]
     """Where the lens puts directions (a, b, 1), in the plane z = 1: numbers, or arrays of one shape.
 
-    The only place of the formulas: `estimator.cameras.projection` compiles it. lens (5,) or (1, 22).
+    The only place of the formulas: `estimator.cameras.projection` compiles it. lens (5,), (1, 22) or (1, 1, 22), of
+    a camera that is not parallel.
     """
     if lens.ndim == 2:
         return _bent(a, b, lens[0])
+    if lens.ndim == 3:
+        return _bent(a, b, lens[0, 0])
     k1, k2, p1, p2, k3 = lens[0], lens[1], lens[2], lens[3], lens[4]
     r2 = a * a + b * b
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

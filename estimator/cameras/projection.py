@@ -1,8 +1,10 @@
-"""The projection as compiled kernels: pinhole and lens, OpenCV's conventions.
+"""The projection as compiled kernels: pinhole and lens, OpenCV's conventions, and parallel cameras.
 
 A camera is four arrays, see `Camera.arrays`: intrinsics (5,) fx, fy, cx, cy, skew [px]; distortion, the lens as
-`estimator.cameras.lens` has it: (5,) k1, k2, p1, p2, k3 (Brown 1966), (1, 22) of any other model; R (3, 3) and t (3,)
-[m] camera from world. Brown's derivatives stand here, those of the other models with their lens.
+`estimator.cameras.lens` has it: (5,) k1, k2, p1, p2, k3 (Brown 1966), (1, 22) of any other model, (1, 1, 22) where
+cameras may be parallel; R (3, 3) and t (3,) [m] camera from world. Brown's derivatives stand here, those of the other
+models with their lens. Of a parallel camera the intrinsics are fx, fy, skew [px/m] and cx, cy [px]: the pixel is linear
+in the point, and every point has one, whatever its depth.
 """
 
 from __future__ import annotations
@@ -12,19 +14,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cameras.lens import bent_curvatures, bent_slopes, distorted, of_one_size
+from estimator.cameras.lens import bent_curvatures, bent_slopes, distorted, is_parallel, of_one_size, row_of
 from humanoid.support.compiled import jit
 
 MIN_DEPTH = 0.05  # m in front of a camera; nearer landmarks have no projection: their derivatives grow without bound
 
 
 def pack_cameras(cameras: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The arrays of several cameras: intrinsics (C, 5), distortion (C, 5) or (C, 1, 22), R (C, 3, 3), t (C, 3)."""
+    """The arrays of several cameras: intrinsics (C, 5), distortion (C, 5), (C, 1, 22) or (C, 1, 1, 22), R (C, 3, 3),
+    t (C, 3)."""
     intrinsics, lenses, R, t = zip(*(c.arrays for c in cameras), strict=True)
     return np.array(intrinsics), of_one_size(list(lenses)), np.array(R), np.array(t)
 
 
 _distorted = jit(distorted)
+
+AWAY = 1e3
+"""Of a parallel camera: depths where surfaces hide each other are counted from so far before its plane [m]."""
+
+
+@jit
+def nearness(depth, parallel):  # type: ignore[no-untyped-def]
+    """What is linear in the picture along a straight line in space, positive, and larger the nearer: 1 / depth, of a
+    parallel camera 2 AWAY - depth. It is its own inverse."""
+    if parallel:
+        return 2.0 * AWAY - depth
+    return 1.0 / depth
 
 
 @jit
@@ -40,9 +55,11 @@ def in_camera(p, R, t):  # type: ignore[no-untyped-def]
 def project_point(p, intrinsics, distortion, R, t):  # type: ignore[no-untyped-def]
     """World point p (3,) -> u, v [px] and whether it is in front of the camera; zeros where it is not.
 
-    The camera: intrinsics (5,), distortion (5,) or (1, 22), R (3, 3), t (3,).
+    The camera: intrinsics (5,), distortion (5,), (1, 22) or (1, 1, 22), R (3, 3), t (3,).
     """
     x, y, z = in_camera(p, R, t)
+    if is_parallel(distortion):
+        return intrinsics[0] * x + intrinsics[4] * y + intrinsics[2], intrinsics[1] * y + intrinsics[3], True
     if z < MIN_DEPTH:
         return 0.0, 0.0, False
     ad, bd = _distorted(x / z, y / z, distortion)
@@ -53,12 +70,14 @@ def project_point(p, intrinsics, distortion, R, t):  # type: ignore[no-untyped-d
 def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # type: ignore[no-untyped-def]
     """`project_point`; fills image_jacobian (2, 3), d pixel / d p [px/m], where p is in front of the camera."""
     x, y, z = in_camera(p, R, t)
+    if is_parallel(distortion):
+        return _parallel_with_jacobian(x, y, intrinsics, R, image_jacobian)
     if z < MIN_DEPTH:
         return 0.0, 0.0, False
     a, b = x / z, y / z
     ad, bd = _distorted(a, b, distortion)
-    if distortion.ndim == 2:
-        ad_a, ad_b, bd_a, bd_b = bent_slopes(a, b, distortion[0])
+    if distortion.ndim >= 2:
+        ad_a, ad_b, bd_a, bd_b = bent_slopes(a, b, row_of(distortion))
     else:
         k1, k2, p1, p2, k3 = distortion[0], distortion[1], distortion[2], distortion[3], distortion[4]
         r2 = a * a + b * b
@@ -80,17 +99,32 @@ def project_with_jacobian(p, intrinsics, distortion, R, t, image_jacobian):  # t
 
 
 @jit
+def _parallel_with_jacobian(x, y, intrinsics, R, image_jacobian):  # type: ignore[no-untyped-def]
+    """`project_with_jacobian` of a parallel camera, from places x, y [m] in it: R (3, 3), intrinsics (5,); fills
+    image_jacobian (2, 3)."""
+    fx, fy, skew = intrinsics[0], intrinsics[1], intrinsics[4]
+    for k in range(3):
+        image_jacobian[0, k] = fx * R[0, k] + skew * R[1, k]
+        image_jacobian[1, k] = fy * R[1, k]
+    return fx * x + skew * y + intrinsics[2], fy * y + intrinsics[3], True
+
+
+@jit
 def add_projection_curvature(p, intrinsics, distortion, R, t, gu, gv, weight):  # type: ignore[no-untyped-def]
     """Add gu d2u + gv d2v, the second derivatives of the pixel by the world point p (3,), to weight (3, 3) [1/m^2].
 
-    gu, gv [1/px]: an energy's derivatives by the pixel. The camera as for `project_point`; p is in front of it.
+    gu, gv [1/px]: an energy's derivatives by the pixel. The camera as for `project_point`; p is in front of it. A
+    parallel camera adds nothing, its pixel being linear.
     """
+    if is_parallel(distortion):
+        return
     x, y, z = in_camera(p, R, t)
     a, b = x / z, y / z
     ga, gb = gu * intrinsics[0], gu * intrinsics[4] + gv * intrinsics[1]  # by the distorted ray
-    if distortion.ndim == 2:
-        ad_a, ad_b, bd_a, bd_b = bent_slopes(a, b, distortion[0])
-        ad_aa, ad_ab, ad_bb, bd_aa, bd_ab, bd_bb = bent_curvatures(a, b, distortion[0])
+    if distortion.ndim >= 2:
+        row = row_of(distortion)
+        ad_a, ad_b, bd_a, bd_b = bent_slopes(a, b, row)
+        ad_aa, ad_ab, ad_bb, bd_aa, bd_ab, bd_bb = bent_curvatures(a, b, row)
         by_a, by_b = ga * ad_a + gb * bd_a, ga * ad_b + gb * bd_b
         by_aa, by_ab, by_bb = ga * ad_aa + gb * bd_aa, ga * ad_ab + gb * bd_ab, ga * ad_bb + gb * bd_bb
     else:

@@ -93,7 +93,8 @@ def _from_xml(content: bytes, path: Path) -> list[Camera]:
 def write_cameras(path: str | Path, cameras: Iterable[Camera]) -> None:
     """Write cameras as kinemode's JSON, so that `load_cameras` gives the same numbers back to the last bit."""
     given = list(cameras)
-    kind = "pinhole_brown5" if all(camera.lens.ndim == 1 for camera in given) else "opencv"
+    axes = max((camera.lens.ndim for camera in given), default=1)
+    kind = ("pinhole_brown5", "opencv", "opencv_or_parallel")[axes - 1]
     with replacing(path) as temporary:
         text = json.dumps({"format": kind, "cameras": [camera_to_json(c) for c in given]}, indent=1)
         temporary.write_text(text + "\n", encoding="utf-8")

@@ -4,8 +4,9 @@
                   "R": 3 x 3, "t": [x, y, z]}, ...]}
 
 x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates. The
-coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model.
-Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels, coefficients up to 1e4.
+coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
+the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre.
+Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
 _MOST_PIXELS = 16384  # on a side of an image
 _FOCAL = (1.0, 1e6)  # px
 _COEFFICIENT = 1e4
-_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "R", "t")
+_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "R", "t")
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
@@ -38,7 +39,7 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
         "R": camera.R_camera_world.tolist(),
         "t": camera.t_camera_world.tolist(),
     }
-    return entry | ({"fisheye": True} if camera.fisheye else {})
+    return entry | ({"fisheye": True} if camera.fisheye else {}) | ({"parallel": True} if camera.parallel else {})
 
 
 def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
@@ -68,12 +69,13 @@ def camera_from_json(
     if not isinstance(name, str) or not name:
         raise InputError(source, "a name is needed", place=places["name"])
     size = image_size(needed("image_size"), source, places["image_size"])
-    K = _intrinsics(needed("K"), source, places["K"])
-    fisheye = entry.get("fisheye", False)
-    if not isinstance(fisheye, bool):
-        raise InputError(source, "true or false is needed", place=places["fisheye"])
+    fisheye, parallel = (_flag(entry, key, source, places[key]) for key in ("fisheye", "parallel"))
+    K = _intrinsics(needed("K"), source, places["K"], parallel=parallel)
     none = [0.0] * (4 if fisheye else 5)
     distortion = _distortion(entry.get("distortion", none), source, places["distortion"], fisheye=fisheye)
+    if parallel and (fisheye or np.any(distortion)):
+        problem, remedy = "a parallel camera has no lens", "free its pictures of the lens first, and leave this out"
+        raise InputError(source, problem, place=places["fisheye" if fisheye else "distortion"], remedy=remedy)
     if alone and entry.get("R") is None and entry.get("t") is None:
         guess = guessed_camera(name, size)
         R, t = guess.R_camera_world, guess.t_camera_world
@@ -82,7 +84,14 @@ def camera_from_json(
         t = shaped(needed("t"), (3,), source, places["t"])
     for array in (K, distortion, R, t):
         array.flags.writeable = False
-    return Camera(name, size, K, distortion, R, t, fisheye)
+    return Camera(name, size, K, distortion, R, t, fisheye, parallel)
+
+
+def _flag(entry: Mapping[str, Any], key: str, source: str | Path, place: str) -> bool:
+    value = entry.get(key, False)
+    if not isinstance(value, bool):
+        raise InputError(source, "true or false is needed", place=place)
+    return value
 
 
 def image_size(value: Any, source: str | Path, place: str) -> tuple[int, int]:
@@ -94,14 +103,15 @@ def image_size(value: Any, source: str | Path, place: str) -> tuple[int, int]:
     return int(size[0]), int(size[1])
 
 
-def _intrinsics(value: Any, source: str | Path, place: str) -> np.ndarray:
+def _intrinsics(value: Any, source: str | Path, place: str, *, parallel: bool) -> np.ndarray:
     K = shaped(value, (3, 3), source, place)
+    what, unit = ("scale", "pixels a metre") if parallel else ("focal length", "pixels")
     if K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
-        raise InputError(source, "a focal length is not positive", place=place)
+        raise InputError(source, f"a {what} is not positive", place=place)
     for focal in (K[0, 0], K[1, 1]):
         if not _FOCAL[0] <= focal <= _FOCAL[1]:
             low, high = _FOCAL
-            problem = f"a focal length of {focal:g} pixels cannot be"
+            problem = f"a {what} of {focal:g} {unit} cannot be"
             raise InputError(source, problem, place=place, remedy=f"{low:g} to {high:g} are taken")
     if K[1, 0] != 0.0 or not np.array_equal(K[2], [0.0, 0.0, 1.0]):
         raise InputError(source, "is not of the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]", place=place)

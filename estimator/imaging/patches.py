@@ -38,7 +38,11 @@ class PatchView:
 
 
 def patch_view(camera: Camera, picture: np.ndarray, foreground: np.ndarray) -> PatchView:
-    """The view of a picture (H, W, 3) uint8 BGR or (H, W) grey, and where the person is (H, W) bool."""
+    """The view of a picture (H, W, 3) uint8 BGR or (H, W) grey, and where the person is (H, W) bool.
+
+    Raises InputError: a parallel camera, in which nothing is smaller the farther away.
+    """
+    camera.needs_centre()
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
     share = foreground.astype(np.float32)
     level = np.stack([share, share * grey.astype(np.float32)], axis=-1)

@@ -15,7 +15,10 @@ def undistortion_maps(
 
     camera: of the picture that is given. size: width, height of the picture to be shown [px]. turn (3, 3): the shown
     camera's rotation from `camera`, none unless given.
+
+    Raises InputError: a parallel camera, whose pictures no pinhole camera sees.
     """
+    camera.needs_centre()
     turned = np.eye(3) if turn is None else turn
     of_lens = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
     first, second = of_lens(camera.K, np.asarray(camera.distortion, dtype=np.float64), turned, K, size, cv2.CV_16SC2)

@@ -49,7 +49,7 @@ class KeypointEvidence:
 
     Raises
     ------
-    InputError: sigma is not of the observation's shape, or not above 0.
+    InputError: sigma is not of the observation's shape, or not above 0; a parallel camera, which tells no depth.
     """
 
     def __init__(
@@ -62,6 +62,8 @@ class KeypointEvidence:
         landmarks: Sequence[LimbLandmarks] | None = None,
     ) -> None:
         self.settings = settings or KeypointEvidenceSettings()
+        for camera in observation.cameras:
+            camera.needs_centre()
         sigma = np.asarray(sigma, dtype=float)
         if sigma.shape != observation.confidence.shape or not (np.isfinite(sigma) & (sigma > 0.0)).all():
             remedy = "one finite number above 0 for each camera and landmark"

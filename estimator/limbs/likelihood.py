@@ -66,7 +66,11 @@ def limb_view(
     camera: Camera, picture: np.ndarray, foreground: np.ndarray | None = None, known: np.ndarray | None = None
 ) -> LimbView:
     """A view: the camera of a picture (H, W, 3) uint8 BGR, and where the person is (H, W) bool, None without a
-    background. known (H, W) bool: where the background is, None everywhere."""
+    background. known (H, W) bool: where the background is, None everywhere.
+
+    Raises InputError: a parallel camera, in which limbs are not as learned.
+    """
+    camera.needs_centre()
     if foreground is None:
         return LimbView(camera, ridges_of(picture), np.zeros((0, 0), np.uint8))
     where = np.where(foreground, np.uint8(PERSON), np.uint8(0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.cameras.lens import is_parallel
 from estimator.prediction.seeing import see_nodes, see_points
 from estimator.prediction.visibility import (
     classify_contours,
@@ -31,12 +32,12 @@ def view_of_nodes(  # type: ignore[no-untyped-def]
     count = len(joints)
     pixels, depth, facing = np.empty((count, 2)), np.empty(count), np.empty(count)
     see_nodes(placements, joints, local, normals, intrinsics, distortion, R, t, pixels, depth, facing)
-    frame, state = np.empty(3), np.empty(count, np.int8)
+    frame, state, parallel = np.empty(3), np.empty(count, np.int8), is_parallel(distortion)
     rows, columns = frame_buffer(pixels, depth, fineness, frame)
     nearness, owner = np.empty((rows, columns)), np.empty((rows, columns), np.int32)
-    fill_buffer(pixels, depth, part, faces, frame, nearness, owner)
+    fill_buffer(pixels, depth, part, faces, parallel, frame, nearness, owner)
     back, hidden = classify_nodes(
-        pixels, depth, facing, part, convex, frame, nearness, owner, width, height, GAP, state
+        pixels, depth, facing, part, convex, parallel, frame, nearness, owner, width, height, GAP, state
     )
     return pixels, depth, facing, state, back, hidden, nearness, owner, frame
 
@@ -62,5 +63,19 @@ def view_of_contours(  # type: ignore[no-untyped-def]
         placements, joint, points, point_normals[:count], intrinsics, distortion, R, t, world, pixels, there, ahead,
         image_normals,
     )  # fmt: skip
-    classify_contours(pixels, there, image_normals, own, frame, nearness, owner, width, height, GAP, JOINED, state)
+    classify_contours(
+        pixels,
+        there,
+        image_normals,
+        own,
+        is_parallel(distortion),
+        frame,
+        nearness,
+        owner,
+        width,
+        height,
+        GAP,
+        JOINED,
+        state,
+    )
     return joint, points, pixels, image_normals, state, nodes, share[:count]

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from estimator.cameras.projection import nearness as nearness_at
 from humanoid.support.compiled import jit
 
 VISIBLE, BACK_FACING, OCCLUDED, OUTSIDE = 0, 1, 2, 3
@@ -39,11 +40,12 @@ def frame_buffer(pixels, depth, fineness, frame):  # type: ignore[no-untyped-def
 
 
 @jit
-def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ignore[no-untyped-def]
-    """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth, owner (rows, columns) its part
-    or -1.
+def fill_buffer(pixels, depth, part, faces, parallel, frame, nearness, owner):  # type: ignore[no-untyped-def]
+    """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth (of a parallel camera, see
+    `estimator.cameras.projection.nearness`), owner (rows, columns) its part or -1.
 
-    pixels (N, 2) [px], depth (N,) [m], part (N,): of the vertices. faces (F, 3). frame (3,): see `frame_buffer`.
+    pixels (N, 2) [px], depth (N,) [m], part (N,): of the vertices. faces (F, 3). parallel: whether the
+    camera is. frame (3,): see `frame_buffer`.
     Every part is closed, so its front hides as much as front and back together.
     """
     nearness[:] = 0.0
@@ -53,7 +55,7 @@ def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ig
     place, inverse = np.empty(pixels.shape), np.empty(pixels.shape[0])
     for i in range(pixels.shape[0]):
         place[i, 0], place[i, 1] = (pixels[i, 0] - left) / cell, (pixels[i, 1] - top) / cell
-        inverse[i] = 1.0 / depth[i]
+        inverse[i] = nearness_at(depth[i], parallel)
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         if depth[a] <= 0.0 or depth[b] <= 0.0 or depth[c] <= 0.0:
@@ -84,11 +86,11 @@ def fill_buffer(pixels, depth, part, faces, frame, nearness, owner):  # type: ig
 
 
 @jit
-def classify_nodes(pixels, depth, facing, part, convex, frame, nearness, owner, width, height, gap, state):  # type: ignore[no-untyped-def]
+def classify_nodes(pixels, depth, facing, part, convex, parallel, frame, nearness, owner, width, height, gap, state):  # type: ignore[no-untyped-def]
     """Fill `state` (N,) and return how many nodes are back-facing and how many are occluded.
 
     pixels (N, 2) [px], depth (N,) [m], facing (N,) and part (N,): of the nodes; see `see_points`. convex (P,): whether
-    a part is. frame, nearness, owner: see `fill_buffer`. width, height: of the image [px].
+    a part is. parallel, frame, nearness, owner: see `fill_buffer`. width, height: of the image [px].
     A node is occluded where the buffer holds a surface nearer by more than `gap` [m] of another part, or of its own if
     that is not convex.
     """
@@ -106,7 +108,11 @@ def classify_nodes(pixels, depth, facing, part, convex, frame, nearness, owner, 
             y = int((pixels[i, 1] - top) / cell + 0.5)
             other = owner[y, x]
             state[i] = VISIBLE if inside else OUTSIDE
-            if other >= 0 and (other != part[i] or not convex[part[i]]) and depth[i] - 1.0 / nearness[y, x] > gap:
+            if (
+                other >= 0
+                and (other != part[i] or not convex[part[i]])
+                and depth[i] - nearness_at(nearness[y, x], parallel) > gap
+            ):
                 state[i] = OCCLUDED
                 hidden += 1
     return back, hidden
@@ -156,11 +162,12 @@ def contour_points(edges, local, normal, depth, facing, every, points, normals, 
 
 @jit
 def classify_contours(  # type: ignore[no-untyped-def]
-    pixels, depth, image_normals, parts, frame, nearness, owner, width, height, gap, joined, state
+    pixels, depth, image_normals, parts, parallel, frame, nearness, owner, width, height, gap, joined, state
 ):
     """Fill the `state` (M,) of contour points by what the buffer holds just outside and just inside of them.
 
-    pixels, image_normals (M, 2), depth, parts (M,): of the contour points. frame, nearness, owner: see `fill_buffer`.
+    pixels, image_normals (M, 2), depth, parts (M,): of the contour points. parallel, frame,
+    nearness, owner: see `fill_buffer`.
     gap [m]: what is nearer by more hides the point. joined [m]: a surface behind by less continues this one.
     """
     left, top, cell = frame[0], frame[1], frame[2]
@@ -175,9 +182,13 @@ def classify_contours(  # type: ignore[no-untyped-def]
         yo = int((v + reach * image_normals[i, 1] - top) / cell + 0.5)
         xi = min(max(int((u - reach * image_normals[i, 0] - left) / cell + 0.5), 0), columns - 1)
         yi = min(max(int((v - reach * image_normals[i, 1] - top) / cell + 0.5), 0), rows - 1)
-        if owner[yi, xi] >= 0 and owner[yi, xi] != parts[i] and depth[i] - 1.0 / nearness[yi, xi] > gap:
+        if (
+            owner[yi, xi] >= 0
+            and owner[yi, xi] != parts[i]
+            and depth[i] - nearness_at(nearness[yi, xi], parallel) > gap
+        ):
             continue
         if not (0 <= xo < columns and 0 <= yo < rows) or owner[yo, xo] < 0:
             state[i] = OUTER
-        elif 1.0 / nearness[yo, xo] - depth[i] > joined:
+        elif nearness_at(nearness[yo, xo], parallel) - depth[i] > joined:
             state[i] = INNER

@@ -332,7 +332,8 @@ class Run(Summarised):
         """
         cameras = self.header.cameras
         alone = len(cameras) == 1 and self.header.subject_source in BUILT_IN
-        return Posterior.of(self.body, self.result(i), calibration, cameras[0].centre_world if alone else None)
+        seen_from = cameras[0].centre_world if alone and not cameras[0].parallel else None  # which tells the size
+        return Posterior.of(self.body, self.result(i), calibration, seen_from)
 
     @cached_property
     def spread(self) -> Spread:

@@ -17,7 +17,8 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
     """Configurations with the joints of `q_rest` (nq,) and the root placed for the camera that sees most.
 
     For each heading and pitch, the landmarks' weak-perspective image is matched to the keypoints by the least-squares
-    similarity of the plane: its turn gives the roll about the optical axis, its size the depth.
+    similarity of the plane: its turn gives the roll about the optical axis, its size the depth. A parallel camera tells
+    no depth: there the root stays as deep as `q_rest` has it.
     """
     c = int(np.argmax(observation.confidence.sum(axis=1)))
     camera = observation.cameras[c]
@@ -25,11 +26,12 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
     rays = _normalised(camera, observation.pixels[c, seen])
     weight = observation.confidence[c, seen]
     points = _root_points(body, q_rest)[seen]
+    depth = float(camera.depths(q_rest[ROOT_PLACE_Q])) if camera.parallel else None
     starts = []
     for pitch in PITCHES:
         for heading in np.arange(HEADINGS) * 2.0 * np.pi / HEADINGS:
             R_camera_root = _view(heading, pitch)
-            placed = _weak_perspective(points @ R_camera_root.T, rays, weight)
+            placed = _weak_perspective(points @ R_camera_root.T, rays, weight, depth)
             if placed is not None:
                 roll, t_camera = placed
                 R_world_root = camera.R_camera_world.T @ roll @ R_camera_root
@@ -40,7 +42,7 @@ def view_sphere(body: Body, q_rest: np.ndarray, observation: Observation) -> lis
 
 def _normalised(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """Pixels (N, 2) -> x/z, y/z in the camera's frame, for a first guess: Brown's distortion is small enough to leave
-    out. Others are not, least of all a fisheye's, outside whose circle all is far aside.
+    out. Others are not, least of all a fisheye's, outside whose circle all is far aside. Of a parallel camera x, y [m].
     """
     if camera.lens.ndim == 2:
         return np.nan_to_num(camera.directions(pixels)[:, :2], nan=10.0)
@@ -64,8 +66,11 @@ def _view(heading: float, pitch: float) -> np.ndarray:
     return pin.utils.rotate("x", pitch) @ facing @ turned
 
 
-def _weak_perspective(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Roll (3, 3) about the optical axis and position of the root [m, camera frame] that fit points (N, 3) to rays."""
+def _weak_perspective(
+    points: np.ndarray, rays: np.ndarray, weight: np.ndarray, deep: float | None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Roll (3, 3) about the optical axis and position of the root [m, camera frame] that fit points (N, 3) to rays;
+    deep [m]: the root's depth where rays are parallel, None where the image's size tells it."""
     w = weight / weight.sum()
     centre, image_centre = w @ points, w @ rays
     a = (points - centre)[:, 0] + 1j * (points - centre)[:, 1]
@@ -80,6 +85,8 @@ def _weak_perspective(points: np.ndarray, rays: np.ndarray, weight: np.ndarray) 
         return None
     c, s = similarity.real / abs(similarity), similarity.imag / abs(similarity)
     roll = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    if deep is not None:
+        return roll, np.array([*(image_centre - (roll @ centre)[:2]), deep])
     depth = 1.0 / scale
     middle = np.array([image_centre[0] * depth, image_centre[1] * depth, depth])
     return roll, middle - roll @ centre

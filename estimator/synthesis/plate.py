@@ -53,8 +53,8 @@ def place_of(points: np.ndarray, floor: float | None = None) -> Place:
 
 @dataclass(frozen=True)
 class Plate:
-    """The empty scene in one camera, enlarged: image (H, W, 3) float32, nearness (H, W) [1/m] (0 where there is
-    nothing), floor (H, W) bool."""
+    """The empty scene in one camera, enlarged: image (H, W, 3) float32, nearness (H, W) as `raster.paint` has it (0
+    where there is nothing), floor (H, W) bool."""
 
     image: np.ndarray
     nearness: np.ndarray
@@ -71,7 +71,7 @@ def built_scene(
 ) -> tuple[scene.Quads, scene.Quads]:
     """Background and occluders as rectangles in the world."""
     shift = np.array([*place.centre, place.floor])
-    seen_from = np.array([c.centre_world for c in cameras]) - shift
+    seen_from = np.array([c.origin_world for c in cameras]) - shift
     reach = float(np.linalg.norm(seen_from[:, :2], axis=1).max())
     if settings.background == "pillar":
         scale = max(1.0, (place.radius + 0.3) / 1.2)
@@ -96,24 +96,36 @@ def built_scene(
 
 def _in_the_way(box: scene.Quads, camera: Camera, place: Place) -> bool:
     """Whether a box may hide the person from a camera: it is nearer, and both overlap as seen from above."""
-    centre = camera.centre_world[:2]
+    centre = camera.origin_world[:2]
     towards = place.centre - centre
+    if camera.parallel:  # of the way to the person, what is along the axis counts
+        towards = (towards @ camera.R_camera_world[2, :2]) * camera.R_camera_world[2, :2]
+        towards = towards / float(np.square(camera.R_camera_world[2, :2]).sum())
     distance = float(np.linalg.norm(towards))
     corners = box.corners.reshape(-1, 3)[:, :2] - centre
     depth = corners @ towards / distance
-    across = np.abs(corners[:, 1] * towards[0] - corners[:, 0] * towards[1]) / distance
+    if camera.parallel:
+        off = _across(place.centre - centre, towards) / distance
+        beside = np.abs(_across(corners, towards) / distance - off) < place.radius + 0.1
+        return bool(depth.min() < distance and (beside & (depth > 0.0)).any())
+    across = np.abs(_across(corners, towards)) / distance
     half = np.tan(np.arcsin(min(0.9, place.radius / distance)))
     return bool(depth.min() < distance and (across < half * np.maximum(depth, 0.0) + 0.1).any())
 
 
+def _across(flat: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """Of places (..., 2) how far to the left of a direction (2,) they are, times its length."""
+    return np.asarray(flat[..., 1] * towards[0] - flat[..., 0] * towards[1])
+
+
 def _azimuth(camera: Camera, place: Place) -> float:
-    x, y = camera.centre_world[:2] - place.centre
+    x, y = -camera.R_camera_world[2, :2] if camera.parallel else camera.centre_world[:2] - place.centre
     return float(np.arctan2(y, x))
 
 
 def fine_pixels(camera: Camera, points: np.ndarray, factor: int = FINE) -> tuple[np.ndarray, np.ndarray]:
     """Pixels of the picture enlarged `factor` times (N, 2) and depths (N,) [m] of world points (N, 3)."""
-    depth = points @ camera.R_camera_world[2] + camera.t_camera_world[2]
+    depth = camera.depths(points)
     return (camera.project(points) + 0.5) * factor - 0.5, depth
 
 
@@ -126,9 +138,9 @@ def painted_plate(
     nearness, on_floor = np.zeros((height, width)), np.zeros((height, width), dtype=np.int64)
     pixels, depth = fine_pixels(camera, quads.corners.reshape(-1, 3))
     faces = quad_faces(len(quads.corners))
-    paint(image, nearness, pixels, depth, np.repeat(quads.colour, 4, axis=0), faces)
+    paint(image, nearness, pixels, depth, np.repeat(quads.colour, 4, axis=0), faces, camera.parallel)
     flat = np.tile((np.abs(quads.corners[..., 2] - floor) < 1e-6).all(axis=1), 2).astype(np.int64)
-    paint_index(on_floor, np.zeros_like(nearness), pixels, depth, faces, flat, False)
+    paint_index(on_floor, np.zeros_like(nearness), pixels, depth, faces, flat, False, camera.parallel)
     if rng is not None:
         image *= wall_grain((height, width), rng)
     return Plate(np.clip(image, 0.0, 255.0), nearness, on_floor == 1)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from estimator.cameras.projection import nearness as nearness_at
 from humanoid.support.compiled import jit
 
 _NEAREST = 0.05  # [m] triangles with a corner nearer to the camera are left out
@@ -42,6 +43,13 @@ def _weights(pixels, face, area, x, y):  # type: ignore[no-untyped-def]
 
 
 @jit
+def _nearness(depth, face, parallel):  # type: ignore[no-untyped-def]
+    """Of a triangle's corners, see `estimator.cameras.projection.nearness`; depth (V,) [m], face (3,) int."""
+    a, b, c = depth[face[0]], depth[face[1]], depth[face[2]]
+    return nearness_at(a, parallel), nearness_at(b, parallel), nearness_at(c, parallel)
+
+
+@jit
 def paint(
     image: np.ndarray,
     nearness: np.ndarray,
@@ -49,8 +57,10 @@ def paint(
     depth: np.ndarray,
     colour: np.ndarray,
     faces: np.ndarray,
+    parallel: bool = False,
 ) -> None:
-    """Paint triangles into image (H, W, 3) and nearness (H, W), the largest 1 / depth at each pixel so far, in place.
+    """Paint triangles into image (H, W, 3) and nearness (H, W), the largest 1 / depth at each pixel so far, in place;
+    of a parallel camera that number is `estimator.cameras.projection.nearness`.
 
     pixels (V, 2), depth (V,) [m], colour (V, 3): of the corners; colour runs linearly in between. faces (F, 3) int.
     A triangle with a corner that is not in front of the camera is left out. Both sides are painted.
@@ -62,7 +72,7 @@ def paint(
         if area == 0.0:
             continue
         left, right, top, bottom = _box(pixels, face, height, width)
-        na, nb, nc = 1.0 / depth[face[0]], 1.0 / depth[face[1]], 1.0 / depth[face[2]]
+        na, nb, nc = _nearness(depth, face, parallel)
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
                 u, v, w = _weights(pixels, face, area, x, y)
@@ -84,6 +94,7 @@ def paint_index(
     faces: np.ndarray,
     number: np.ndarray,
     closed: bool,
+    parallel: bool = False,
 ) -> None:
     """Like `paint`, with number (F,) of the nearest face written into index (H, W) int instead of colours.
 
@@ -97,7 +108,7 @@ def paint_index(
         if area == 0.0 or (closed and area > 0.0):
             continue
         left, right, top, bottom = _box(pixels, face, height, width)
-        na, nb, nc = 1.0 / depth[face[0]], 1.0 / depth[face[1]], 1.0 / depth[face[2]]
+        na, nb, nc = _nearness(depth, face, parallel)
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
                 u, v, w = _weights(pixels, face, area, x, y)
@@ -122,6 +133,7 @@ def paint_cloth(
     part: np.ndarray,
     pattern: np.ndarray,
     grain: np.ndarray,
+    parallel: bool = False,
 ) -> None:
     """Paint closed solids whose cloth has a pattern in the space of each part, so that it moves with the body.
 
@@ -138,7 +150,7 @@ def paint_cloth(
         if area >= 0.0:
             continue
         left, right, top, bottom = _box(pixels, face, height, width)
-        na, nb, nc = 1.0 / depth[face[0]], 1.0 / depth[face[1]], 1.0 / depth[face[2]]
+        na, nb, nc = _nearness(depth, face, parallel)
         p, q, r, cloth = local[face[0]], local[face[1]], local[face[2]], pattern[part[f]]
         for y in range(top, bottom + 1):
             for x in range(left, right + 1):
@@ -148,7 +160,8 @@ def paint_cloth(
                 near = u * na + v * nb + w * nc
                 if near > nearness[y, x]:
                     nearness[y, x] = near
-                    u, v, w = u * na / near, v * nb / near, w * nc / near  # straight in space, not in the picture
+                    if not parallel:  # straight in space, not in the picture
+                        u, v, w = u * na / near, v * nb / near, w * nc / near
                     bright = u * light[face[0]] + v * light[face[1]] + w * light[face[2]]
                     bright *= _cloth(
                         u * p[0] + v * q[0] + w * r[0],

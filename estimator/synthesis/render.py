@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.cameras.projection import AWAY
 from estimator.synthesis import scene
 from estimator.synthesis.clothing import Clothes, dressed
 from estimator.synthesis.plate import (
@@ -58,8 +59,9 @@ class _Placed(NamedTuple):
 class Renderer:
     """Renders one body in one scene; everything random but the sensor's noise is drawn once, from `rng`.
 
-    cameras: see `estimator.synthesis.views`. settings: see `SceneSettings`. place: where the motion takes place.
-    parts: the links that the body's parts cover. dress: what the body wears, `estimator.synthesis.clothing`.
+    cameras: see `estimator.synthesis.views`; a parallel one shows what is beyond its plane. settings: see
+    `SceneSettings`. place: where the motion takes place. parts: the links that the body's parts cover. dress: what the
+    body wears, `estimator.synthesis.clothing`.
 
     Raises
     ------
@@ -112,7 +114,7 @@ class Renderer:
         rows, columns = _window(placed, plate.nearness.shape, whole=moving)
         total = np.zeros_like(plate.image[rows, columns])
         for person in placed:
-            total += self._painted(person, plate, rows, columns)
+            total += self._painted(person, plate, rows, columns, parallel=view.parallel)
         total *= np.float32(1.0 / len(placed))
         picture = plate.reduced() if self.settings.hides(time) else self._reduced[camera].copy()
         half = (total.shape[1] // FINE, total.shape[0] // FINE)
@@ -136,10 +138,11 @@ class Renderer:
             solid = joined([solid, self._screens[camera]])
         pixels, depth = fine_pixels(view, solid.corners.reshape(-1, 3), 1)
         faces = quad_faces(len(solid.corners))
-        paint_index(part, nearness, pixels, depth, faces, np.full(len(faces), -1), False)
+        paint_index(part, nearness, pixels, depth, faces, np.full(len(faces), -1), False, view.parallel)
         pixels, depth = fine_pixels(view, self._world(posed), 1)
-        paint_index(part, nearness, pixels, depth, self._surface.faces, self._face_part, True)
-        seen = np.where(nearness > 0.0, 1.0 / np.maximum(nearness, 1e-12), np.inf)
+        paint_index(part, nearness, pixels, depth, self._surface.faces, self._face_part, True, view.parallel)
+        there = 2.0 * AWAY - nearness if view.parallel else 1.0 / np.maximum(nearness, 1e-12)
+        seen = np.where(nearness > 0.0, there, np.inf)
         return Maps(seen, part, part >= 0)
 
     def _painted_plates(self, rng: np.random.Generator) -> list[Plate]:
@@ -177,7 +180,7 @@ class Renderer:
             shadow, _ = fine_pixels(view, world - (world[:, 2:] - self._place.floor) / sun[2] * sun)
         return _Placed(light, *fine_pixels(view, world), shadow)
 
-    def _painted(self, placed: _Placed, plate: Plate, rows: slice, columns: slice) -> np.ndarray:
+    def _painted(self, placed: _Placed, plate: Plate, rows: slice, columns: slice, *, parallel: bool) -> np.ndarray:
         """A window of the enlarged picture of one instant."""
         image, nearness = plate.image[rows, columns].copy(), plate.nearness[rows, columns].copy()
         origin = np.array([columns.start, rows.start], dtype=float)
@@ -185,7 +188,7 @@ class Renderer:
             self._shade(image, placed.shadow - origin, plate.floor[rows, columns])
         paint_cloth(
             image, nearness, placed.pixels - origin, placed.depth, self._surface.local, self._clothes.colour,
-            placed.light, self._surface.faces, self._face_part, self._clothes.pattern, self._clothes.grain,
+            placed.light, self._surface.faces, self._face_part, self._clothes.pattern, self._clothes.grain, parallel,
         )  # fmt: skip
         return image
 
@@ -215,7 +218,7 @@ def _covered(plate: Plate, camera: Camera, quads: scene.Quads) -> Plate:
     image, nearness = plate.image.copy(), plate.nearness.copy()
     pixels, depth = fine_pixels(camera, quads.corners.reshape(-1, 3))
     colour = np.repeat(quads.colour, 4, axis=0)
-    paint(image, nearness, pixels, depth, colour, quad_faces(len(quads.corners)))
+    paint(image, nearness, pixels, depth, colour, quad_faces(len(quads.corners)), camera.parallel)
     return Plate(image, nearness, plate.floor & (nearness == plate.nearness))
 
 

@@ -35,21 +35,22 @@ def _screen(cameras: Sequence[Camera], place: Place, rng: np.random.Generator) -
     R = cameras[0].R_camera_world
     heights = np.array([place.floor, place.floor + place.height])
     ends = np.array([[*corner, height] for corner in place.outline for height in heights]) @ R[2]
-    front = max(float(c.centre_world @ R[2]) for c in cameras)
+    front = max(float(c.origin_world @ R[2]) for c in cameras)
     distance = _SHARE * (float(ends.min()) - front)
-    edges = np.concatenate(
-        [_edge(c) * (front + distance - c.centre_world @ R[2]) + c.centre_world @ R.T for c in cameras]
-    )
+    edges = np.concatenate([_edge(c, front + distance) for c in cameras])
     low, high = edges.min(axis=0)[:2], edges.max(axis=0)[:2]
     middle, half = 0.5 * (low + high), 0.5 * _MARGIN * (high - low)
     corner = np.array([*(middle - half), front + distance]) @ R
     return scene.screen(rng, corner, 2.0 * half[0] * R[0], 2.0 * half[1] * R[1], _SPECKLE * distance)
 
 
-def _edge(camera: Camera) -> np.ndarray:
-    """Directions (N, 3) in the camera, with z = 1, of places all around the border of its picture."""
+def _edge(camera: Camera, along: float) -> np.ndarray:
+    """Places (N, 3) [m], in axes that are the camera's, all around the border of its picture, at z = `along`."""
     width, height = camera.image_size
     x, y = np.linspace(-0.5, width - 0.5, _BORDER), np.linspace(-0.5, height - 0.5, _BORDER)
     pixels = [np.stack([x, np.full(_BORDER, end)], axis=1) for end in y[[0, -1]]]
     pixels += [np.stack([np.full(_BORDER, end), y], axis=1) for end in x[[0, -1]]]
-    return camera.directions(np.concatenate(pixels))
+    border, R = np.concatenate(pixels), camera.R_camera_world
+    if camera.parallel:
+        return camera.rays(border)[0] @ R.T * [1.0, 1.0, 0.0] + [0.0, 0.0, along]
+    return camera.directions(border) * (along - camera.centre_world @ R[2]) + camera.centre_world @ R.T

@@ -98,7 +98,8 @@ class ViewSettings:
     count: of cameras. azimuth [deg]: of the first, from the world's x axis, which a person faces at first, to the
     left; None takes the one that suits the motion. elevation [deg]: of all. fill: share of the picture's height that
     the person takes up. image_size: width, height [px]. baseline [m]: every camera has another one beside it, so far to
-    its right and parallel to it, NAME_right; 0 for none.
+    its right and parallel to it, NAME_right; 0 for none. parallel: whether the cameras are parallel (orthographic),
+    which no baseline tells a depth.
     """
 
     count: int = 1
@@ -107,8 +108,11 @@ class ViewSettings:
     fill: float = 0.7
     image_size: tuple[int, int] = (640, 480)
     baseline: float = 0.0
+    parallel: bool = False
 
     def __post_init__(self) -> None:
+        if self.parallel and self.baseline:
+            raise InputError("parallel", "parallel cameras tell no depth by a baseline", remedy="leave out one of both")
         in_range("cameras", self.count, 1, 16)
         in_range("azimuth", self.azimuth or 0.0, -360.0, 360.0)
         in_range("elevation", self.elevation, -10.0, 60.0)

@@ -18,6 +18,7 @@ _MARGIN = 0.05  # share of the picture's sides that stays free of the person
 _STEP = 80.0  # [deg] between neighbouring cameras, less where they are many
 _THREE_QUARTER = 35.0  # [deg] azimuth of the first camera unless given
 _NEAREST, _FARTHEST = 0.5, 60.0  # [m]
+_SMALLEST = 0.01  # [m] that a parallel camera shows across its picture
 
 
 def scene_cameras() -> tuple[Camera, ...]:
@@ -35,7 +36,8 @@ def framing_cameras(points: np.ndarray, settings: ViewSettings | None = None) ->
     They look at the middle of the points from a distance at which the tallest picture of one instant takes up
     `settings.fill` of the height, or farther where the points would else come too near to the picture's border.
     Neighbouring cameras are 80 degrees apart, less where more than four share the circle. Where `settings.baseline` is
-    not zero each is followed by "cam01_right", ..., the other one of a stereo pair.
+    not zero each is followed by "cam01_right", ..., the other one of a stereo pair. With `settings.parallel` they are
+    parallel cameras, whose planes are where the others would stand, at the scale that makes as large a picture.
     """
     settings = settings or ViewSettings()
     flat = points.reshape(-1, 3)
@@ -51,6 +53,7 @@ def framing_cameras(points: np.ndarray, settings: ViewSettings | None = None) ->
             placed = _with_pair(_camera("", settings.image_size, aim, middle, azimuth, elevation), settings.baseline)
             near, far = (near, middle) if all(_fits(c, points, settings.fill) for c in placed) else (middle, far)
         camera = _camera(f"cam{i + 1:02d}", settings.image_size, aim, far, azimuth, elevation)
+        camera = _parallel(camera, points, settings.fill) if settings.parallel else camera
         cameras += _with_pair(camera, settings.baseline)
     return tuple(cameras)
 
@@ -63,8 +66,23 @@ def _with_pair(camera: Camera, baseline: float) -> list[Camera]:
     return [camera, replace(camera, name=f"{camera.name}_right", t_camera_world=beside)]
 
 
+def _parallel(camera: Camera, points: np.ndarray, fill: float) -> Camera:
+    """The parallel camera along the same axis that shows points (T, N, 3) [m] as large as `_fits` allows."""
+
+    def scaled(scale: float) -> Camera:
+        K = camera.K.copy()
+        K[0, 0] = K[1, 1] = scale
+        return replace(camera, K=K, distortion=np.zeros(5), parallel=True)
+
+    low, high = 1.0, float(max(camera.image_size)) / _SMALLEST
+    while high > (1.0 + 1e-6) * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if _fits(scaled(middle), points, fill) else (low, middle)
+    return scaled(low)
+
+
 def _fits(camera: Camera, points: np.ndarray, fill: float) -> bool:
-    depth = points @ camera.R_camera_world[2] + camera.t_camera_world[2]
+    depth = camera.depths(points)
     if depth.min() < _NEAREST:
         return False
     pixels, size = camera.project(points), np.array(camera.image_size, dtype=float)

@@ -60,6 +60,7 @@ def render(
     masks: Flag = False,
     stereo: float = 0.0,
     depth: Flag = False,
+    parallel: Flag = False,
 ) -> None:
     """Render a clip whose motion is known: videos, cameras, keypoints, the exact first frame, the truth, the body.
 
@@ -70,6 +71,8 @@ def render(
     kinemode render --motion walk.bvh --cameras 2 --shutter 0.5 --out walk
 
     kinemode render --motion random --subject arm8 --seconds 3 --out arm
+
+    kinemode render --motion random --subject upper13 --parallel --out upper
 
     kinemode render --motion reach --background textured --stereo 0.12 --depth --hidden 1.0:2.0 --out pair
 
@@ -121,6 +124,8 @@ def render(
         --background textured: the walls of the others look alike everywhere.
     depth
         Also write the exact depth of every pixel, as 16-bit PNG in millimetres.
+    parallel
+        Parallel (orthographic) cameras: the person looks as large at any distance.
     """
     import kinemode as km
 
@@ -138,7 +143,7 @@ def render(
         subject=subject,
         girth=girth,
         scene=scene,
-        view=km.ViewSettings(count=cameras, azimuth=azimuth, baseline=stereo),
+        view=km.ViewSettings(count=cameras, azimuth=azimuth, baseline=stereo, parallel=parallel),
         detector=km.DetectorSettings(keypoint_noise, outliers, missing),
         fps=fps,
         seconds=seconds,

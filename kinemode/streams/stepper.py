@@ -101,7 +101,7 @@ class Stepper:
         of a process load compiled code, which takes a second."""
         q, (camera, *_) = self.body.neutral.copy(), self.cameras
         if self.body.has_free_root:
-            q[ROOT_PLACE_Q] = camera.centre_world + _AHEAD * camera.R_camera_world[2]
+            q[ROOT_PLACE_Q] = camera.origin_world + _AHEAD * camera.R_camera_world[2]
         points = camera.project(self.body.landmarks(self.body.at(q)))
         pixels = np.full((len(self.cameras), *points.shape), np.nan)
         pixels[0] = points

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.cameras.camera import Camera
+from estimator.cameras.projection import AWAY
 from estimator.synthesis.raster import paint
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from viz import palette
@@ -46,8 +47,8 @@ class CameraView:
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `View`."""
-        depth = points @ self.camera.R_camera_world[2] + self.camera.t_camera_world[2]
-        return self.pixels(self.camera.project(points)), depth
+        depth = self.camera.depths(points)
+        return self.pixels(self.camera.project(points)), depth + AWAY if self.camera.parallel else depth
 
     def pixels(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels of the full image -> pixels of the reduced one (centres at integers in both)."""

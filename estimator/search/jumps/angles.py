@@ -40,8 +40,8 @@ def limb_turns(axes, through, points, counts, targets, rays, low, high, best):  
 
 
 @jit
-def limb_alternatives(axes, through, points, counts, eye, rays, lower, upper, turns, errors, reached):  # type: ignore[no-untyped-def]
-    """The four solutions of a limb on the rays of its middle and end, rays (2, 3) unit vectors from eye (3,).
+def limb_alternatives(axes, through, points, counts, eyes, rays, lower, upper, turns, errors, reached):  # type: ignore[no-untyped-def]
+    """The four solutions of a limb on the rays of its middle and end, rays (2, 3) unit vectors from eyes (2, 3).
 
     Fills turns (4, m), reached (4, 2, 3) [m]: where middle and end come to be, and errors (4,): their largest distance
     from where they should be, less along the rays [m]; infinite where a ray misses and the farther solution is the
@@ -52,8 +52,8 @@ def limb_alternatives(axes, through, points, counts, eye, rays, lower, upper, tu
     middles, ends, targets = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
     w, s = np.empty(axes.shape), np.empty(axes.shape)
     errors[:] = np.inf
-    for i in range(depths(eye, rays[0], points[0], upper_length, middles)):
-        for j in range(depths(eye, rays[1], middles[i], lower_length, ends)):
+    for i in range(depths(eyes[0], rays[0], points[0], upper_length, middles)):
+        for j in range(depths(eyes[1], rays[1], middles[i], lower_length, ends)):
             k = 2 * i + j
             targets[0], targets[1] = middles[i], ends[j]
             errors[k] = limb_turns(axes, through, points, counts, targets, rays, lower, upper, turns[k])

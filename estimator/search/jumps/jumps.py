@@ -74,9 +74,10 @@ class KinematicJumps:
         sight = sight_of(self.body, q, camera)
         for a, b in self.pairs[k : k + 1] or self.pairs:
             for limb, other in ((a, b), (b, a)):
-                rays = sight.rays.copy()
+                eyes, rays = sight.eyes.copy(), sight.rays.copy()
+                eyes[limb.landmarks[1:]] = sight.eyes[other.landmarks[1:]]
                 rays[limb.landmarks[1:]] = sight.rays[other.landmarks[1:]]
-                solutions = limb_solutions(self.body, sight._replace(rays=rays), limb, ROUGHLY)
+                solutions = limb_solutions(self.body, sight._replace(eyes=eyes, rays=rays), limb, ROUGHLY)
                 if not solutions:
                     return None
                 q = turned(self.body, q, limb.dofs, solutions[rng.integers(len(solutions))].turns)

@@ -32,11 +32,11 @@ def limb_solutions(body: Body, sight: Sight, limb: Limb, near: float = REACHED) 
     lower, upper = body.tangent_bounds(sight.q)
     points = sight.points[limb.landmarks]
     turns, errors, reached = np.zeros((4, len(limb.dofs))), np.zeros(4), np.zeros((4, 2, 3))
-    rays = sight.rays[limb.landmarks[1:]]
+    eyes, rays = sight.eyes[limb.landmarks[1:]], sight.rays[limb.landmarks[1:]]
     limb_alternatives(
-        axes, through, points, limb.counts, sight.eye, rays, lower[limb.dofs], upper[limb.dofs], turns, errors, reached
+        axes, through, points, limb.counts, eyes, rays, lower[limb.dofs], upper[limb.dofs], turns, errors, reached
     )
-    off = reached - sight.eye
+    off = reached - eyes
     missed = np.sqrt((np.square(off).sum(axis=2) - np.square((off * rays).sum(axis=2)).clip(0.0)).clip(0.0).max(axis=1))
     moved = np.sqrt(np.square(reached - points[1:]).sum(axis=2).max(axis=1))
     kept: list[int] = []

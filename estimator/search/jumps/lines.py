@@ -56,12 +56,12 @@ def depths(eye, ray, centre, radius, out):  # type: ignore[no-untyped-def]
 
 
 @jit
-def other_depths(eye, rays, points, pivot, out):  # type: ignore[no-untyped-def]
+def other_depths(eyes, rays, points, pivot, out):  # type: ignore[no-untyped-def]
     """Fill out (P, 3) [m] with where else on their rays (P, 3) points (P, 3) are as far from the pivot (3,) as they
-    are; eye (3,) [m]."""
+    are; eyes (P, 3) [m]: points of the rays."""
     places = np.empty((2, 3))
     for i in range(points.shape[0]):
         offset = plus(points[i], -1.0, pivot)
-        depths(eye, rays[i], pivot, math.sqrt(dot(offset, offset)), places)
+        depths(eyes[i], rays[i], pivot, math.sqrt(dot(offset, offset)), places)
         near, far = plus(places[0], -1.0, points[i]), plus(places[1], -1.0, points[i])
         out[i] = places[1] if dot(far, far) > dot(near, near) else places[0]

@@ -24,7 +24,7 @@ def part_mirrored(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sig
     """
     pivot, before = _pivot(sight, part), sight.points[part.landmarks]
     targets = np.empty_like(before)
-    other_depths(sight.eye, sight.rays[part.landmarks], before, pivot, targets)
+    other_depths(sight.eyes[part.landmarks], sight.rays[part.landmarks], before, pivot, targets)
     if _furthest(targets, before) < anatomy.same:
         return None
     mirrored = _turned_to(body, sight, part, targets)

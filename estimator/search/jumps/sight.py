@@ -13,23 +13,23 @@ from humanoid.kinematics.body import Body
 class Sight(NamedTuple):
     """A pose and the rays its landmarks are to stay on.
 
-    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `Body.dof_jacobian`; eye (3,) [m]; rays
-    (L, 3): unit vectors from the eye, of the pose first looked at.
+    q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `Body.dof_jacobian`; eyes (L, 3) [m]: a
+    point of each ray, the optical centre unless the camera is parallel; rays (L, 3): unit vectors along them, away from
+    the camera, of the pose first looked at.
     """
 
     q: np.ndarray
     points: np.ndarray
     spatial_jacobian: np.ndarray
-    eye: np.ndarray
+    eyes: np.ndarray
     rays: np.ndarray
 
 
 def sight_of(body: Body, q: np.ndarray, camera: Camera) -> Sight:
     """q (nq,) and the rays of the camera on which its landmarks are."""
     posed = body.at(q)
-    points, eye = body.landmarks(posed), camera.centre_world
-    rays = points - eye
-    return Sight(q, points, body.dof_jacobian(posed), eye, rays / np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None])
+    points = body.landmarks(posed)
+    return Sight(q, points, body.dof_jacobian(posed), *camera.sight_lines(points))
 
 
 def moved_to(body: Body, sight: Sight, q: np.ndarray) -> Sight:
