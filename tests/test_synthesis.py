@@ -69,7 +69,7 @@ def test_motions_are_possible(motion) -> None:
         soles = [i for i, n in enumerate(body.landmark_names) if n.endswith(("heel", "toe"))]
         lowest = np.array([body.landmarks(body.at(pose))[soles, 2].min() for pose in q])
         assert np.abs(lowest).max() < 0.02
-    assert {"pivot": 30, "arm": 8}.get(motion.name, 34) == body.nv
+    assert {"human30": 30, "arm8": 8, "upper13": 13}.get(motion.subject, 34) == body.nv
 
 
 def test_motion_does_not_depend_on_the_times_asked_for(body: Body, q: np.ndarray) -> None:

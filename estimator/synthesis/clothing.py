@@ -24,7 +24,9 @@ class Garment(NamedTuple):
     period: float = 0.06
 
 
-_SKIN = Garment((128.0, 158.0, 214.0), 0.06, 0.05)
+SKIN = 128.0, 158.0, 214.0
+"""Colour BGR of skin."""
+_SKIN = Garment(SKIN, 0.06, 0.05)
 _SHIRT = Garment((150.0, 92.0, 38.0), 0.16, 0.12, 0.22, 0.075)
 _TROUSERS = Garment((82.0, 76.0, 80.0), 0.2, 0.16)
 _SHOES = Garment((48.0, 52.0, 150.0), 0.15, 0.12)
@@ -33,6 +35,8 @@ _CLOTHES = {
     "pelvis": _TROUSERS, "thigh": _TROUSERS, "shank": _TROUSERS, "foot": _SHOES, "torso": _SHIRT, "upper_arm": _SHIRT,
     "neck": _SKIN, "head": _SKIN, "forearm": _SKIN, "hand": _SKIN,
 }  # fmt: skip
+LONG_SLEEVES = {"forearm": _SHIRT}
+"""What `dressed` takes for a shirt that leaves the hands alone bare."""
 _COARSE_SIZE, _FINE_SIZE = 0.022, 0.008  # [m] between samples of the mottling
 
 

@@ -10,7 +10,8 @@ import pinocchio as pin
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from estimator.synthesis.motion_keys import REACH, KeyedMotion
+from estimator.synthesis.keyed_motion import KeyedMotion
+from estimator.synthesis.motion_keys import REACH
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 
@@ -56,7 +57,7 @@ def _pose(body: Body, times: np.ndarray, motion: KeyedMotion) -> np.ndarray:
     """Configurations with a free root turned but at the origin."""
     model = body.model
     q = np.tile(body.neutral, (len(times), 1))
-    angles = {name: np.radians(_spline(motion, values, times)) for name, values in motion.angles.items()}
+    angles = {name: _of_joint(model, name, _spline(motion, values, times)) for name, values in motion.angles.items()}
     if motion.yaw:
         pitch, yaw = (np.radians(_spline(motion, values, times)) for values in (motion.pitch, motion.yaw))
         for side in ("left", "right"):
@@ -68,6 +69,12 @@ def _pose(body: Body, times: np.ndarray, motion: KeyedMotion) -> np.ndarray:
     for name, angle in angles.items():
         q[:, model.idx_qs[model.getJointId(name)]] = angle
     return q
+
+
+def _of_joint(model: pin.Model, name: str, values: np.ndarray) -> np.ndarray:
+    """Entries (T,) of q: keys of sliding joints are metres, of all others degrees."""
+    kind = model.joints[model.getJointId(name)].shortname()
+    return values if kind.startswith("JointModelP") else np.radians(values)
 
 
 def _root_path(body: Body, grid: np.ndarray, motion: KeyedMotion) -> np.ndarray:

@@ -2,41 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import MappingProxyType
 
+from estimator.synthesis.keyed_motion import KeyedMotion
+from estimator.synthesis.upper_keys import CROSS_ARMS, REACH_OUT, TALK
 from humanoid.support.errors import InputError
-
-Row = tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class KeyedMotion:
-    """One authored motion.
-
-    name: how it is asked for. subject: the built-in subject it is made for.
-    background: what it is rendered before by default (`SceneSettings.background`). azimuth [deg]: of its camera.
-    times (K): of the keys [s]. angles: degrees at the keys, by joint; ankles of a free body keep the soles level.
-    yaw, pitch (K): of a free root [deg]. left_stance (K): share of the left foot in carrying the body. start: where
-    the root stands at first [m].
-    """
-
-    name: str
-    subject: str
-    background: str
-    azimuth: float
-    times: Row
-    angles: MappingProxyType[str, Row]
-    yaw: Row = ()
-    pitch: Row = ()
-    left_stance: Row = ()
-    start: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def seconds(self) -> float:
-        """Duration [s]."""
-        return self.times[-1]
-
 
 REACH = KeyedMotion(
     name="reach",
@@ -182,7 +152,9 @@ TURN_REACH = KeyedMotion(
 )
 """A fast turn to the left and back with a high reach of each arm."""
 
-MOTIONS = MappingProxyType({motion.name: motion for motion in (REACH, ARM, PIVOT, TURN_REACH)})
+MOTIONS = MappingProxyType(
+    {motion.name: motion for motion in (REACH, ARM, PIVOT, TURN_REACH, REACH_OUT, CROSS_ARMS, TALK)}
+)
 """The authored motions by name."""
 
 

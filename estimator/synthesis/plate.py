@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.synthesis import scene
-from estimator.synthesis.clothing import wall_grain
+from estimator.synthesis.clothing import SKIN, wall_grain
 from estimator.synthesis.raster import paint, paint_index
 from estimator.synthesis.settings import SceneSettings
 
@@ -83,6 +83,8 @@ def built_scene(
         scale = max(1.0, reach / _ROOM_REACH, place.radius / _ROOM_RADIUS, scene.enlargement_holding(seen_from))
         boxes = [scene.moved(box, shift, scale) for box in boxes]
         seen = [box for box in boxes if not any(_in_the_way(box, camera, place) for camera in cameras)]
+        if settings.boards:
+            shell = scene.joined([shell, scene.skin_boards(rng.spawn(1)[0], settings.boards, np.array(SKIN))])
         behind = scene.joined([scene.moved(shell, shift, scale), *seen])
     nothing = scene.Quads(np.zeros((0, 4, 3)), np.zeros((0, 3)))
     if settings.occluder == "none":

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.cameras.projection import AWAY
 from estimator.synthesis import scene
-from estimator.synthesis.clothing import Clothes, dressed
+from estimator.synthesis.clothing import LONG_SLEEVES, Clothes, dressed
 from estimator.synthesis.plate import (
     FINE,
     ORIGIN,
@@ -29,7 +29,7 @@ from estimator.synthesis.scene import joined
 from estimator.synthesis.screens import screens
 from estimator.synthesis.settings import SceneSettings
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
-from humanoid.shape.surface import Surface, surface_of
+from humanoid.shape.surface import surface_of
 
 _NODES = 6000
 _SPECKLES = 0.04  # m
@@ -61,7 +61,8 @@ class Renderer:
 
     cameras: see `estimator.synthesis.views`; a parallel one shows what is beyond its plane. settings: see
     `SceneSettings`. place: where the motion takes place. parts: the links that the body's parts cover. dress: what the
-    body wears, `estimator.synthesis.clothing`.
+    body wears, `estimator.synthesis.clothing`, of its surface and a random generator; of `dressed`, with the sleeves of
+    the settings.
 
     Raises
     ------
@@ -75,7 +76,7 @@ class Renderer:
         rng: np.random.Generator,
         settings: SceneSettings | None = None,
         place: Place = ORIGIN,
-        dress: Callable[[Surface, np.random.Generator], Clothes] = dressed,
+        dress: Callable[..., Clothes] = dressed,
     ) -> None:
         settings = settings or SceneSettings()
         self.settings = replace(settings, background=settings.background or "room")
@@ -84,7 +85,8 @@ class Renderer:
         self.parts = self._surface.links
         self._face_part = self._surface.part[self._surface.faces[:, 0]]
         clothes_rng, rng = rng.spawn(2)  # the room is the same, whichever person stands in it
-        self._clothes = dress(self._surface, clothes_rng)
+        others = {"others": LONG_SLEEVES} if dress is dressed and self.settings.sleeves == "long" else {}
+        self._clothes = dress(self._surface, clothes_rng, **others)
         self._behind, self._before = built_scene(self.settings, self.cameras, place, rng)
         self._plates = self._painted_plates(rng)
         if self.settings.background == "moving":

@@ -52,6 +52,17 @@ def enlargement_holding(cameras: np.ndarray) -> float:
     return float(np.max(-cameras[:, 0])) / (-_WALLS[0] - _BEFORE_WALL)
 
 
+def skin_boards(rng: np.random.Generator, count: int, colour: np.ndarray) -> Quads:
+    """Boards (count) of about a colour (3,) BGR on the back wall of `cluttered_room`, behind and beside the person."""
+    parts = []
+    for k in range(count):
+        size = rng.uniform([0.08, 0.08], [0.4, 0.5])
+        corner = np.array([_WALLS[0] + 0.06 + 0.004 * k, *rng.uniform([-0.9, 0.6], [0.6, 1.9])])
+        u, v = np.array([0.0, size[0], 0.0]), np.array([0.0, 0.0, size[1]])
+        parts.append(_panel(rng, corner, u, v, (4, 4), colour * rng.uniform(0.85, 1.1), 6.0))
+    return joined(parts)
+
+
 def pillar_room(rng: np.random.Generator, azimuth: float, cameras: np.ndarray) -> Quads:
     """A dark wall 1.3 m behind the person as seen from `azimuth` [rad], with a bright pillar to the right and rails;
     farther where cameras (C, 3) [m] would else stand behind it."""

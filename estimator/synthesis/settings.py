@@ -10,11 +10,12 @@ from humanoid.support.errors import InputError
 
 BACKGROUNDS = ("room", "textured", "pillar", "black", "moving")
 OCCLUDERS = ("none", "post", "box")
+SLEEVES = ("short", "long")
 
 _RANGES = {
     "light_azimuth": (-360.0, 360.0), "light_elevation": (5.0, 90.0), "ambient": (0.0, 2.0), "diffuse": (0.0, 2.0),
     "shadow": (0.0, 1.0), "shutter": (0.0, 1.0), "sub_frames": (1, 32), "lens_blur": (0.0, 20.0),
-    "noise": (0.0, 100.0), "pan": (0.0, 1000.0), "shake": (0.0, 100.0),
+    "noise": (0.0, 100.0), "boards": (0, 20), "pan": (0.0, 1000.0), "shake": (0.0, 100.0),
 }  # fmt: skip
 
 
@@ -34,6 +35,8 @@ class SceneSettings:
     lens_blur [px]: standard deviation of the lens's blur. noise: of the sensor, in grey values.
     occluder: what stands between the first camera and the person. hidden [s]: from when until when (that instant not
         included) a screen before every camera hides the person wholly, as ((1.0, 2.0),) or ("1.0:2.0",).
+    sleeves: how far the shirt's go; long ones leave only hands and head bare. boards: of wood in the colour of skin, on
+        the wall and beside the person, so many.
     pan, shake [px]: how far the moving background swings slowly, and trembles.
 
     Raises
@@ -53,6 +56,8 @@ class SceneSettings:
     noise: float = 2.5
     occluder: str = "none"
     hidden: Sequence[tuple[float, float] | str] = ()
+    sleeves: str = "short"
+    boards: int = 0
     pan: float = 40.0
     shake: float = 1.5
 
@@ -60,6 +65,7 @@ class SceneSettings:
         if self.background is not None:
             _chosen("background", self.background, BACKGROUNDS)
         _chosen("occluder", self.occluder, OCCLUDERS)
+        _chosen("sleeves", self.sleeves, SLEEVES)
         for name, (low, high) in _RANGES.items():
             in_range(name, getattr(self, name), low, high)
         _ = self.spans

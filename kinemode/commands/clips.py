@@ -50,6 +50,8 @@ def render(
     seed: int = 0,
     occluder: Literal["none", "post", "box"] = "none",
     hidden: Files = None,
+    sleeves: Literal["short", "long"] = "short",
+    boards: int = 0,
     noise: float = 2.5,
     shutter: float = 0.0,
     lens_blur: float = 0.0,
@@ -103,6 +105,10 @@ def render(
         What stands between the first camera and the person.
     hidden
         FROM:TO in seconds: a screen before every camera hides the person from then until before that.
+    sleeves
+        How far the shirt's go: long ones leave only hands and head bare.
+    boards
+        So many boards in the colour of skin on the wall.
     noise
         Of the sensor, in grey values.
     shutter
@@ -133,6 +139,8 @@ def render(
         background=background,
         occluder=occluder,
         hidden=hidden or (),
+        sleeves=sleeves,
+        boards=boards,
         noise=noise,
         shutter=shutter,
         lens_blur=lens_blur,

@@ -11,7 +11,8 @@ import numpy as np
 from estimator import synthesis
 from estimator.cameras.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
-from estimator.synthesis.motion_keys import KeyedMotion, motion_named
+from estimator.synthesis.keyed_motion import KeyedMotion
+from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.plate import Place, place_of
 from estimator.synthesis.settings import in_range
 from humanoid.kinematics.body import Body, points_in_world
