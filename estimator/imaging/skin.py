@@ -1,0 +1,166 @@
+"""Bare skin in a picture, by its colour: a histogram learned in one frame, and blobs of it in all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from estimator.media.threads import one_thread
+from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
+
+_BINS = 64  # of either colour difference
+_WHOLE = 256
+_LEAST = 1e-5  # share of a colour that was not seen
+
+
+@dataclass(frozen=True)
+class SkinSettings:
+    """How skin is told.
+
+    radius: of the discs about given points that colours are learned from, as a share of the person's size in the image.
+    ratio: how many times likelier a colour has to be on skin than elsewhere. smoothing: of the histogram, in bins.
+    least: area of a blob, as a share of the squared size of the person. most: share of the picture that skin may take
+    up in the frame that it is learned in. merged: times the largest hand's area from which a blob may be several.
+    Raises InputError where a value cannot be.
+    """
+
+    radius: float = setting(0.06, above=0, at_most=1)
+    ratio: float = setting(4.0, above=0)
+    smoothing: float = setting(1.0, above=0)
+    least: float = setting(0.003, above=0)
+    most: float = setting(0.2, above=0, at_most=1)
+    merged: float = setting(1.7, above=1)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, eq=False)
+class SkinModel:
+    """log_ratio (64, 64): of a colour on skin to one elsewhere, by Cr and Cb. face, hand [px^2]: areas of their blobs
+    in the frame of which this was learned. size [px]: the person's there."""
+
+    log_ratio: np.ndarray
+    face: float
+    hand: float
+    size: float
+
+
+@dataclass(frozen=True, eq=False)
+class Blobs:
+    """Connected regions of skin. mean (B, 2) [px], covariance (B, 2, 2) [px^2]: of their pixels. area (B,) [px^2].
+    merged (B,) bool: too large for one hand. face, hand [px^2]: what areas these have (`SkinModel`)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    area: np.ndarray
+    merged: np.ndarray
+    face: float
+    hand: float
+
+
+@one_thread()
+def learned_skin(
+    picture: np.ndarray, points: np.ndarray, faces: np.ndarray, size: float, settings: SkinSettings, source: str
+) -> SkinModel:
+    """Learn what skin looks like from a picture (H, W, 3) uint8 BGR and points on it (K, 2) [px].
+
+    Only the differences of colour count, in which light and shade on skin hardly differ (YCrCb). Colours elsewhere are
+    those of the whole picture but the discs. Smaller than a disc's area no face or hand is expected to be.
+
+    faces (K,) bool: which points are on the face. size [px]: the person's in the image. source: of the picture, for
+    errors.
+
+    Raises
+    ------
+    InputError: no point in the picture, or a colour that takes up too much of it.
+    """
+    height, width = picture.shape[:2]
+    inside = np.isfinite(points).all(axis=1)
+    inside[inside] &= ((points[inside] >= 0) & (points[inside] < [width, height])).all(axis=1)
+    if not inside.any():
+        remedy = 'keypoints of face and hands in that frame, or features = "keypoints"'
+        raise InputError(source, "has no point on skin to learn its colour from", remedy=remedy)
+    discs = np.zeros((height, width), np.uint8)
+    radius = max(2, round(settings.radius * size))
+    for point in points[inside]:
+        cv2.circle(discs, (round(point[0]), round(point[1])), radius, 1, -1)
+    bins = _bins(picture)
+    skin, rest = (_histogram(bins[discs == k], settings.smoothing) for k in (1, 0))
+    log_ratio = np.log(skin / rest)
+    rough = SkinModel(log_ratio, 0.0, 0.0, size)
+    mask = _mask(picture, rough, None, settings)
+    share = float(mask.mean())
+    if share > settings.most:
+        problem = f"has the colour of the skin points in {share:.0%} of the picture"
+        raise InputError(source, problem, remedy='clothes and a wall of other colours, or features = "keypoints"')
+    labels, areas = _components(mask)
+    near = [_area_at(labels, areas, p, radius) for p in points[inside]]
+    disc = np.pi * radius**2
+    on_face = [a for a, f in zip(near, faces[inside], strict=True) if f]
+    on_hand = [a for a, f in zip(near, faces[inside], strict=True) if not f]
+    hand = float(np.median(on_hand)) if on_hand else disc
+    face = float(np.median(on_face)) if on_face else 3.0 * hand
+    return SkinModel(log_ratio, max(face, disc), max(hand, 0.5 * disc), size)
+
+
+@one_thread()
+def skin_blobs(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, settings: SkinSettings) -> Blobs:
+    """Blobs of skin in a picture (H, W, 3) uint8 BGR, by area, the largest first; none in a black picture.
+
+    foreground (H, W) bool: where the person can be, None where that is not known.
+    """
+    labels, areas = _components(_mask(picture, model, foreground, settings))
+    order = [k for k in np.argsort(-areas, kind="stable") if k > 0 and areas[k] >= settings.least * model.size**2]
+    mean, covariance = np.zeros((len(order), 2)), np.zeros((len(order), 2, 2))
+    for row, k in enumerate(order):
+        y, x = np.nonzero(labels == k)
+        places = np.stack([x, y], axis=1).astype(float)
+        mean[row] = places.mean(axis=0)
+        off = places - mean[row]
+        covariance[row] = off.T @ off / len(off) + np.eye(2) / 12.0  # a pixel has a size
+    area = areas[order].astype(float)
+    return Blobs(mean, covariance, area, area > settings.merged * model.hand, model.face, model.hand)
+
+
+def _bins(picture: np.ndarray) -> np.ndarray:
+    """(H, W, 2) of Cr and Cb, as bins."""
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2YCrCb)[..., 1:].astype(np.int64) * _BINS // _WHOLE
+
+
+def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
+    """Shares (64, 64) of colours (N, 2), smoothed, none of them 0."""
+    counts = np.zeros((_BINS, _BINS))
+    np.add.at(counts, (bins[:, 0], bins[:, 1]), 1.0)
+    smooth = cv2.GaussianBlur(counts, (0, 0), smoothing)
+    return np.asarray((smooth + _LEAST) / (smooth + _LEAST).sum())
+
+
+def _mask(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, settings: SkinSettings) -> np.ndarray:
+    """(H, W) uint8: skin, without specks, its small holes filled."""
+    bins = _bins(cv2.GaussianBlur(picture, (0, 0), 1.0))
+    dark = picture.max(axis=2) < 20  # no colour is known there
+    mask = (model.log_ratio[bins[..., 0], bins[..., 1]] > np.log(settings.ratio)) & ~dark
+    if foreground is not None:
+        mask &= foreground
+    kernel = np.ones((3, 3), np.uint8)
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
+
+
+def _components(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (H, W) and areas of the connected regions; 0 is everything else."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    return labels, stats[:, cv2.CC_STAT_AREA]
+
+
+def _area_at(labels: np.ndarray, areas: np.ndarray, point: np.ndarray, radius: int) -> float:
+    """Area of the largest region within a radius of a point."""
+    height, width = labels.shape
+    x, y = round(float(point[0])), round(float(point[1]))
+    window = labels[max(y - radius, 0) : min(y + radius, height), max(x - radius, 0) : min(x + radius, width)]
+    present = np.unique(window[window > 0])
+    return float(areas[present].max()) if len(present) else 0.0
