@@ -16,6 +16,7 @@ from estimator.cameras.epipolar import Rays, essential_matrix
 from estimator.cameras.projection import add_projection_curvature, pack_cameras, project_point, project_with_jacobian
 from estimator.formats.cameras import load_cameras, write_cameras
 from estimator.formats.cameras_json import camera_from_json, camera_to_json
+from estimator.formats.keypoints import load_keypoints
 from estimator.imaging.patches import patch_view
 from estimator.imaging.undistortion import undistortion_maps
 from estimator.prediction.prediction import Prediction, Predictor
@@ -30,6 +31,7 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.support.errors import InputError
+from kinemode import __main__ as front
 from tests.builders import BROWN, bent, body_of, camera_at, observe, random_pose
 
 MIDDLE = np.array([0.1, -0.05, 0.2])
@@ -348,3 +350,14 @@ def test_tracked_to_the_truth_but_for_depths_that_are_not_seen(name: str) -> Non
         best = min(modes, key=lambda m: np.linalg.norm(m - points, axis=1).mean())
         np.testing.assert_allclose(camera.project(modes[0]), camera.project(points), atol=12.0)
         assert np.linalg.norm(best - points, axis=1).mean() < 0.06
+
+
+def test_a_rendered_clip_has_its_truth_in_a_parallel_camera(tmp_path: Path) -> None:
+    exact = "--keypoint-noise 0 --outliers 0 --missing 0"
+    given = f"render --motion random --subject upper13 --parallel --seconds 0.07 {exact}"
+    assert front.main([*given.split(), "--out", str(tmp_path)]) == 0
+    (camera,) = load_cameras(tmp_path / "cameras.json").values()
+    assert camera.parallel
+    truth, track = np.load(tmp_path / "truth.npz"), load_keypoints(tmp_path / "keypoints" / "cam01.json")
+    order = [truth["landmark_names"].tolist().index(name) for name in track.names]
+    np.testing.assert_allclose(track.pixels, camera.project(truth["landmarks"][:, order]), atol=0.01)
