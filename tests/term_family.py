@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from builders import BROWN, body_of, camera_at, observe, random_pose
 
+from estimator.cameras.camera import Camera, parallel_camera
 from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
@@ -26,6 +27,7 @@ from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import limb_placements, limbs_on_joints
 
 CAMERAS = (camera_at(20.0, distortion=BROWN), camera_at(110.0, focal=500.0))
+MIXED = (CAMERAS[0], parallel_camera("flat", (640, 480), 180.0, np.array([0.0, 0.0, 0.1]), azimuth=1.9))
 Made = tuple[Body, Term, np.ndarray]
 
 
@@ -34,19 +36,23 @@ def evaluated(term: Term, body: Body, q: np.ndarray, exact: bool = False) -> tup
     return term.accumulate(body.at(q), gradient, hessian, exact), gradient, hessian
 
 
-def observed(body: Body, rng: np.random.Generator, noise: float = 8.0) -> Observation:
+def observed(
+    body: Body, rng: np.random.Generator, noise: float = 8.0, cameras: tuple[Camera, ...] = CAMERAS
+) -> Observation:
     """Noisy keypoints of a random pose, some of them missing."""
-    seen = observe(body, random_pose(body, rng, share=0.6, turn=0.4), CAMERAS, noise=noise, rng=rng)
+    seen = observe(body, random_pose(body, rng, share=0.6, turn=0.4), cameras, noise=noise, rng=rng)
     seen.pixels[0, 3] = np.nan
     seen.confidence[0, 3] = 0.0
     seen.confidence[1] = rng.uniform(0.2, 1.0, size=len(body.landmark_names))
     return seen
 
 
-def reprojection(name: str, potential: str) -> Callable[[np.random.Generator], Made]:
+def reprojection(
+    name: str, potential: str, cameras: tuple[Camera, ...] = CAMERAS
+) -> Callable[[np.random.Generator], Made]:
     def make(rng: np.random.Generator) -> Made:
         body = body_of(name)
-        seen = observed(body, rng)
+        seen = observed(body, rng, cameras=cameras)
         sigma = rng.uniform(5.0, 15.0, size=seen.confidence.shape)
         return body, Reprojection(body, seen, sigma, potential, 6.0), random_pose(body, rng, share=0.6, turn=0.4)
 
@@ -165,6 +171,7 @@ FAMILY = {
     **{f"upright-{p}": upright(p) for p in POTENTIALS},
     **{f"reprojection-{p}": reprojection("human34", p) for p in POTENTIALS},
     **{f"reprojection-{n}": reprojection(n, "lorentzian") for n in ("arm8", "upper13")},
+    "reprojection-parallel": reprojection("upper13", "lorentzian", MIXED),
     **{f"stabilisers-{p}": stabilisers("human34", p) for p in POTENTIALS},
     **{f"transition-{p}": transition("human34", p) for p in POTENTIALS},
     "transition-arm8": transition("arm8", "leclerc"),

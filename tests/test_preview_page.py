@@ -68,12 +68,16 @@ return {joints, corners: found, size: [size.x, size.y], view, visible: plane.vis
 """
 
 
+@pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("size", [(1000, 500), (500, 900)])
 def test_it_opens_on_the_body_on_its_picture_in_a_window_of_any_shape(
-    browser: Any, show: Open, size: tuple[int, int]
+    browser: Any, show: Open, size: tuple[int, int], parallel: bool
 ) -> None:
     scene = moving_scene(4)
     camera = odd_camera(scene)
+    if parallel:
+        K = camera.K * [[0.3, 1.0, 1.0], [1.0, 0.3, 1.0], [1.0, 1.0, 1.0]]  # px/m
+        camera = replace(camera, K=K, distortion=np.zeros(5), parallel=True)
     scene = replace(scene, cameras=(camera,))
     show(scene, "t=2", size)
     places = browser.execute_script(PLACES)

@@ -72,7 +72,7 @@ class Camera(Summarised):
     def needs_centre(self) -> None:
         """Raise InputError if the camera is parallel: for what is made for rays that meet in one point."""
         if self.parallel:
-            remedy = "calibrate a perspective camera, or leave out what needs one"
+            remedy = "a parallel camera is used alone, and for what needs no depth by perspective"
             raise InputError(f"camera {self.name!r}", "is parallel: it has no centre that rays meet in", remedy=remedy)
 
     @cached_property

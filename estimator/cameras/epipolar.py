@@ -37,7 +37,12 @@ class Rays:
 
 
 def essential_matrix(a: Camera, b: Camera) -> np.ndarray:
-    """E (3, 3) with y' E x = 0 for directions x in camera a and y in camera b of one point (Longuet-Higgins 1981)."""
+    """E (3, 3) with y' E x = 0 for directions x in camera a and y in camera b of one point (Longuet-Higgins 1981).
+
+    Raises InputError: a parallel camera.
+    """
+    for camera in (a, b):
+        camera.needs_centre()
     R_b_a = b.R_camera_world @ a.R_camera_world.T
     x, y, z = b.t_camera_world - R_b_a @ a.t_camera_world
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R_b_a

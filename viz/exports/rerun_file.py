@@ -3,9 +3,9 @@
 Timelines `time` [s] and `frame`. Entities, z up, metres:
 world/body/LINK: the placement of the link's joint, its meshes below it. world/landmarks. world/hypotheses/K: the
 skeletons of the other hypotheses, K their place in the frame. world/cameras/NAME: pinhole (without its distortion),
-keypoints, and the film where it is an mp4 that is still there. angles/NAME, angles/NAME/std: joint angles [deg] or ways
-[m] of the best path, and the calibrated standard deviation of all hypotheses together. status: of the frames, where it
-changes.
+keypoints, and the film where it is an mp4 that is still there; of a parallel camera cameras/NAME, without a place in
+the world. angles/NAME, angles/NAME/std: joint angles [deg] or ways [m] of the best path, and the calibrated standard
+deviation of all hypotheses together. status: of the frames, where it changes.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from estimator.cameras.camera import Camera
 from estimator.results.coordinates import joint_entries
 from estimator.results.run_reader import Run
 from humanoid.support.extras import optional
@@ -99,8 +100,7 @@ class _Log:
         """What is seen first: the world, the cameras' pictures, the angles that change most."""
         rrb = optional("rerun.blueprint", "rerun", "rrd files")
         cameras = [
-            rrb.Spatial2DView(origin=self._path("world", "cameras", camera.name), name=camera.name)
-            for camera in self._scene.cameras
+            rrb.Spatial2DView(origin=self._camera_path(camera), name=camera.name) for camera in self._scene.cameras
         ]
         known = [angle for angle in angles if np.isfinite(angle.values).any() and angle.unit == "deg"]
         most = sorted(known, key=lambda angle: -float(np.nanmax(angle.values) - np.nanmin(angle.values)))[:_CURVES]
@@ -168,14 +168,9 @@ class _Log:
     def camera(self, c: int, clip: str | None) -> None:
         """A camera, the keypoints in it, and its film."""
         rr, scene, camera = self._rr, self._scene, self._scene.cameras[c]
-        path = self._path("world", "cameras", camera.name)
-        pose = rr.Transform3D(translation=camera.centre_world, mat3x3=camera.R_camera_world.T)
-        K = camera.K + np.array([[0.0, 0.0, _HALF], [0.0, 0.0, _HALF], [0.0, 0.0, 0.0]])
-        pinhole = rr.Pinhole(
-            image_from_camera=K, resolution=camera.image_size, camera_xyz=rr.ViewCoordinates.RDF,
-            image_plane_distance=0.4,
-        )  # fmt: skip
-        self._to.log(path, pose, pinhole, static=True)
+        path = self._camera_path(camera)
+        if not camera.parallel:
+            self._pinhole(path, camera)
         self._film(path, c, clip)
         names, points = np.array(scene.body.landmark_names), f"{path}/keypoints"
         for t in range(len(scene)):
@@ -187,6 +182,20 @@ class _Log:
                 show_labels=False,
             )  # fmt: skip
             self._to.log(points, keypoints)
+
+    def _camera_path(self, camera: Camera) -> str:
+        """A camera's place in the file: rerun's cameras in the world are pinholes, so parallel ones are outside it."""
+        return self._path(*([] if camera.parallel else ["world"]), "cameras", camera.name)
+
+    def _pinhole(self, path: str, camera: Camera) -> None:
+        rr = self._rr
+        pose = rr.Transform3D(translation=camera.centre_world, mat3x3=camera.R_camera_world.T)
+        K = camera.K + np.array([[0.0, 0.0, _HALF], [0.0, 0.0, _HALF], [0.0, 0.0, 0.0]])
+        pinhole = rr.Pinhole(
+            image_from_camera=K, resolution=camera.image_size, camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.4,
+        )  # fmt: skip
+        self._to.log(path, pose, pinhole, static=True)
 
     def _film(self, path: str, c: int, clip: str | None) -> None:
         rr, scene = self._rr, self._scene

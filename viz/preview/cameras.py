@@ -26,6 +26,7 @@ PICTURES_PER_CAMERA = 120
 PICTURE_LONGEST = 640
 _QUALITY = 72
 _MARK_DEPTH = 0.25  # size of the little pyramid that stands for a camera [m]
+_BEFORE = 2.0  # of the nearest body: where the view of a parallel camera looks from [m]
 
 
 def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], points: np.ndarray) -> dict[str, Any]:
@@ -36,14 +37,17 @@ def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], 
     camera = scene.cameras[c]
     node = root["cameras"][f"camera_{c}"]
     node["mark"].set_object(line_segments(_pyramid(camera, _MARK_DEPTH), palette.TEXT))
-    depths = points @ camera.R_camera_world[2] + camera.t_camera_world[2]
-    far = max(1.0, float(depths.max()) + 0.6)
+    depths = camera.depths(points)
+    far = float(depths.max()) + 0.6
+    far = far if camera.parallel else max(1.0, far)
     pictures, picture_of = _pictures(scene, c, rows)
     if pictures:
         material = g.MeshBasicMaterial(color=0xFFFFFF, side=0)
         node["picture"].set_object(TexturedPlane(_corners(camera, far)), material)
         node["frustum"].set_object(line_segments(_pyramid(camera, far), palette.GRID))
-    axes, centre = camera.R_camera_world, camera.centre_world
+    axes, centre = camera.R_camera_world, camera.origin_world
+    if camera.parallel:  # from before the bodies: its own plane may be anywhere
+        centre = centre + (float(depths.min()) - _BEFORE) * axes[2]
     distance = max(0.5, float(axes[2] @ (points.mean(axis=0) - centre)))
     sight = (_corners(camera, 1.0) - centre) @ axes.T
     return {
@@ -55,6 +59,7 @@ def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], 
         # the view's middle is the principal point, so what is farther from it decides
         "half_width": float(np.abs(sight[:, 0]).max()),
         "half_height": float(np.abs(sight[:, 1]).max()),
+        "parallel": camera.parallel,  # the halves are tangents of angles, or metres
         "pictures": pictures,
         "picture_of": picture_of,
     }
@@ -65,13 +70,15 @@ def _corners(camera: Camera, depth: float) -> np.ndarray:
     width, height = camera.image_size
     corners = np.array([[-0.5, -0.5], [width - 0.5, -0.5], [width - 0.5, height - 0.5], [-0.5, height - 0.5]])
     rays = np.concatenate([corners, np.ones((4, 1))], axis=1) @ np.linalg.inv(camera.K).T
-    return (rays * depth - camera.t_camera_world) @ camera.R_camera_world
+    places = rays * ([1.0, 1.0, depth] if camera.parallel else depth)
+    return (places - camera.t_camera_world) @ camera.R_camera_world
 
 
 def _pyramid(camera: Camera, depth: float) -> np.ndarray:
+    """Ends (16, 3) [m] of the lines from a camera, or its plane, to the picture's corners at a depth, and around it."""
     corners = _corners(camera, depth)
-    eye = camera.centre_world
-    pairs = [p for i in range(4) for p in (eye, corners[i], corners[i], corners[(i + 1) % 4])]
+    starts = _corners(camera, 0.0) if camera.parallel else np.tile(camera.centre_world, (4, 1))
+    pairs = [p for i in range(4) for p in (starts[i], corners[i], corners[i], corners[(i + 1) % 4])]
     return np.array(pairs)
 
 

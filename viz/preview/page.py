@@ -72,7 +72,8 @@ class _Stage:
         low, high = np.quantile(self.points, 0.02, axis=0), np.quantile(self.points, 0.98, axis=0)
         self.centre = (low + high) / 2.0
         self.radius = max(0.3, 0.5 * float(np.linalg.norm(high - low)))
-        towards = scene.cameras[0].centre_world - self.centre if scene.cameras else np.array([1.0, 0.0, 0.0])
+        towards = scene.cameras[0].origin_world - self.centre if scene.cameras else np.array([1.0, 0.0, 0.0])
+        towards = -scene.cameras[0].R_camera_world[2] if scene.cameras and scene.cameras[0].parallel else towards
         heading = np.arctan2(towards[1], towards[0]) + np.radians(35.0)
         self.towards_home = np.array([np.cos(heading), np.sin(heading), 0.28])
         self.towards_home /= np.linalg.norm(self.towards_home)
@@ -207,6 +208,7 @@ def _player_data(
             "up": [0.0, 0.0, 1.0],
             "half_height": tangent,
             "half_width": tangent,
+            "parallel": False,
         },
         "legend": _legend(scene, parts),
         "nothing": _NOTHING,
