@@ -1,0 +1,170 @@
+"""A chain of poses: what it makes of past and message is what plain weighing of the past's samples makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from estimator.cameras.camera import Camera, parallel_camera
+from estimator.inference.chains.exchange import Message, nothing_seen
+from estimator.inference.chains.feature_density import FeatureDensity, gaussian
+from estimator.search.jumps.anatomy import anatomy_of
+from estimator.search.point_features import landmark_features, skin_features
+from estimator.search.pose_chain import Crowd, Expected, PoseChain, PoseChainSettings
+from estimator.search.pose_parts import PoseParts
+from humanoid.kinematics.body import Body
+from humanoid.limbs.graph import limb_graph
+from humanoid.support.errors import InputError
+from tests.builders import body_of
+
+SETTINGS = PoseChainSettings(particles=3000, kernels=40, draws=4, together=True)
+
+
+def camera() -> Camera:
+    return parallel_camera("k", (640, 480), 400.0, np.array([0.0, 0.0, 0.3]))
+
+
+@cache
+def parts_of(name: str) -> PoseParts:
+    body = body_of(name)
+    anatomy = anatomy_of(body)
+    return PoseParts.of(body, anatomy, skin_features(body, anatomy), limb_graph(body))
+
+
+def chain(rng: np.random.Generator, settings: PoseChainSettings = SETTINGS, *, past: bool = True) -> PoseChain:
+    parts = parts_of("upper13")
+    std = np.where(np.arange(13) < 2, 0.02, 0.08)
+    return PoseChain(rng, parts, camera(), None, std, settings, past, {})
+
+
+def crowd(body: Body, count: int = 40) -> Crowd:
+    rng = np.random.default_rng(5)
+    q = body.neutral.copy()
+    for joint in ("left_elbow_flexion", "right_elbow_flexion"):
+        q[body.place(joint).q] = 1.2
+    spread = np.where(np.arange(body.nv) < 2, 0.02, 0.05)
+    poses = body.integrated(np.tile(q, (count, 1)), spread * rng.standard_normal((count, body.nv)))
+    return Crowd(poses, np.full(count, 1.0 / count), q)
+
+
+def told(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.0) -> Message:
+    """A head where it is expected, and hands beside where they are: two ways for the left one."""
+    state = crowd(prior_of.body)
+    where = prior_of.camera.project(prior_of.parts.features.points(prior_of.body.placed(state.reference[None])))[0]
+    moved = np.add(where, [[0.0, 0.0], [shift, 0.0], [0.0, -shift]])
+    first = gaussian(prior_of.parts.features.names, moved, spread**2 * np.eye(6))
+    other = first.mean[0] - [[0.0, 0.0], [2.0 * shift, 0.0], [0.0, 0.0]]
+    both = FeatureDensity(
+        first.names, np.log([0.6, 0.4]), np.ones((2, 3), bool), np.stack([first.mean[0], other]),
+        np.repeat(first.covariance, 2, axis=0),
+    )  # fmt: skip
+    return Message(both, both)
+
+
+def plainly_weighed(prior: Expected, message: Message, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tangents (N, nv) drawn from the past alone and their weights by the message: the same posterior."""
+    rng = np.random.default_rng(9)
+    rows = rng.choice(len(prior.centres), size=count, p=prior.weights)
+    x = prior.steps.moved(rng, prior.centres[rows])
+    made = chain(rng)
+    placed = made._placed(prior.reference, x)
+    pixels = made._pixels(placed)
+    log_weight = message.evidence.log_density(pixels)
+    weight = np.exp(log_weight - log_weight.max())
+    return x, weight / weight.sum()
+
+
+def test_parts_are_trunk_and_arms() -> None:
+    parts = parts_of("upper13")
+    names = [[parts.body.v_names[d] for d in dofs] for dofs in parts.dofs]
+    assert names[0] == ["trunk_left", "trunk_up", "neck_flexion", "neck_lateral", "neck_axial"]
+    assert all(name.startswith("left_") for name in names[1])
+    assert all(name.startswith("right_") for name in names[2])
+    assert [parts.features.names[f] for part in parts.of_part for f in part] == ["head", "left_hand", "right_hand"]
+    covered = np.sum(parts.shapes, axis=0)
+    assert (covered == 1).all()  # every limb that is drawn belongs to one part
+    human = parts_of("human34")
+    assert sorted(np.concatenate(human.dofs).tolist()) == list(range(human.body.nv))
+
+
+def test_a_body_without_arms_is_refused() -> None:
+    body = body_of("arm8")
+    with pytest.raises(InputError, match="no landmarks on one face"):
+        skin_features(body, anatomy_of(body))
+    graph, anatomy = limb_graph(body), anatomy_of(body)
+    nothing = replace(landmark_features(body, anatomy), limb=np.full(len(body.landmark_names), -1))
+    with pytest.raises(InputError, match="no limb of two segments"):
+        PoseParts.of(body, anatomy, nothing, graph)
+
+
+@pytest.mark.parametrize("by_past", [0.2, 0.8])
+def test_the_posterior_is_that_of_weighing_the_past(by_past: float) -> None:
+    """Whatever share comes from the image: means and spreads of all joints, and of the hands in the image."""
+    made = chain(np.random.default_rng(0), replace(SETTINGS, by_past=by_past))
+    prior = made.predict(crowd(made.body), 0.04)
+    message = told(made)
+    x, weight = plainly_weighed(prior, message, 200_000)
+    mean = weight @ x
+    std = np.sqrt(weight @ np.square(x - mean))
+    tangents, counts = [], []
+    for seed in range(8):
+        again = chain(np.random.default_rng(100 + seed), replace(SETTINGS, by_past=by_past))
+        after, _ = again.update(replace_samples(again, prior), message)
+        tangents.append(made.body.differences(prior.reference, after.q))
+        counts.append(again.told["effective_sample_size"])
+    assert np.mean(counts) > 20.0
+    each = np.array([t.mean(axis=0) for t in tangents])
+    error = each.std(axis=0) / np.sqrt(len(each))
+    assert (np.abs(each.mean(axis=0) - mean) < 4.0 * error + 0.05 * std).all()
+    spread = np.sqrt(np.mean([np.square(t - mean).mean(axis=0) for t in tangents], axis=0))
+    np.testing.assert_allclose(spread, std, rtol=0.2)
+
+
+def replace_samples(made: PoseChain, prior: Expected) -> Expected:
+    """The same past with samples of its own."""
+    rows = made.rng.choice(len(prior.centres), size=made.settings.particles, p=prior.weights)
+    return replace(prior, samples=prior.steps.moved(made.rng, prior.centres[rows]), kernel=rows)
+
+
+def test_what_is_told_nothing_goes_on_as_expected() -> None:
+    made = chain(np.random.default_rng(1), replace(SETTINGS, together=False))
+    prior = made.predict(crowd(made.body), 0.04)
+    after, _ = made.update(prior, nothing_seen(made.parts.features.names))
+    x = made.body.differences(prior.reference, after.q)
+    np.testing.assert_allclose(x.mean(axis=0), prior.samples.mean(axis=0), atol=0.02)
+    assert (x >= prior.steps.lower - 1e-12).all()
+    assert (x <= prior.steps.upper + 1e-12).all()
+
+
+def test_hands_that_are_elsewhere_are_reached_by_the_image_and_not_by_the_past() -> None:
+    """A hand 100 px away from all that is expected: likelihood sampling finds it, samples of the past do not."""
+    made = chain(np.random.default_rng(2), replace(SETTINGS, together=False))
+    prior = made.predict(crowd(made.body), 0.04)
+    message = told(made, shift=100.0, spread=4.0)
+    after, _ = made.update(prior, message)
+    pixels = made.camera.project(made.parts.features.points(made.body.placed(after.q)))
+    off = np.linalg.norm(pixels[:, None] - message.evidence.mean[None], axis=3).max(axis=2).min(axis=1)
+    assert np.median(off) < 12.0
+    _, weight = plainly_weighed(prior, message, 3000)
+    assert 1.0 / np.square(weight).sum() < 5.0
+
+
+def test_without_detections_likelihood_sampling_has_no_samples() -> None:
+    made = chain(np.random.default_rng(3), past=False)
+    prior = made.predict(crowd(made.body), 0.04)
+    after, log_mean = made.without_samples(prior)
+    assert made.told["samples"] == 0.0
+    assert log_mean == -np.inf
+    assert np.isfinite(after.q).all()
+
+
+def test_equal_generators_equal_bits() -> None:
+    runs = []
+    for _ in range(2):
+        made = chain(np.random.default_rng(4), replace(SETTINGS, particles=200, together=False))
+        prior = made.predict(crowd(made.body), 0.04)
+        runs.append(made.update(prior, told(made))[0].q)
+    np.testing.assert_array_equal(runs[0], runs[1])
