@@ -11,6 +11,7 @@ import numpy as np
 
 from estimator.cameras.camera import Camera
 from estimator.cost.model import image_extent
+from estimator.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.imaging.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
@@ -34,6 +35,15 @@ from estimator.trackers.particle_set import FrameEnergy, Summary, first_particle
 from humanoid.limbs.graph import limb_graph
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
+
+_FIELDS = {
+    "pose_q": Field("f", ("N", "nq")),
+    "pose_owner": Field("i", ("N",)),
+    "point_mean": Field("f", ("F", "4")),
+    "point_covariance": Field("f", ("D", "D")),
+    "skin_log_ratio": Field("f", ("B", "B")),
+    "skin_sizes": Field("f", ("3",)),
+}
 
 
 @dataclass(frozen=True)
@@ -168,10 +178,18 @@ class DualChain(Begins):
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> DualState:
         """See `estimator.trackers.base.Tracker`."""
         summary = MixtureState.from_arrays(arrays, self.body, minima=False)
+        count = len(self.parts.features.names)
+        bins = np.shape(arrays.get("skin_log_ratio", ()))[:1] or (0,)
+        sizes = {"nq": self.body.nq, "F": count, "4": 4, "D": 4 * count, "B": bins[0], "3": 3}
+        check_arrays(arrays, _FIELDS, {**sizes, "N": length_of(arrays, "pose_owner")})
+        check_configurations(self.body, arrays["pose_q"], "pose_q")
+        owner = arrays["pose_owner"]
+        if not ((owner >= 0) & (owner < len(summary.mixture.weights))).all():
+            raise DamageError("pose_owner is no hypothesis")
+        if np.linalg.eigvalsh(arrays["point_covariance"])[0] <= 0.0 or not (arrays["skin_sizes"] > 0.0).all():
+            raise DamageError("point_covariance is none, or skin has no size")
         skin = SkinModel(arrays["skin_log_ratio"], *(float(x) for x in arrays["skin_sizes"]))
-        return DualState(
-            summary.mixture, summary.time, arrays["pose_q"], arrays["pose_owner"], Points.from_arrays(arrays), skin
-        )
+        return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, Points.from_arrays(arrays), skin)
 
     def _detected(self, cues: ImageCues, skin: SkinModel) -> Detections:
         """Blobs of skin in the picture, in the foreground where that is known."""
@@ -190,9 +208,7 @@ class DualChain(Begins):
 def _only_picture(observation: Observation) -> ImageCues:
     """The cues of the only camera; InputError where there are none, or several."""
     if len(observation.cues) != 1:
-        problem = "goes by the picture of one camera" + (
-            f", there are {len(observation.cues)}" if observation.cues else ""
-        )
+        problem = f"goes by the picture of one camera, there are {len(observation.cues) or 'no'} to look at"
         raise InputError("dual-chain", problem, remedy="one clip, with --cues edges,silhouette")
     return observation.cues[0]
 

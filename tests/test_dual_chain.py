@@ -1,0 +1,127 @@
+"""Poses and points that correct each other, on a short rendered clip of an upper body with long sleeves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from estimator.cost.model import CostModel
+from estimator.formats.cameras import load_cameras
+from estimator.formats.checked_arrays import DamageError
+from estimator.imaging.observation import Observation
+from estimator.likelihood.reader import CueReader
+from estimator.likelihood.settings import cue_settings
+from estimator.search.mode_search import ModeSearch
+from estimator.search.pose_chain import PoseChainSettings
+from estimator.search.settings import ModeSearchSettings
+from estimator.trackers.dual_chain import DualChain, DualChainSettings, DualState
+from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+from tests.builders import body_of
+
+FEW = DualChainSettings(pose=PoseChainSettings(particles=150, kernels=50))
+FRAMES = 4
+Tracked = tuple[DualChain, list[DualState]]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What every frame shows, the first with its landmarks, and the true poses (T, nq)."""
+
+    observations: list[Observation]
+    q: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Seen]:
+    folder = tmp_path_factory.mktemp("talk")
+    clip = km.render(
+        folder, "talk", fps=25.0, seconds=FRAMES / 25.0, scene=km.SceneSettings(sleeves="long"),
+        view=km.ViewSettings(parallel=True, image_size=(320, 240)),
+    )  # fmt: skip
+    ((name, video),) = clip.videos.items()
+    camera = load_cameras(clip.cameras)[name]
+    body = body_of("upper13")
+    q = np.load(clip.truth)["q"]
+    first = camera.project(body.landmarks(body.at(q[0])))
+    with closing(
+        CueReader([video], [camera], cue_settings(("edges", "silhouette")), plates=[clip.plates[name]])
+    ) as reader:
+        observations = []
+        for i in range(FRAMES):
+            pixels = first if i == 0 else np.full_like(first, np.nan)
+            confidence = np.isfinite(pixels).all(axis=1).astype(float)
+            observations.append(Observation(i, i / 25.0, (camera,), pixels[None], confidence[None], cues=reader.at(i)))
+        yield Seen(observations, q)
+
+
+def tracker(settings: DualChainSettings = FEW) -> DualChain:
+    body = body_of("upper13")
+    model = CostModel(body, None, SelfCollision(body), cue_settings(("edges", "silhouette")))
+    return DualChain(ModeSearch(model, ModeSearchSettings()), settings)
+
+
+def errors(body: Body, state: DualState, q: np.ndarray) -> float:
+    """Mean distance [m] of landmarks, expected over the poses."""
+    there = body.landmarks_of(body.placed(state.q))
+    return float(np.linalg.norm(there - body.landmarks(body.at(q)), axis=2).mean())
+
+
+@pytest.fixture(scope="module")
+def tracked(seen: Seen) -> Tracked:
+    """The tracker and its states, with equal random generators in every test."""
+    made, states = tracker(), []
+    for i, observation in enumerate(seen.observations):
+        rng = np.random.default_rng([7, i])
+        state = made.init(rng, observation)[0] if i == 0 else made.step(rng, states[-1], observation)[0]
+        states.append(state)
+    return made, states
+
+
+def test_hands_are_followed_from_the_keypoints_of_one_frame(seen: Seen, tracked: Tracked) -> None:
+    made, states = tracked
+    assert errors(made.body, states[-1], seen.q[FRAMES - 1]) < 0.1
+    hands = seen.observations[-1].cameras[0].project(made.parts.features.points(made.body.placed(seen.q[-1:])))[0]
+    assert np.linalg.norm(states[-1].points.mean[:, :2] - hands, axis=1).max() < 12.0
+    for state in states:
+        assert (state.q >= made.body.lower).all()
+        assert (state.q <= made.body.upper).all()
+
+
+def test_a_stored_state_goes_on_to_the_bit(seen: Seen, tracked: Tracked) -> None:
+    made, states = tracked
+    again = made.state_from(states[1].arrays())
+    rng = np.random.default_rng([7, 2])
+    after, _ = made.step(rng, again, seen.observations[2])
+    np.testing.assert_array_equal(after.q, states[2].q)
+    np.testing.assert_array_equal(after.points.mean, states[2].points.mean)
+    broken = dict(states[1].arrays(), pose_owner=np.full(len(states[1].owner), 99))
+    with pytest.raises(DamageError, match="no hypothesis"):
+        made.state_from(broken)
+
+
+def test_a_black_frame_is_tracked(seen: Seen, tracked: Tracked) -> None:
+    made, states = tracked
+    observation = seen.observations[2]
+    cues = observation.cues[0]
+    assert cues.picture is not None
+    black = replace(cues, by_name={}, picture=np.zeros_like(cues.picture))
+    after, result = made.step(np.random.default_rng(0), states[1], replace(observation, cues=(black,)))
+    assert np.isfinite(after.q).all()
+    assert np.isfinite(after.points.covariance).all()
+    spread = [made.body.differences(s.q[0], s.q).std(axis=0).mean() for s in (states[1], after)]
+    assert spread[1] > spread[0]
+    assert len(result.q)
+
+
+def test_what_cannot_be_tracked_is_refused(seen: Seen) -> None:
+    made, first = tracker(), seen.observations[0]
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="picture of one camera, there are no"):
+        made.init(rng, replace(first, cues=()))
