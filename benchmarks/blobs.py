@@ -160,7 +160,7 @@ def scored(case: Case) -> dict[str, Score]:
     """What is found in one clip, by what is known of the foreground."""
     tell(f"{case.motion}, {case.scene}, seed {case.seed}")
     with tempfile.TemporaryDirectory(prefix="kinemode-blobs-") as folder:
-        scene = km.SceneSettings(sleeves="long", boards=BOARDS)
+        scene = km.SceneSettings(sleeves="long", boards=BOARDS, swinging=SCENES[case.scene])
         clip = km.render(
             Path(folder), case.motion, fps=25.0, seed=case.seed, scene=scene, view=km.ViewSettings(parallel=True)
         )

@@ -14,6 +14,7 @@ from humanoid.support.settings import check, setting
 
 _BINS = 64  # of either chromaticity
 _LEAST = 1e-5  # share of a colour that was not seen
+_MOST = 0.9  # of skin, the colours of which are looked for in the rest of the picture
 _BLACK = 60  # sum of B, G and R below which noise has any chromaticity
 
 
@@ -25,7 +26,8 @@ class SkinSettings:
     ratio: how many times likelier a colour has to be on skin than elsewhere. smoothing: of the histogram, in bins.
     darkest: brightness that skin has in the deepest shade, as a share of its brightness in the discs; hair is darker.
     least: area of a blob, as a share of the squared size of the person. most: share of the picture that skin may take
-    up in the frame that it is learned in. merged: times the largest hand's area from which a blob may be several.
+    up in the frame that it is learned in. merged: times a hand's area from which a blob may be of several. largest:
+    times the area of a face and two hands, above which a blob is of none of them.
     Raises InputError where a value cannot be.
     """
 
@@ -33,9 +35,10 @@ class SkinSettings:
     ratio: float = setting(4.0, above=0)
     smoothing: float = setting(1.0, above=0)
     darkest: float = setting(0.35, at_least=0, at_most=1)
-    least: float = setting(0.003, above=0)
+    least: float = setting(0.008, above=0)
     most: float = setting(0.2, above=0, at_most=1)
     merged: float = setting(1.7, above=1)
+    largest: float = setting(2.0, above=1)
 
     def __post_init__(self) -> None:
         check(self)
@@ -43,9 +46,9 @@ class SkinSettings:
 
 @dataclass(frozen=True, eq=False)
 class SkinModel:
-    """log_ratio (64, 64): of a colour on skin to one elsewhere, by the shares of red and green in it. brightness: median
-    sum of B, G and R on skin. face, hand [px^2]: areas of their blobs in the frame of which this was learned. size [px]:
-    the person's there."""
+    """log_ratio (64, 64): of a colour on skin to one elsewhere, by the shares of red and green in it. brightness:
+    median sum of B, G and R on skin. face, hand [px^2]: areas of their blobs in the frame of which this was learned.
+    size [px]: the person's there."""
 
     log_ratio: np.ndarray
     brightness: float
@@ -93,15 +96,16 @@ def learned_skin(
     """Learn what skin looks like from a picture (H, W, 3) uint8 BGR and points on it (K, 2) [px].
 
     Only the shares of red and green in a colour count, which light and shade leave as they are (differences of colour,
-    as Cr and Cb, shrink in shade). Colours elsewhere are those of the whole picture but the discs. Smaller than a disc's area no face or hand is expected to be.
+    as Cr and Cb, shrink in shade). Colours elsewhere are those of the whole picture but the discs. No face is taken for
+    smaller than a disc, no hand for smaller than half of one.
 
-    faces (K,) bool: which points are on the face. size [px]: the person's in the image, the root mean square distance of
-    the keypoints from their centre. source: of the picture, for errors. foreground (H, W) bool: where the person can
-    be, None where that is not known; without it a hand before a board of its colour is as large as both.
+    faces (K,) bool: which points are on the face. size [px]: the person's in the image, the root mean square distance
+    of the keypoints from their centre. source: of the picture, for errors. foreground (H, W) bool: where the person
+    can be, None where that is not known; without it a hand before a board of its colour is as large as both.
 
     Raises
     ------
-    InputError: no point in the picture, or a colour that takes up too much of it.
+    InputError: no point in the picture, black at the points, or a colour that takes up too much of the picture.
     """
     height, width = picture.shape[:2]
     inside = np.isfinite(points).all(axis=1)
@@ -115,10 +119,12 @@ def learned_skin(
         cv2.circle(discs, (round(point[0]), round(point[1])), radius, 1, -1)
     total, bins = _colours(picture)
     brightness = float(np.median(total[discs > 0]))
+    if brightness < _BLACK:
+        raise InputError(source, "is black where skin should be", remedy="begin at a frame that shows the person")
     skin, rest = (_histogram(bins[discs == k], settings.smoothing) for k in (1, 0))
     log_ratio = np.log(skin / rest)
     rough = SkinModel(log_ratio, brightness, 0.0, 0.0, size)
-    share = float(_mask(picture, rough, None, settings).mean())
+    share = float((_usual(skin)[bins[..., 0], bins[..., 1]] & ~_dark(total, rough, settings)).mean())
     if share > settings.most:
         problem = f"has the colour of the skin points in {share:.0%} of the picture"
         raise InputError(source, problem, remedy='clothes and a wall of other colours, or features = "keypoints"')
@@ -139,7 +145,8 @@ def skin_blobs(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | N
     foreground (H, W) bool: where the person can be, None where that is not known.
     """
     labels, areas = _components(_mask(picture, model, foreground, settings))
-    order = [k for k in np.argsort(-areas, kind="stable") if k > 0 and areas[k] >= settings.least * model.size**2]
+    least, most = settings.least * model.size**2, settings.largest * (model.face + 2.0 * model.hand)
+    order = [k for k in np.argsort(-areas, kind="stable") if k > 0 and least <= areas[k] <= most]
     mean, covariance = np.zeros((len(order), 2)), np.zeros((len(order), 2, 2))
     for row, k in enumerate(order):
         y, x = np.nonzero(labels == k)
@@ -165,11 +172,24 @@ def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
     return np.asarray((smooth + _LEAST) / (smooth + _LEAST).sum())
 
 
+def _usual(skin: np.ndarray) -> np.ndarray:
+    """(64, 64) bool: the fewest colours that make up most of skin, of their shares. Which of them tell skin from all else
+    is no measure of a picture that is full of them: none does."""
+    order = np.argsort(-skin, axis=None)
+    usual = np.zeros(skin.size, dtype=bool)
+    usual[order[: np.searchsorted(np.cumsum(skin.ravel()[order]), _MOST) + 1]] = True
+    return usual.reshape(skin.shape)
+
+
+def _dark(total: np.ndarray, model: SkinModel, settings: SkinSettings) -> np.ndarray:
+    """Where sums of B, G and R are lower than those of skin."""
+    return np.asarray(total < max(_BLACK, settings.darkest * model.brightness))
+
+
 def _mask(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, settings: SkinSettings) -> np.ndarray:
     """(H, W) uint8: skin, without specks, its small holes filled."""
     total, bins = _colours(cv2.GaussianBlur(picture, (0, 0), 1.0))
-    dark = total < max(_BLACK, settings.darkest * model.brightness)
-    mask = (model.log_ratio[bins[..., 0], bins[..., 1]] > np.log(settings.ratio)) & ~dark
+    mask = (model.log_ratio[bins[..., 0], bins[..., 1]] > np.log(settings.ratio)) & ~_dark(total, model, settings)
     if foreground is not None:
         mask &= foreground
     kernel = np.ones((3, 3), np.uint8)
