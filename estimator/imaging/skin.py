@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -11,9 +12,10 @@ from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 
-_BINS = 64  # of either colour difference
-_WHOLE = 256
+_BINS = 64  # of either chromaticity
 _LEAST = 1e-5  # share of a colour that was not seen
+_MOST = 0.9  # of skin, the colours of which are looked for in the rest of the picture
+_BLACK = 60  # sum of B, G and R below which noise has any chromaticity
 
 
 @dataclass(frozen=True)
@@ -22,17 +24,21 @@ class SkinSettings:
 
     radius: of the discs about given points that colours are learned from, as a share of the person's size in the image.
     ratio: how many times likelier a colour has to be on skin than elsewhere. smoothing: of the histogram, in bins.
+    darkest: brightness that skin has in the deepest shade, as a share of its brightness in the discs; hair is darker.
     least: area of a blob, as a share of the squared size of the person. most: share of the picture that skin may take
-    up in the frame that it is learned in. merged: times the largest hand's area from which a blob may be several.
+    up in the frame that it is learned in. merged: times a hand's area from which a blob may be of several. largest:
+    times the area of a face and two hands, above which a blob is of none of them.
     Raises InputError where a value cannot be.
     """
 
     radius: float = setting(0.06, above=0, at_most=1)
     ratio: float = setting(4.0, above=0)
     smoothing: float = setting(1.0, above=0)
-    least: float = setting(0.003, above=0)
+    darkest: float = setting(0.35, at_least=0, at_most=1)
+    least: float = setting(0.008, above=0)
     most: float = setting(0.2, above=0, at_most=1)
     merged: float = setting(1.7, above=1)
+    largest: float = setting(2.0, above=1)
 
     def __post_init__(self) -> None:
         check(self)
@@ -40,13 +46,28 @@ class SkinSettings:
 
 @dataclass(frozen=True, eq=False)
 class SkinModel:
-    """log_ratio (64, 64): of a colour on skin to one elsewhere, by Cr and Cb. face, hand [px^2]: areas of their blobs
-    in the frame of which this was learned. size [px]: the person's there."""
+    """log_ratio (64, 64): of a colour on skin to one elsewhere, by the shares of red and green in it. brightness:
+    median sum of B, G and R on skin. face, hand [px^2]: areas of their blobs in the frame of which this was learned.
+    size [px]: the person's there."""
 
     log_ratio: np.ndarray
+    brightness: float
     face: float
     hand: float
     size: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What `from_arrays` takes."""
+        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, np.ndarray]) -> SkinModel:
+        """The model with these arrays. Raises InputError where they cannot be one's."""
+        names = [field.name for field in fields(SkinModel)]
+        right = all(n in arrays and np.shape(arrays[n]) == ((_BINS, _BINS) if n == "log_ratio" else ()) for n in names)
+        if not (right and all(np.isfinite(arrays[n]).all() for n in names)):
+            raise InputError("skin model", "its arrays are damaged", remedy="begin anew, without resuming")
+        return SkinModel(np.asarray(arrays["log_ratio"], float), *(float(arrays[n]) for n in names[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +85,27 @@ class Blobs:
 
 @one_thread()
 def learned_skin(
-    picture: np.ndarray, points: np.ndarray, faces: np.ndarray, size: float, settings: SkinSettings, source: str
+    picture: np.ndarray,
+    points: np.ndarray,
+    faces: np.ndarray,
+    size: float,
+    settings: SkinSettings,
+    source: str,
+    foreground: np.ndarray | None = None,
 ) -> SkinModel:
     """Learn what skin looks like from a picture (H, W, 3) uint8 BGR and points on it (K, 2) [px].
 
-    Only the differences of colour count, in which light and shade on skin hardly differ (YCrCb). Colours elsewhere are
-    those of the whole picture but the discs. Smaller than a disc's area no face or hand is expected to be.
+    Only the shares of red and green in a colour count, which light and shade leave as they are (differences of colour,
+    as Cr and Cb, shrink in shade). Colours elsewhere are those of the whole picture but the discs. No face is taken for
+    smaller than a disc, no hand for smaller than half of one.
 
-    faces (K,) bool: which points are on the face. size [px]: the person's in the image. source: of the picture, for
-    errors.
+    faces (K,) bool: which points are on the face. size [px]: the person's in the image, the root mean square distance
+    of the keypoints from their centre. source: of the picture, for errors. foreground (H, W) bool: where the person
+    can be, None where that is not known; without it a hand before a board of its colour is as large as both.
 
     Raises
     ------
-    InputError: no point in the picture, or a colour that takes up too much of it.
+    InputError: no point in the picture, black at the points, or a colour that takes up too much of the picture.
     """
     height, width = picture.shape[:2]
     inside = np.isfinite(points).all(axis=1)
@@ -88,23 +117,25 @@ def learned_skin(
     radius = max(2, round(settings.radius * size))
     for point in points[inside]:
         cv2.circle(discs, (round(point[0]), round(point[1])), radius, 1, -1)
-    bins = _bins(picture)
+    total, bins = _colours(picture)
+    brightness = float(np.median(total[discs > 0]))
+    if brightness < _BLACK:
+        raise InputError(source, "is black where skin should be", remedy="begin at a frame that shows the person")
     skin, rest = (_histogram(bins[discs == k], settings.smoothing) for k in (1, 0))
     log_ratio = np.log(skin / rest)
-    rough = SkinModel(log_ratio, 0.0, 0.0, size)
-    mask = _mask(picture, rough, None, settings)
-    share = float(mask.mean())
+    rough = SkinModel(log_ratio, brightness, 0.0, 0.0, size)
+    share = float((_usual(skin)[bins[..., 0], bins[..., 1]] & ~_dark(total, rough, settings)).mean())
     if share > settings.most:
         problem = f"has the colour of the skin points in {share:.0%} of the picture"
         raise InputError(source, problem, remedy='clothes and a wall of other colours, or features = "keypoints"')
-    labels, areas = _components(mask)
+    labels, areas = _components(_mask(picture, rough, foreground, settings))
     near = [_area_at(labels, areas, p, radius) for p in points[inside]]
     disc = np.pi * radius**2
     on_face = [a for a, f in zip(near, faces[inside], strict=True) if f]
     on_hand = [a for a, f in zip(near, faces[inside], strict=True) if not f]
     hand = float(np.median(on_hand)) if on_hand else disc
     face = float(np.median(on_face)) if on_face else 3.0 * hand
-    return SkinModel(log_ratio, max(face, disc), max(hand, 0.5 * disc), size)
+    return SkinModel(log_ratio, brightness, max(face, disc), max(hand, 0.5 * disc), size)
 
 
 @one_thread()
@@ -114,7 +145,8 @@ def skin_blobs(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | N
     foreground (H, W) bool: where the person can be, None where that is not known.
     """
     labels, areas = _components(_mask(picture, model, foreground, settings))
-    order = [k for k in np.argsort(-areas, kind="stable") if k > 0 and areas[k] >= settings.least * model.size**2]
+    least, most = settings.least * model.size**2, settings.largest * (model.face + 2.0 * model.hand)
+    order = [k for k in np.argsort(-areas, kind="stable") if k > 0 and least <= areas[k] <= most]
     mean, covariance = np.zeros((len(order), 2)), np.zeros((len(order), 2, 2))
     for row, k in enumerate(order):
         y, x = np.nonzero(labels == k)
@@ -126,9 +158,10 @@ def skin_blobs(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | N
     return Blobs(mean, covariance, area, area > settings.merged * model.hand, model.face, model.hand)
 
 
-def _bins(picture: np.ndarray) -> np.ndarray:
-    """(H, W, 2) of Cr and Cb, as bins."""
-    return cv2.cvtColor(picture, cv2.COLOR_BGR2YCrCb)[..., 1:].astype(np.int64) * _BINS // _WHOLE
+def _colours(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums (H, W) of B, G and R, and bins (H, W, 2) of the shares of red and green in them."""
+    total = picture.sum(axis=2, dtype=np.int64)
+    return total, picture[..., :0:-1].astype(np.int64) * _BINS // (total[..., None] + 1)
 
 
 def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
@@ -139,11 +172,24 @@ def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
     return np.asarray((smooth + _LEAST) / (smooth + _LEAST).sum())
 
 
+def _usual(skin: np.ndarray) -> np.ndarray:
+    """(64, 64) bool: the fewest colours that make up most of skin, of their shares. Which of them tell skin from all else
+    is no measure of a picture that is full of them: none does."""
+    order = np.argsort(-skin, axis=None)
+    usual = np.zeros(skin.size, dtype=bool)
+    usual[order[: np.searchsorted(np.cumsum(skin.ravel()[order]), _MOST) + 1]] = True
+    return usual.reshape(skin.shape)
+
+
+def _dark(total: np.ndarray, model: SkinModel, settings: SkinSettings) -> np.ndarray:
+    """Where sums of B, G and R are lower than those of skin."""
+    return np.asarray(total < max(_BLACK, settings.darkest * model.brightness))
+
+
 def _mask(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, settings: SkinSettings) -> np.ndarray:
     """(H, W) uint8: skin, without specks, its small holes filled."""
-    bins = _bins(cv2.GaussianBlur(picture, (0, 0), 1.0))
-    dark = picture.max(axis=2) < 20  # no colour is known there
-    mask = (model.log_ratio[bins[..., 0], bins[..., 1]] > np.log(settings.ratio)) & ~dark
+    total, bins = _colours(cv2.GaussianBlur(picture, (0, 0), 1.0))
+    mask = (model.log_ratio[bins[..., 0], bins[..., 1]] > np.log(settings.ratio)) & ~_dark(total, model, settings)
     if foreground is not None:
         mask &= foreground
     kernel = np.ones((3, 3), np.uint8)

@@ -75,7 +75,7 @@ def built_scene(
     reach = float(np.linalg.norm(seen_from[:, :2], axis=1).max())
     if settings.background == "pillar":
         scale = max(1.0, (place.radius + 0.3) / 1.2)
-        behind = scene.moved(scene.pillar_room(rng, _azimuth(cameras[0], place), seen_from / scale), shift, scale)
+        behind = scene.moved(scene.pillar_room(rng, azimuth_of(cameras[0], place), seen_from / scale), shift, scale)
     elif settings.background == "black":
         behind = scene.Quads(np.zeros((0, 4, 3)), np.zeros((0, 3)))
     else:
@@ -89,7 +89,7 @@ def built_scene(
     nothing = scene.Quads(np.zeros((0, 4, 3)), np.zeros((0, 3)))
     if settings.occluder == "none":
         return behind, nothing
-    azimuth = _azimuth(cameras[0], place)
+    azimuth = azimuth_of(cameras[0], place)
     towards = np.array([np.cos(azimuth), np.sin(azimuth)])
     at = place.centre + (float(((place.outline - place.centre) @ towards).max()) + _OCCLUDER_GAP) * towards
     made = scene.occluder(rng, settings.occluder, at, azimuth, place.height)
@@ -120,7 +120,8 @@ def _across(flat: np.ndarray, towards: np.ndarray) -> np.ndarray:
     return np.asarray(flat[..., 1] * towards[0] - flat[..., 0] * towards[1])
 
 
-def _azimuth(camera: Camera, place: Place) -> float:
+def azimuth_of(camera: Camera, place: Place) -> float:
+    """Where a camera looks at a place from [rad], seen from above."""
     x, y = -camera.R_camera_world[2, :2] if camera.parallel else camera.centre_world[:2] - place.centre
     return float(np.arctan2(y, x))
 

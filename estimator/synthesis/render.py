@@ -12,12 +12,13 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.cameras.projection import AWAY
 from estimator.synthesis import scene
-from estimator.synthesis.clothing import LONG_SLEEVES, Clothes, dressed
+from estimator.synthesis.clothing import LONG_SLEEVES, SKIN, Clothes, dressed
 from estimator.synthesis.plate import (
     FINE,
     ORIGIN,
     Place,
     Plate,
+    azimuth_of,
     built_scene,
     fine_pixels,
     painted_plate,
@@ -28,6 +29,7 @@ from estimator.synthesis.raster import paint, paint_cloth, paint_index
 from estimator.synthesis.scene import joined
 from estimator.synthesis.screens import screens
 from estimator.synthesis.settings import SceneSettings
+from estimator.synthesis.swinging import swinging_boards
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.shape.surface import surface_of
 
@@ -99,6 +101,8 @@ class Renderer:
         self._screens = screens(self.cameras, place, rng.spawn(1)[0]) if settings.hidden else []
         covered = zip(self._plates, self.cameras, self._screens, strict=False)
         self._screened = [_covered(plate, camera, quads) for plate, camera, quads in covered]
+        count, towards = self.settings.swinging, azimuth_of(self.cameras[0], place)
+        self._swinging = swinging_boards(rng.spawn(1)[0], count, np.array(SKIN), place, towards) if count else []
 
     def frame(
         self, poses: PosedBody | Sequence[PosedBody], camera: int, rng: np.random.Generator, time: float = 0.0
@@ -112,7 +116,7 @@ class Renderer:
         view = self.cameras[camera]
         placed = [self._placed(posed, view) for posed in poses]
         plate = self._plate(camera, time)
-        moving = self.settings.background == "moving"
+        moving = self.settings.background == "moving" or bool(self._swinging)
         rows, columns = _window(placed, plate.nearness.shape, whole=moving)
         total = np.zeros_like(plate.image[rows, columns])
         for person in placed:
@@ -136,6 +140,7 @@ class Renderer:
         width, height = view.image_size
         nearness, part = np.zeros((height, width)), np.full((height, width), -1, dtype=np.int64)
         solid = self._before if self.settings.background == "moving" else joined([self._behind, self._before])
+        solid = joined([solid, *(board.at(time) for board in self._swinging)])
         if self.settings.hides(time):
             solid = joined([solid, self._screens[camera]])
         pixels, depth = fine_pixels(view, solid.corners.reshape(-1, 3), 1)
@@ -158,7 +163,10 @@ class Renderer:
 
     def _plate(self, camera: int, time: float) -> Plate:
         """What is behind the person, or before who is hidden."""
-        return self._screened[camera] if self.settings.hides(time) else self._scenery(camera, time)
+        plate = self._screened[camera] if self.settings.hides(time) else self._scenery(camera, time)
+        for board in self._swinging:
+            plate = _covered(plate, self.cameras[camera], board.at(time))
+        return plate
 
     def _scenery(self, camera: int, time: float) -> Plate:
         plate = self._plates[camera]

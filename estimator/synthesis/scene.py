@@ -58,9 +58,14 @@ def skin_boards(rng: np.random.Generator, count: int, colour: np.ndarray) -> Qua
     for k in range(count):
         size = rng.uniform([0.08, 0.08], [0.4, 0.5])
         corner = np.array([_WALLS[0] + 0.06 + 0.004 * k, *rng.uniform([-0.9, 0.6], [0.6, 1.9])])
-        u, v = np.array([0.0, size[0], 0.0]), np.array([0.0, 0.0, size[1]])
-        parts.append(_panel(rng, corner, u, v, (4, 4), colour * rng.uniform(0.85, 1.1), 6.0))
+        parts.append(skin_board(rng, corner, size, colour))
     return joined(parts)
+
+
+def skin_board(rng: np.random.Generator, corner: np.ndarray, size: np.ndarray, colour: np.ndarray) -> Quads:
+    """One across the x axis: corner (3,), width and height (2,) [m], of about a colour (3,) BGR."""
+    u, v = np.array([0.0, size[0], 0.0]), np.array([0.0, 0.0, size[1]])
+    return _panel(rng, corner, u, v, (4, 4), colour * rng.uniform(0.85, 1.1), 6.0)
 
 
 def pillar_room(rng: np.random.Generator, azimuth: float, cameras: np.ndarray) -> Quads:

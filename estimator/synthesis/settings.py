@@ -15,7 +15,7 @@ SLEEVES = ("short", "long")
 _RANGES = {
     "light_azimuth": (-360.0, 360.0), "light_elevation": (5.0, 90.0), "ambient": (0.0, 2.0), "diffuse": (0.0, 2.0),
     "shadow": (0.0, 1.0), "shutter": (0.0, 1.0), "sub_frames": (1, 32), "lens_blur": (0.0, 20.0),
-    "noise": (0.0, 100.0), "boards": (0, 20), "pan": (0.0, 1000.0), "shake": (0.0, 100.0),
+    "noise": (0.0, 100.0), "boards": (0, 20), "swinging": (0, 20), "pan": (0.0, 1000.0), "shake": (0.0, 100.0),
 }  # fmt: skip
 
 
@@ -36,7 +36,8 @@ class SceneSettings:
     occluder: what stands between the first camera and the person. hidden [s]: from when until when (that instant not
         included) a screen before every camera hides the person wholly, as ((1.0, 2.0),) or ("1.0:2.0",).
     sleeves: how far the shirt's go; long ones leave only hands and head bare. boards: of wood in the colour of skin, on
-        the wall and beside the person, so many.
+        the wall and beside the person, so many; swinging: so many swing behind the person, and are on no picture of the
+        empty scene.
     pan, shake [px]: how far the moving background swings slowly, and trembles.
 
     Raises
@@ -58,6 +59,7 @@ class SceneSettings:
     hidden: Sequence[tuple[float, float] | str] = ()
     sleeves: str = "short"
     boards: int = 0
+    swinging: int = 0
     pan: float = 40.0
     shake: float = 1.5
 

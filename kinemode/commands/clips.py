@@ -52,6 +52,7 @@ def render(
     hidden: Files = None,
     sleeves: Literal["short", "long"] = "short",
     boards: int = 0,
+    swinging: int = 0,
     noise: float = 2.5,
     shutter: float = 0.0,
     lens_blur: float = 0.0,
@@ -109,6 +110,8 @@ def render(
         How far the shirt's go: long ones leave only hands and head bare.
     boards
         So many boards in the colour of skin on the wall.
+    swinging
+        So many of them that swing behind the person.
     noise
         Of the sensor, in grey values.
     shutter
@@ -141,6 +144,7 @@ def render(
         hidden=hidden or (),
         sleeves=sleeves,
         boards=boards,
+        swinging=swinging,
         noise=noise,
         shutter=shutter,
         lens_blur=lens_blur,

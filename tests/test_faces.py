@@ -1,0 +1,145 @@
+"""Faces as Gaussians: of keypoints that are there, by a detector of the user's; and detectors that a truth is put into."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.imaging.faces import FACE, FaceDetector, face_of_keypoints, skin_points
+from estimator.search.jumps.anatomy import anatomy_of
+from estimator.search.point_features import skin_features
+from estimator.synthesis.skin_detector import SkinDetectorSettings, simulated_blobs, simulated_faces
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from humanoid.support.errors import InputError
+
+SIZE, SIGMA = 100.0, 2.0
+NAMES = (*FACE, "left_wrist", None)
+PIXELS = np.array([[50.0, 60], [45, 50], [55, 50], [40, 55], [60, 55], [90, 90], [1, 1]])
+
+
+def test_a_face_is_the_mean_of_its_landmarks() -> None:
+    face = face_of_keypoints(NAMES, PIXELS, np.ones(7), SIZE, SIGMA)
+    np.testing.assert_allclose(face.mean, [PIXELS[:5].mean(axis=0)])
+    np.testing.assert_allclose(face.covariance, [SIGMA**2 / 5.0 * np.eye(2)])
+
+
+def test_a_face_of_few_landmarks_is_less_sure_and_one_of_none_is_not_there() -> None:
+    pixels = PIXELS.copy()
+    spread = []
+    for missing in (2, 3, 4):
+        pixels[missing] = np.nan
+        face = face_of_keypoints(NAMES, pixels, np.ones(7), SIZE, SIGMA)
+        off = np.linalg.norm(face.mean[0] - PIXELS[:5].mean(axis=0))
+        spread.append(np.sqrt(face.covariance[0, 0, 0]))
+        assert off < 2.0 * spread[-1]
+    assert spread == sorted(spread)
+    assert len(face_of_keypoints(NAMES, PIXELS, np.zeros(7), SIZE, SIGMA).mean) == 0
+    assert len(face_of_keypoints(NAMES[5:], PIXELS[5:], np.ones(2), SIZE, SIGMA).mean) == 0
+
+
+def test_skin_points_are_on_face_and_hands() -> None:
+    """In a parallel projection the middle of a hand is on the line of the forearm."""
+    body = Body(load_subject("upper13"))
+    q = body.integrate(body.neutral, np.linspace(-0.2, 0.4, body.nv))
+    pixels = 400.0 * body.landmarks(body.at(q))[:, 1:]
+    points, faces = skin_points(body.landmark_names, pixels)
+    assert faces.tolist() == [True, False, False]
+    true = skin_features(body, anatomy_of(body)).points(body.placed(q[None]))[0]
+    np.testing.assert_allclose(points, 400.0 * true[:, 1:], atol=1.0)
+    lost = pixels.copy()
+    lost[body.landmark_names.index("left_elbow")] = np.nan
+    assert len(skin_points(body.landmark_names, lost)[0]) == 2
+    assert skin_points(("left_hip",), np.zeros((1, 2)))[0].shape == (0, 2)
+
+
+class StandIn:
+    """What OpenCV's detector answers, without its model."""
+
+    rows: np.ndarray | None = None
+
+    @classmethod
+    def create(cls, *args: object, **options: object) -> StandIn:
+        if Path(str(args[0])).read_bytes() != b"yunet":
+            raise cv2.error
+        return cls()
+
+    def setInputSize(self, size: tuple[int, int]) -> None:
+        self.size = size
+
+    def detect(self, picture: np.ndarray) -> tuple[int, np.ndarray | None]:
+        assert self.size == picture.shape[1::-1]
+        return 1, self.rows
+
+
+def test_detected_faces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "FaceDetectorYN", StandIn)
+    model = tmp_path / "yunet.onnx"
+    model.write_bytes(b"yunet")
+    detector, empty = FaceDetector(model), np.zeros((20, 30, 3), np.uint8)
+    assert len(detector.faces(empty).mean) == 0
+    row = np.array([10.0, 20, 30, 40, 15, 30, 35, 30, 25, 45, 18, 50, 32, 50, 0.7], np.float32)
+    StandIn.rows = np.stack([row, row + np.where(np.arange(15) < 14, 100.0, 0.2).astype(np.float32)])
+    faces = detector.faces(empty)
+    np.testing.assert_allclose(faces.mean, [[125.0, 135.0], [25.0, 35.0]], rtol=1e-6)
+    assert faces.score[0] > faces.score[1]
+    assert (np.linalg.eigvalsh(faces.covariance) > 0.0).all()
+    StandIn.rows = None
+    (tmp_path / "other.onnx").write_bytes(b"something else")
+    with pytest.raises(InputError, match="no model of a face detector"):
+        FaceDetector(tmp_path / "other.onnx")
+
+
+def test_a_detector_that_cannot_be_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="no such model file"):
+        FaceDetector(tmp_path / "missing.onnx")
+    broken = tmp_path / "broken.onnx"
+    broken.write_bytes(b"no model")
+    with pytest.raises(InputError, match="no model of a face detector"):
+        FaceDetector(broken)
+    monkeypatch.delattr(cv2, "FaceDetectorYN")
+    with pytest.raises(InputError, match="no FaceDetectorYN"):
+        FaceDetector(broken)
+
+
+FRAMES = 800
+
+
+def test_simulated_blobs_err_as_asked() -> None:
+    settings = SkinDetectorSettings(noise=2.0, missing=0.1, clutter=0.2, spread=0.2)
+    pixels = np.tile([[100.0, 50], [40, 150], [160, 150]], (FRAMES, 1, 1))
+    radii = np.array([30.0, 12.0, 12.0])
+    blobs = simulated_blobs(pixels, radii, 0, (200, 200), np.random.default_rng(0), settings)
+    counts = np.array([len(b.area) for b in blobs])
+    assert counts.mean() == pytest.approx(3 * 0.9 + 0.2, abs=0.07)
+    at_left = np.concatenate([b.mean[np.linalg.norm(b.mean - [40, 150], axis=1) < 8.0] for b in blobs]) - [40, 150]
+    np.testing.assert_allclose(at_left.std(axis=0), 2.0, rtol=0.1)
+    assert not any(b.merged.any() for b in blobs)
+    assert all((np.diff(b.area) <= 0).all() for b in blobs)
+    hidden = np.zeros((FRAMES, 3), bool)
+    hidden[:, 2] = True
+    without = simulated_blobs(pixels, radii, 0, (200, 200), np.random.default_rng(0), settings, hidden)
+    assert np.mean([len(b.area) for b in without]) == pytest.approx(2 * 0.9 + 0.2, abs=0.07)
+
+
+def test_simulated_blobs_merge_where_they_touch() -> None:
+    exact = SkinDetectorSettings(noise=0.0, missing=0.0, clutter=0.0, spread=0.0)
+    pixels = np.array([[[100.0, 50], [60, 150], [80, 150]], [[100, 50], [np.nan, 0], [500, 0]]])
+    first, second = simulated_blobs(pixels, np.array([30.0, 12, 12]), 0, (200, 200), np.random.default_rng(0), exact)
+    assert first.merged.tolist() == [False, True]
+    np.testing.assert_allclose(first.mean[1], [70, 150])
+    np.testing.assert_allclose(first.covariance[1], np.diag([100.0 + 36.0, 36.0]))
+    np.testing.assert_allclose(second.mean, [[100, 50]])
+
+
+def test_simulated_faces_miss_as_asked() -> None:
+    settings = SkinDetectorSettings(missing=0.2)
+    pixels = np.tile([100.0, 50.0], (FRAMES, 1))
+    pixels[:100] = np.nan
+    faces = simulated_faces(pixels, 30.0, np.random.default_rng(0), settings)
+    seen = np.array([len(f.mean) for f in faces])
+    assert seen[:100].sum() == 0
+    assert seen[100:].mean() == pytest.approx(0.8, abs=0.05)
