@@ -125,3 +125,6 @@ def test_what_cannot_be_tracked_is_refused(seen: Seen) -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match="picture of one camera, there are no"):
         made.init(rng, replace(first, cues=()))
+    wall = replace(first.cues[0], picture=np.full_like(first.cues[0].picture, 128))
+    with pytest.raises(InputError, match=r"colour of the skin points in .*% of the picture"):
+        made.init(rng, replace(first, cues=(wall,)))

@@ -1,4 +1,4 @@
-"""Faces as Gaussians: of keypoints that are there, by a detector of the user's; and detectors that a truth is put into."""
+"""Faces as Gaussians: of keypoints that are there, by a detector of the user's; detectors that a truth is put into."""
 
 from __future__ import annotations
 

@@ -173,8 +173,8 @@ def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
 
 
 def _usual(skin: np.ndarray) -> np.ndarray:
-    """(64, 64) bool: the fewest colours that make up most of skin, of their shares. Which of them tell skin from all else
-    is no measure of a picture that is full of them: none does."""
+    """(64, 64) bool: the fewest colours that make up most of skin, of their shares. Which of them tell skin from all
+    else is no measure of a picture that is full of them: none does."""
     order = np.argsort(-skin, axis=None)
     usual = np.zeros(skin.size, dtype=bool)
     usual[order[: np.searchsorted(np.cumsum(skin.ravel()[order]), _MOST) + 1]] = True

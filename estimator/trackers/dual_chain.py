@@ -41,9 +41,8 @@ _FIELDS = {
     "pose_owner": Field("i", ("N",)),
     "point_mean": Field("f", ("F", "4")),
     "point_covariance": Field("f", ("D", "D")),
-    "skin_log_ratio": Field("f", ("B", "B")),
-    "skin_sizes": Field("f", ("3",)),
 }
+_SKIN = "skin_"
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,7 @@ class DualState:
             **self.points.arrays(),
             "pose_q": self.q,
             "pose_owner": self.owner,
-            "skin_log_ratio": self.skin.log_ratio,
-            "skin_sizes": np.array([self.skin.face, self.skin.hand, self.skin.size]),
+            **{_SKIN + name: value for name, value in self.skin.arrays().items()},
         }
 
 
@@ -132,7 +130,7 @@ class DualChain(Begins):
         assert cues.picture is not None
         faces = np.array([name == HEAD for name in features.names])
         source = f"frame {observation.index} of {cues.camera.name}"
-        skin = learned_skin(cues.picture, middle, faces, extent, s.skin, source)
+        skin = learned_skin(cues.picture, middle, faces, extent, s.skin, source, _foreground(cues))
         flat = pixels.reshape(len(pixels), -1) - middle.ravel()
         covariance = flat.T @ flat / len(flat) + 4.0 * np.eye(flat.shape[1])
         points = PointChain(features.names, extent, s.points).begun(middle, covariance)
@@ -179,25 +177,24 @@ class DualChain(Begins):
         """See `estimator.trackers.base.Tracker`."""
         summary = MixtureState.from_arrays(arrays, self.body, minima=False)
         count = len(self.parts.features.names)
-        bins = np.shape(arrays.get("skin_log_ratio", ()))[:1] or (0,)
-        sizes = {"nq": self.body.nq, "F": count, "4": 4, "D": 4 * count, "B": bins[0], "3": 3}
+        sizes = {"nq": self.body.nq, "F": count, "4": 4, "D": 4 * count}
         check_arrays(arrays, _FIELDS, {**sizes, "N": length_of(arrays, "pose_owner")})
         check_configurations(self.body, arrays["pose_q"], "pose_q")
         owner = arrays["pose_owner"]
         if not ((owner >= 0) & (owner < len(summary.mixture.weights))).all():
             raise DamageError("pose_owner is no hypothesis")
-        if np.linalg.eigvalsh(arrays["point_covariance"])[0] <= 0.0 or not (arrays["skin_sizes"] > 0.0).all():
-            raise DamageError("point_covariance is none, or skin has no size")
-        skin = SkinModel(arrays["skin_log_ratio"], *(float(x) for x in arrays["skin_sizes"]))
+        if np.linalg.eigvalsh(arrays["point_covariance"])[0] <= 0.0:
+            raise DamageError("point_covariance is none")
+        own = {name.removeprefix(_SKIN): value for name, value in arrays.items() if name.startswith(_SKIN)}
+        skin = SkinModel.from_arrays(own)
         return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, Points.from_arrays(arrays), skin)
 
     def _detected(self, cues: ImageCues, skin: SkinModel) -> Detections:
         """Blobs of skin in the picture, in the foreground where that is known."""
         if cues.picture is None:
             return Detections.none(self.parts.features.names)
-        silhouette = cues.get("silhouette")
-        foreground = None if silhouette is None else silhouette.mask
-        return of_blobs(self.parts.features.names, skin_blobs(cues.picture, skin, foreground, self.settings.skin))
+        blobs = skin_blobs(cues.picture, skin, _foreground(cues), self.settings.skin)
+        return of_blobs(self.parts.features.names, blobs)
 
     def _extent(self, camera: Camera, q: np.ndarray) -> float:
         """The body's size in the image [px] at q (nq,)."""
@@ -211,6 +208,12 @@ def _only_picture(observation: Observation) -> ImageCues:
         problem = f"goes by the picture of one camera, there are {len(observation.cues) or 'no'} to look at"
         raise InputError("dual-chain", problem, remedy="one clip, with --cues edges,silhouette")
     return observation.cues[0]
+
+
+def _foreground(cues: ImageCues) -> np.ndarray | None:
+    """(H, W) bool: where the person can be, None where that is not known."""
+    silhouette = cues.get("silhouette")
+    return None if silhouette is None else silhouette.mask
 
 
 def _of_all(evidence: Evidence) -> Evidence:
