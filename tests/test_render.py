@@ -120,7 +120,7 @@ def test_the_command_renders_any_scene(background: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--motion", "fly"], "one of reach, arm, pivot, turn_reach, random, or a .bvh"),
+        (["--motion", "fly"], "one of reach, arm, pivot, turn_reach, reach_out, cross_arms, talk, random, or a .bvh"),
         (["--motion", "absent.bvh"], "no such file"),
         (["--motion", "arm", "--subject", "human34"], "no joint left_forearm_pronation"),
         (["--seconds", "9"], "seconds: is 9"),
