@@ -26,7 +26,7 @@ import numpy as np
 from cyclopts import Parameter
 
 import kinemode as km
-from benchmarks.common import Json, Several, in_processes, save, start, tell
+from benchmarks.common import Json, Several, check_known, in_processes, save, start, tell
 from estimator.cameras.camera import Camera
 from estimator.cost.model import image_extent
 from estimator.formats.cameras import load_cameras
@@ -57,11 +57,13 @@ FOREGROUND = {"empty scene given": True, "learned from the clip": True, "none": 
 
 
 class Case(NamedTuple):
-    """One clip: a motion and a seed, before one of `SCENES`; where pictures are kept."""
+    """One clip: a motion and a seed, before one of `SCENES`; ways of `FOREGROUND`; where pictures are kept."""
 
     motion: str
     seed: int
     scene: str
+    ways: tuple[str, ...]
+    fps: float
     pictures: Path | None
 
 
@@ -93,6 +95,8 @@ def main(
     seeds: Annotated[tuple[int, ...], Several] = (0, 1, 2, 3, 4),
     motions: Annotated[tuple[str, ...], Several] = MOTIONS,
     scenes: Annotated[tuple[str, ...], Several] = tuple(SCENES),
+    ways: Annotated[tuple[str, ...], Several] = tuple(FOREGROUND),
+    fps: float = 25.0,
     jobs: int = 1,
     pictures: Annotated[Path | None, Parameter(help="Folder for some pictures with blobs drawn on them.")] = None,
     json: Json = None,
@@ -107,10 +111,20 @@ def main(
         The motions of the clips.
     scenes
         What is behind the person.
+    ways
+        What is known of where the person can be.
+    fps
+        Frames per second of the clips.
     jobs
         So many clips at a time.
     """
-    cases = [Case(motion, seed, scene, pictures) for scene in scenes for motion in motions for seed in seeds]
+    for option, names, known in (
+        ("--motions", motions, MOTIONS),
+        ("--scenes", scenes, SCENES),
+        ("--ways", ways, FOREGROUND),
+    ):
+        check_known(option, names, known)
+    cases = [Case(motion, seed, scene, ways, fps, pictures) for scene in scenes for motion in motions for seed in seeds]
     scores = dict(zip(cases, in_processes(scored, cases, jobs), strict=True))
     table = report.table(
         "hands within 8 px of a blob", "behind", "foreground", "clip", "apart", "worst seed", "touching", "all visible",
@@ -118,7 +132,7 @@ def main(
     )  # fmt: skip
     rows = []
     for scene in scenes:
-        for way in FOREGROUND:
+        for way in ways:
             for motion in (*motions, "all"):
                 mine = [s[way] for c, s in scores.items() if c.scene == scene and motion in (c.motion, "all")]
                 rows.append({"scene": scene, "foreground": way, "clip": motion, **summary(mine)})
@@ -162,12 +176,12 @@ def scored(case: Case) -> dict[str, Score]:
     with tempfile.TemporaryDirectory(prefix="kinemode-blobs-") as folder:
         scene = km.SceneSettings(sleeves="long", boards=BOARDS, swinging=SCENES[case.scene])
         clip = km.render(
-            Path(folder), case.motion, fps=25.0, seed=case.seed, scene=scene, view=km.ViewSettings(parallel=True)
+            Path(folder), case.motion, fps=case.fps, seed=case.seed, scene=scene, view=km.ViewSettings(parallel=True)
         )
         (camera,) = load_cameras(clip.cameras).values()
         q = np.load(clip.truth, allow_pickle=False)["q"]
         true = truths(camera, q)
-        return {way: _found(case, clip, camera, true, way) for way in FOREGROUND}
+        return {way: _found(case, clip, camera, true, way) for way in case.ways}
 
 
 def _found(case: Case, clip: RenderedClip, camera: Camera, true: list[Truth], way: str) -> Score:
@@ -183,7 +197,7 @@ def _found(case: Case, clip: RenderedClip, camera: Camera, true: list[Truth], wa
             model = model or _learned(clip.keypoints[name], picture, mask)
             blobs = skin_blobs(picture, model, mask, SkinSettings())
             _count(score, frame, blobs)
-            if case.pictures is not None and t % (len(true) // SHOWN) == 0:
+            if case.pictures is not None and t % max(1, len(true) // SHOWN) == 0:
                 folder = made_folder(case.pictures / f"{case.motion}_{case.scene}_{case.seed}_{way}".replace(" ", "_"))
                 write_picture(folder / f"{t:05d}.png", drawn(picture, blobs))
     return score

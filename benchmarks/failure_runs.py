@@ -23,6 +23,7 @@ from kinemode.settings import choose
 CSS = "css"
 SIZES = {
     "css": "css.budget.searches",
+    "css_dual": "css_dual.budget.searches",
     "multiple_hypothesis": "multiple_hypothesis.starts",
     "condensation": "condensation.particles",
     "annealed": "annealed.particles",

@@ -22,8 +22,11 @@ from humanoid.support.errors import InputError
 from kinemode.pictures import cue_choice
 from kinemode.terminal import report
 
-BY_ONE_CAMERA = tuple(name for name, spec in TRACKERS.items() if spec.group not in ("elmo", "loose_limbed"))
-"""ELMO and its parts go by depth, which these clips do not have, loose-limbed people by several cameras."""
+BY_ONE_CAMERA = tuple(
+    name for name, spec in TRACKERS.items() if spec.group not in ("elmo", "loose_limbed", "dual_chain")
+)
+"""ELMO and its parts go by depth, which these clips do not have, loose-limbed people by several cameras, dual chains by
+two arms."""
 
 
 def main(

@@ -2,15 +2,18 @@
 
     python -m benchmarks.limb_ik [--arms 200000] [--json FILE]
 
-Taycher et al. 2004, section 4. An arm of upper13, its hand's middle drawn over all that it can reach in the image (a
-wide normal density), in perspective and by parallel projection. Samples weighed by one over their density are beside an
-even draw of angles, by chi-square over bins of all four angles. Bars: p > 0.01, 1e-9 m, no limit left, 50,000 a second.
+Taycher et al. 2004, section 4. The end of an arm drawn over all that it can reach in the image (a wide normal density),
+in perspective and by parallel projection: the middle of upper13's hand, human34's, talos' (three axes, no swivel) and
+g1's wrist (axes that miss each other). Samples weighed by one over their density are beside an even draw of angles, by
+chi-square over bins of all angles; weights are bounded by leaving out where the proposal has less than a hundredth of
+its largest density. Bars: p > 0.01, 1e-9 m, no limit left, 50,000 a second.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,31 +21,45 @@ from scipy.stats import chi2
 from benchmarks.common import Json, save, start
 from estimator.cameras.camera import Camera, guessed_camera
 from estimator.inference.chains.feature_density import gaussian
-from estimator.search.jumps.anatomy import anatomy_of
+from estimator.search.jumps.anatomy import Limb, anatomy_of
 from estimator.search.point_features import skin_features
 from estimator.search.proposals.limb_ik import Arms, ImageProposal, LimbIK
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import Body, points_of_each
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report
 
 SIZE = 640, 480
 BINS = 3  # of each angle
-FEWEST = 60  # even draws in a bin that counts
+FEWEST = 60  # samples in a bin that counts, of either kind
+BOUND = 100.0  # of weights: the largest over the least
 
 
 @dataclass(frozen=True)
 class Row:
-    """One camera. reached: share of the draws that an arm can reach. p, p_without: of weights with and without the
-    volume. metres: largest distance of a hand, as Pinocchio places it, from where it was asked for. outside: largest
-    excess over a limit [rad]. rate: draws a second, density included; `reached` of them are arms."""
+    """One body and camera. reached: share of the draws that are arms. bins, samples: see `Fit`.
+    p, p_without: of weights with and without the volume. metres: largest distance of an end, as Pinocchio places it,
+    from the line of sight that it was drawn on. outside: largest excess over a limit [rad]. draws, arms: a second, on
+    given trunks, limits and density included; arms are those draws that are in reach and inside of the limits."""
 
+    body: str
     camera: str
     reached: float
+    bins: int
+    samples: int
     p: float
     p_without: float
     metres: float
     outside: float
-    rate: float
+    draws: float
+    arms: float
+
+
+class Fit(NamedTuple):
+    """Of a chi-square test: p, how many bins it has, and by how many equal samples its weights count."""
+
+    p: float
+    bins: int
+    samples: int
 
 
 def main(*, arms: int = 200_000, seed: int = 0, json: Json = None) -> None:
@@ -51,20 +68,22 @@ def main(*, arms: int = 200_000, seed: int = 0, json: Json = None) -> None:
     Parameters
     ----------
     arms
-        How many are drawn for each camera.
+        How many are drawn for each camera, of bodies other than upper13 a fifth.
     seed
         Of the draws.
     """
-    body = Body(load_subject("upper13"))
-    rows = [measured(body, camera, name, arms, seed) for name, camera in cameras().items()]
-    table = report.table(
-        "arms drawn from an image", "camera", "reached", "p", "p without volume", "off [m]", "outside", "draws/s"
-    )
+    rows = [
+        measured(name, kind, camera, arms if name == "upper13" else arms // 5, seed)
+        for name in ("upper13", "human34", "example-robot-data:talos", "example-robot-data:g1")
+        for kind, camera in cameras().items()
+    ]
+    columns = "body", "camera", "reached", "bins", "samples", "p", "p without volume", "off [m]", "outside"
+    table = report.table("arms drawn from an image", *columns, "draws/s", "arms/s")
     for r in rows:
-        table.add_row(
-            r.camera, f"{r.reached:.0%}", f"{r.p:.3f}", f"{r.p_without:.1e}", f"{r.metres:.0e}", f"{r.outside:.0e}",
-            f"{r.rate:,.0f}",
-        )  # fmt: skip
+        name, fits = r.body.split(":")[-1], (f"{r.p:.3f}", f"{r.p_without:.1e}")
+        rates = f"{r.draws:,.0f}", f"{r.arms:,.0f}"
+        exact = f"{r.metres:.0e}", f"{r.outside:.0e}"
+        table.add_row(name, r.camera, f"{r.reached:.0%}", str(r.bins), str(r.samples), *fits, *exact, *rates)
     report.console().print(table)
     save(json, {"measure": "limb_ik", "rows": [asdict(r) for r in rows]})
 
@@ -79,70 +98,75 @@ def cameras() -> dict[str, Camera]:
     return {"perspective": near, "parallel": replace(near, K=K, parallel=True)}
 
 
-def measured(body: Body, camera: Camera, name: str, count: int, seed: int) -> Row:
-    """Draw, weigh and time."""
+def end_of(body: Body) -> tuple[Limb, int, np.ndarray]:
+    """The left arm, and its end: the joint and the place (3,) [m] in its frame."""
     anatomy = anatomy_of(body)
-    features = skin_features(body, anatomy)
-    limb = anatomy.limbs[0]
-    hand = int(features.ends(0)[-1])
-    ik = LimbIK.of(body, limb, int(features.joint[hand]), features.local[hand])
+    names = [body.landmark_names[int(limb.landmarks[2])] for limb in anatomy.limbs]
+    number = names.index("left_wrist")
+    if body.subject.flesh:
+        features = skin_features(body, anatomy)
+        hand = int(features.ends(number)[-1])
+        return anatomy.limbs[number], int(features.joint[hand]), features.local[hand]
+    wrist = int(anatomy.limbs[number].landmarks[2])
+    return anatomy.limbs[number], int(body.landmark_joint[wrist]), body.landmark_local[wrist]
+
+
+def measured(name: str, kind: str, camera: Camera, count: int, seed: int) -> Row:
+    """Draw, weigh and time."""
+    body = Body(load_subject(name))
+    limb, joint, local = end_of(body)
+    ik = LimbIK.of(body, limb, joint, local)
     trunks = body.placed(np.tile(body.neutral, (count, 1)))
     shoulder = camera.project(body.landmarks(body.at(body.neutral))[int(limb.landmarks[0])])
-    scale = camera.K[0, 0] / (1.0 if name == "parallel" else 3.0) * ik.far
+    scale = camera.K[0, 0] / (1.0 if camera.parallel else 3.0) * ik.far
     proposal = ImageProposal(ik, camera, gaussian(("hand",), shoulder[None], (0.7 * scale) ** 2 * np.eye(2)))
+    proposal.drawn(np.random.default_rng(seed), trunks.of(slice(0, 100)))  # compiled
     rng = np.random.default_rng(seed)
-    proposal.drawn(rng, trunks.of(slice(0, 100)))  # compiled
     began = time.process_time()
     arms = proposal.drawn(rng, trunks)
     seconds = time.process_time() - began
-    off = _off(ik, body, rng)
+    pixels = proposal.seen.sample(np.random.default_rng(seed), count)[0][:, 0]  # as they were drawn
+    q = np.tile(body.neutral, (count, 1))
+    q[:, ik.entries] = arms.angles
+    ends = points_of_each(body.placed(q[arms.ok]), np.array([joint]), local[None])[:, 0]
+    origins, ways = camera.rays(pixels[arms.ok])
+    off = np.linalg.norm(np.cross(ends - origins, ways), axis=1).max()
     outside = np.maximum(ik.low + ik.rest - arms.angles, arms.angles - ik.high - ik.rest)[arms.ok].max()
-    _, looked = ik.looked_at(arms.angles)
-    without = np.where(arms.ok, arms.log_density, 0.0) - np.where(looked.ok, looked.log_density, 0.0)
+    looked = ik.looked_at(arms.angles)[1].log_density
+    without = arms.log_density - np.where(arms.ok, looked, 0.0)
+    fit, wrong = (p_value(proposal, arms, dense, body, rng) for dense in (arms.log_density, without))
     return Row(
-        name, float(arms.ok.mean()), p_value(proposal, arms, arms.log_density, body, rng),
-        p_value(proposal, arms, without, body, rng), off, max(float(outside), 0.0),
-        count / seconds,
+        name, kind, float(arms.ok.mean()), fit.bins, fit.samples, fit.p, wrong.p, float(off), max(float(outside), 0.0),
+        count / seconds, int(arms.ok.sum()) / seconds,
     )  # fmt: skip
 
 
-def _off(ik: LimbIK, body: Body, rng: np.random.Generator) -> float:
-    """Largest distance [m] of a hand, by Pinocchio, from a place that it can reach, with any swivel."""
-    count = 2000
-    ends, _ = ik.looked_at(rng.uniform(ik.low, ik.high, (count, len(ik.rest))) + ik.rest)
-    arms = ik.solved(ends, 2.0 * np.pi * rng.random(count), rng.random(count))
-    q = np.tile(body.neutral, (count, 1))
-    q[:, ik.entries] = arms.angles
-    features = skin_features(body, anatomy_of(body))
-    hands = features.points(body.placed(q))[:, int(features.ends(0)[-1])]
-    M = body.placed(body.neutral[None]).placements[0, ik.parent]
-    asked = ends @ M[:9].reshape(3, 3) + M[9:]
-    return float(np.linalg.norm(hands - asked, axis=1)[arms.ok].max())
+def p_value(proposal: ImageProposal, arms: Arms, log_density: np.ndarray, body: Body, rng: np.random.Generator) -> Fit:
+    """That samples weighed by one over their density are spread as an even draw of the angles is.
 
-
-def p_value(
-    proposal: ImageProposal, arms: Arms, log_density: np.ndarray, body: Body, rng: np.random.Generator
-) -> float:
-    """That samples kept in proportion to one over their density are spread as an even draw of the angles is.
-
-    Both only where the proposal's density is not below a thousandth of its largest, so that weights are bounded.
+    Both only where the proposal's density is not below a hundredth of its largest, so that weights are bounded. Two
+    histograms, of weights and of counts, are one but for a factor: variances are sums of squared weights and counts.
     """
     ik = proposal.ik
     count = len(arms.angles)
     even = rng.uniform(ik.low, ik.high, (count, len(ik.rest))) + ik.rest
     of_even = proposal.log_density(even, body.placed(np.tile(body.neutral, (count, 1))))
-    least = np.max(arms.log_density) - np.log(1000.0)
-    good = arms.ok & (arms.log_density > least)
-    log_weight = -log_density[good]
-    kept = arms.angles[good][rng.random(good.sum()) < np.exp(log_weight - log_weight.max())]
-    codes = [_bin(ik, a) for a in (kept, even[of_even > least])]
-    counts = [np.bincount(c, minlength=BINS ** len(ik.rest)).astype(float) for c in codes]
-    some = counts[1] >= FEWEST
-    ratio = counts[0][some].sum() / counts[1][some].sum()
-    # both draws have noise: the variance of kept - ratio even is expected (1 + ratio)
-    expected = (counts[0][some] + counts[1][some]) * ratio / (1.0 + ratio)
-    statistic = np.sum((counts[0][some] - ratio * counts[1][some]) ** 2 / (expected * (1.0 + ratio)))
-    return float(chi2.sf(statistic, some.sum() - 1))
+    least = np.max(arms.log_density) - np.log(BOUND)
+    good = arms.log_density > least
+    weight = np.exp(log_density[good].min() - log_density[good])
+    codes, size = _bin(ik, arms.angles[good]), BINS ** len(ik.rest)
+    sums, squares = (np.bincount(codes, w, minlength=size) for w in (weight, weight**2))
+    counts = np.bincount(_bin(ik, even[of_even > least]), minlength=size).astype(float)
+    some = (counts >= FEWEST) & (sums**2 >= FEWEST * squares)
+    if some.sum() < 2:
+        return Fit(np.nan, int(some.sum()), 0)  # too few arms to tell
+    sums, squares, counts = sums[some], squares[some], counts[some]
+    ratio = sums.sum() / counts.sum()
+    for _ in range(5):
+        variance = squares + ratio**2 * counts
+        ratio = np.sum(sums * counts / variance) / np.sum(counts**2 / variance)
+    statistic = np.sum((sums - ratio * counts) ** 2 / variance)
+    return Fit(float(chi2.sf(statistic, len(sums) - 1)), len(sums), int(sums.sum() ** 2 / squares.sum()))
 
 
 def _bin(ik: LimbIK, angles: np.ndarray) -> np.ndarray:

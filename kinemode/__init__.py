@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
-    from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, view
+    from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, samples, view
     from kinemode.public.stepping import Tracker
     from kinemode.public.templates import train_templates
     from kinemode.public.tracking import compare, fit, track
@@ -71,6 +71,7 @@ _MODULES = {
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
     "plot": "kinemode.public.results",
+    "samples": "kinemode.public.results",
     "render": "kinemode.public.clips",
     "report": "kinemode.public.results",
     "reported": "kinemode.terminal.progress",
@@ -117,6 +118,7 @@ __all__ = [
     "render",
     "report",
     "reported",
+    "samples",
     "track",
     "train_index",
     "train_templates",

@@ -63,6 +63,7 @@ for command in (
     results.view,
     results.overlay,
     results.plot,
+    results.samples,
     results.report,
     results.explain,
     results.export,

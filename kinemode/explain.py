@@ -22,7 +22,7 @@ from estimator.media.clip import Clip
 from estimator.modes.origin import Family, Origin
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import HasEnergy, ShowsMore
+from estimator.trackers.capabilities import HasEnergy, SeesOtherwise, ShowsMore
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
@@ -88,6 +88,8 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
         with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))
     result, cameras = run.result(frame), range(len(observation.cameras))
+    if isinstance(tracker, SeesOtherwise):
+        observation = tracker.seen_as(observation, result)
     stored, parts = float(result.energy[k]), tuple[Part, ...]()
     if isinstance(tracker, HasEnergy):
         case = _case(run, tracker.search, observation, k)

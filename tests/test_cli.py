@@ -24,8 +24,8 @@ from kinemode.terminal.progress import reported
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
-    "trackers", "cues", "view", "report", "overlay", "plot", "explain", "export", "evaluate", "gait", "train-index",
-    "train-templates", "version",
+    "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export", "evaluate", "gait",
+    "train-index", "train-templates", "version",
 )  # fmt: skip
 FRAMES = 6
 
@@ -111,6 +111,7 @@ BAD = {
     "unknown command": (["trac"], "track"),
     "no output": (["track", "--keypoints", "{left}"], "--out"),
     "no such run to plot": (["plot", "nothing.run", "--out", "{out}"], "nothing.run"),
+    "no such run to draw samples of": (["samples", "nothing.run", "--out", "a.png"], "nothing.run"),
     "unknown option": (["track", "--bogus", "1", "--out", "{out}"], "bogus"),
     "not a number": (["track", "--modes", "many", "--keypoints", "{left}", "--out", "{out}"], "modes"),
     "no such clip": (["track", "nothing.mp4", "--keypoints", "{left}", "--out", "{out}"], "nothing.mp4"),

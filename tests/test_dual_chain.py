@@ -128,3 +128,23 @@ def test_what_cannot_be_tracked_is_refused(seen: Seen) -> None:
     wall = replace(first.cues[0], picture=np.full_like(first.cues[0].picture, 128))
     with pytest.raises(InputError, match=r"colour of the skin points in .*% of the picture"):
         made.init(rng, replace(first, cues=(wall,)))
+    both = {name: getattr(first, name).repeat(2, axis=0) for name in ("pixels", "confidence")}
+    with pytest.raises(InputError, match="goes by one camera, there are 2"):
+        made.init(rng, replace(first, cameras=first.cameras * 2, **both))
+    with pytest.raises(InputError, match="no such model file"):
+        tracker(replace(FEW, face_model="nowhere.onnx"))
+
+
+def test_keypoints_in_place_of_skin_need_no_picture(seen: Seen) -> None:
+    made = tracker(replace(FEW, features="keypoints"))
+    q, rng = seen.q[:FRAMES], np.random.default_rng(3)
+    state = None
+    for observation, true in zip(seen.observations, q, strict=True):
+        pixels = observation.cameras[0].project(made.body.landmarks(made.body.at(true)))
+        bare = replace(observation, cues=(), pixels=pixels[None], confidence=np.ones((1, len(pixels))))
+        state, result = made.init(rng, bare) if state is None else made.step(rng, state, bare)
+    assert state is not None
+    assert state.skin is None
+    assert result.status == "tracked"
+    assert errors(made.body, state, q[-1]) < 0.06
+    assert np.linalg.norm(state.points.mean[:, :2] - pixels, axis=1).max() < 4.0

@@ -84,3 +84,17 @@ def test_what_contradicts_itself_loses_weight_and_nothing_else() -> None:
 def test_a_covariance_that_cannot_be_is_refused(covariance: np.ndarray) -> None:
     with pytest.raises(InputError, match="positive definite"):
         gaussian(("p",), np.zeros((1, 2)), covariance)
+
+
+def test_kernels_that_say_the_same_are_merged_and_others_are_not() -> None:
+    """Features integrated out leave copies, which must not crowd out another way when few are kept."""
+    wide = gaussian(("a", "b"), np.array([[0.0, 0.0], [5.0, 5.0]]), np.eye(4))
+    away = wide.mean[0] + [[40.0, 0.0], [0.0, 0.0]]
+    copies = FeatureDensity(
+        wide.names, np.log([0.3, 0.3, 0.25, 0.15]), np.ones((4, 2), bool),
+        np.stack([wide.mean[0], wide.mean[0] + [[0.0, 0.0], [90.0, 0.0]], wide.mean[0] + 0.1, away]),
+        np.repeat(wide.covariance, 4, axis=0),
+    )  # fmt: skip
+    few = copies.marginal(["a"]).merged().reduced(2)
+    np.testing.assert_allclose(few.weights, [0.85, 0.15])
+    np.testing.assert_allclose(few.mean[:, 0], [[0.0, 0.0], [40.0, 0.0]])

@@ -3,6 +3,8 @@ manifold."""
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from builders import body_of, random_pose
@@ -130,6 +132,26 @@ def test_clusters_are_told_apart_and_a_cloud_stays_whole() -> None:
     assert np.array_equal(clusters(points, even, 0.3, 2), np.array([0, 1, 0])[true])  # to the nearest leader
     assert not clusters(points, even, 0.3, 1).any()
     assert not clusters(points, np.eye(100)[40], 0.3, 7).any()  # one particle has all the weight
+
+
+def test_clusters_are_those_of_all_distances_and_need_no_room_for_them() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(300, 6)) + 2.0 * rng.integers(0, 3, size=(300, 1))
+    weights = rng.random(300)
+    near = np.linalg.norm(points[:, None] - points, axis=2) <= 2.5
+    free, leaders = weights.copy(), []
+    while len(leaders) < 5 and free.any():
+        leaders.append(int(np.argmax(np.where(free > 0.0, near @ free, -1.0))))
+        free[near[leaders[-1]]] = 0.0
+    nearest = np.argmin(np.linalg.norm(points[:, None] - points[leaders], axis=2), axis=1)
+    order = np.argsort(-np.bincount(nearest, weights=weights))
+    assert np.array_equal(order[clusters(points, weights, 2.5, 5)], nearest)
+    many = rng.normal(size=(6000, 6))
+    tracemalloc.start()
+    clusters(many, np.full(6000, 1.0 / 6000), 2.5, 5)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 0.05 * 8.0 * 6000**2  # of one matrix of distances
 
 
 def test_the_mean_of_turned_bodies_is_on_the_manifold() -> None:

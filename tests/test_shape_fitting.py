@@ -17,7 +17,7 @@ from estimator.cost.model import CostSettings
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.fitting import flesh
-from estimator.fitting.body_energy import BodyEnergy, Gaussian
+from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
 from estimator.fitting.descent import descend
 from estimator.fitting.fit import Fit
 from estimator.fitting.flesh import fit_flesh
@@ -276,6 +276,22 @@ def energy_of(count: int) -> tuple[ShapedBody, BodyEnergy, Unknowns]:
     prior = Gaussian(shaped.proportions.mean, np.diag(1.0 / shaped.proportions.std**2))
     self_collision = SelfCollision(Body(shaped.at(x)))
     return shaped, BodyEnergy(shaped, seen, x, CostSettings(), prior, 0.7, self_collision), x
+
+
+def test_a_camera_among_the_landmarks_is_no_fault() -> None:
+    """What is behind it has no pixel: the picture speaks of the others, and of nothing where all are behind."""
+    shaped, _, x = energy_of(1)
+    landmarks = Body(shaped.at(x)).landmarks(Body(shaped.at(x)).at(x.poses[0]))
+    for share in (0.5, 1.1):
+        camera = CAMERAS[0]
+        depths = np.sort(camera.depths(landmarks))
+        step = depths[len(depths) // 2] if share < 1.0 else depths[-1] + 0.2
+        inside = replace(camera, t_camera_world=camera.t_camera_world - [0.0, 0.0, step])
+        assert np.isnan(inside.project(landmarks)).any(axis=1).mean() > 0.4
+        cues = (replace(pictures()[0], camera=inside),)
+        seen = [replace(o, cameras=(inside,), cues=cues) for o in first_stage(1).observations]
+        ((posed, likelihood),) = seen_at(shaped, seen, x, CostSettings().image)
+        assert np.isfinite(likelihood.assigned_values(posed)).all()
 
 
 def test_the_energys_gradient_is_that_of_differences() -> None:

@@ -68,3 +68,11 @@ def test_a_point_far_from_everything_still_has_a_density() -> None:
     value = STEPS.log_density(np.array([[0.0, 1e4, 1.0]]), CENTRES, WEIGHTS)
     assert np.isfinite(value).all()
     assert value[0] < -1e6
+
+
+def test_a_step_from_a_centre_of_its_own_is_a_mixture_of_that_alone() -> None:
+    points = STEPS.moved(np.random.default_rng(3), CENTRES)
+    for k, group in enumerate(GROUPS):
+        each = STEPS.log_density_each(points[:, group], CENTRES[:, group], group)
+        alone = [STEPS.log_density(points[n : n + 1], CENTRES[n : n + 1], np.ones(1), [k])[0] for n in range(3)]
+        np.testing.assert_allclose(each, alone, atol=1e-12)

@@ -51,6 +51,7 @@ def clip(noise: float) -> tuple[Observation, ...]:
 MODES = 4
 FEW: dict[str, dict[str, object]] = {
     "css": {"samples": 8, "budget": {"searches": 24}},
+    "css_dual": {"samples": 8, "budget": {"searches": 24}},
     "single_mode": {},
     "condensation": {"particles": 300},
     "annealed": {"layers": 6, "particles": 80},
@@ -88,8 +89,8 @@ def _equal(x: Any, y: Any) -> bool:
     return np.array_equal(x, y, equal_nan=np.asarray(x).dtype.kind == "f")
 
 
-BY_POINTS = [name for name in TRACKERS if TRACKERS[name].group not in ("elmo", "loose_limbed")]
-"""Of the others see `tests.test_elmo` and `tests.test_loose_limbed`; they keep the contract."""
+BY_POINTS = [name for name in TRACKERS if TRACKERS[name].group not in ("elmo", "loose_limbed", "dual_chain")]
+"""Of the others see `test_elmo`, `test_loose_limbed` and `test_dual_chain`; they keep the contract."""
 
 
 @pytest.fixture(params=BY_POINTS)
@@ -158,13 +159,15 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
         assert begins.can_start(replace(few, cues=pictures)) is enough
     assert isinstance(begins, HasEnergy)
     assert not isinstance(begins, LooksAhead)
-    assert isinstance(begins, SharesWork) == (TRACKERS[name].group in ("css", "multiple_hypothesis"))
+    assert isinstance(begins, SharesWork) == (TRACKERS[name].group in ("css", "css_dual", "multiple_hypothesis"))
 
 
 STEPS = ("steps_active_set", "steps_failed", "steps_free", "steps_proxqp")
+OF_CSS = ("searches", "searches_kinematic_jump", "searches_limb_elsewhere", "searches_limbs_exchanged",
+            "searches_other_association", "searches_parent", "searches_sample", *STEPS)  # fmt: skip
 TOLD = {
-    "css": ("searches", "searches_kinematic_jump", "searches_limb_elsewhere", "searches_limbs_exchanged",
-            "searches_other_association", "searches_parent", "searches_sample", *STEPS),
+    "css": OF_CSS,
+    "css_dual": ("kept_pixels", "kept_std", *OF_CSS),
     "single_mode": ("searches", "searches_parent", *STEPS),
     "multiple_hypothesis": ("searches", "searches_sample", *STEPS),
     "condensation": ("effective_sample_size", "log_evidence", "resampled"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -174,6 +174,21 @@ def guessed_camera(name: str, image_size: tuple[int, int]) -> Camera:
     K = np.array([[focal, 0.0, (width - 1) / 2.0], [0.0, focal, (height - 1) / 2.0], [0.0, 0.0, 1.0]])
     R_camera_world = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
     return Camera(name, image_size, K, np.zeros(5), R_camera_world, np.zeros(3))
+
+
+def camera_before(camera: Camera, points: np.ndarray, pixels: np.ndarray) -> Camera:
+    """A pinhole camera moved level before a subject that faces x, with z up, as all built-in ones at rest.
+
+    points (K, 3): in the world [m]. pixels (K, 2): where they are seen. The camera looks against x from so far that the
+    points are as large in the image as they are seen, their middle where it is seen; exact where all have one x.
+    """
+    R_camera_world = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+    middle, seen_middle = points.mean(axis=0), pixels.mean(axis=0)
+    focal = np.array([camera.K[0, 0], camera.K[1, 1]])
+    size = np.linalg.norm((points - middle) @ R_camera_world[:2].T)
+    depth = size / np.linalg.norm((pixels - seen_middle) / focal)
+    ray = np.append((seen_middle - camera.K[:2, 2]) / focal, 1.0)
+    return replace(camera, R_camera_world=R_camera_world, t_camera_world=depth * ray - R_camera_world @ middle)
 
 
 def parallel_camera(

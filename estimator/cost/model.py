@@ -126,12 +126,20 @@ class CostModel:
         return self._image
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:
-        """Standard deviation (C, L) [px] of the keypoints of a frame; what trembles in the clip's is added."""
+        """Standard deviation (C, L) [px] of the keypoints of a frame; what trembles in the clip's is added, and what a
+        keypoint that was not detected has of its own."""
         extent = np.array([image_extent(p, c) for p, c in zip(observation.pixels, observation.confidence, strict=True)])
         sigma: np.ndarray = self.settings.keypoint_noise * extent[:, None] * self._spread[None, :]
         if observation.jitter:
             sigma = np.hypot(sigma, np.array(observation.jitter)[:, None])
+        if observation.spread is not None:
+            sigma = np.hypot(sigma, observation.spread)
         return np.maximum(sigma, 0.5)
+
+    def extent(self, camera: Camera, q: np.ndarray) -> float:
+        """The body's size in an image [px] at q (nq,), see `image_extent`."""
+        pixels = camera.project(self.body.landmarks(self.body.at(q)))
+        return image_extent(pixels, np.isfinite(pixels).all(axis=1).astype(float))
 
     def _upright(self, cameras: tuple[Camera, ...]) -> Upright:
         """The root's stabiliser; which way is up depends on the cameras alone."""

@@ -122,7 +122,8 @@ def seen_at(
     for observation, q in zip(observations, x.poses, strict=True):
         posed = body.at(q)
         landmarks = body.landmarks(posed)
-        extents = [image_extent(c.camera.project(landmarks), np.ones(len(landmarks))) for c in observation.cues]
+        seen = [c.camera.project(landmarks) for c in observation.cues]
+        extents = [image_extent(pixels, np.isfinite(pixels).all(axis=1).astype(float)) for pixels in seen]
         yield posed, image.likelihood(observation.cues, extents)
 
 

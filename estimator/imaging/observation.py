@@ -31,6 +31,8 @@ class Observation:
     given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
     cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
     estimate: what a fit of the person knows of the pose, None where there was none.
+    spread (C, L): standard deviation [px] of keypoints that were not detected but come from elsewhere, beside what a
+        detector's have, 0 for all others; None where all are as detected.
     """
 
     index: int
@@ -42,6 +44,7 @@ class Observation:
     given: bool = False
     cues: tuple[ImageCues, ...] = ()
     estimate: PoseEstimate | None = None
+    spread: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -50,4 +53,5 @@ class Observation:
 
     def exchanged(self, mirror: np.ndarray) -> Observation:
         """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
-        return replace(self, pixels=self.pixels[:, mirror], confidence=self.confidence[:, mirror])
+        spread = None if self.spread is None else self.spread[:, mirror]
+        return replace(self, pixels=self.pixels[:, mirror], confidence=self.confidence[:, mirror], spread=spread)

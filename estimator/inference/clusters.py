@@ -10,6 +10,8 @@ from humanoid.support.compiled import jit
 
 MEAN_STEPS = 20
 MEAN_TOLERANCE = 1e-10  # rad or m
+_ROWS = 128  # of distances that are in memory at a time
+_DIGITS = 12  # of shares of the weight that count
 
 
 def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int) -> np.ndarray:
@@ -17,18 +19,24 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
 
     The point with the most weight within `radius` leads the first cluster; then the same among the points farther than
     `radius` from every leader; all go to the nearest leader at the end. So one compact set of particles stays one
-    cluster, and with a `count` of 1 everything is.
+    cluster, and with a `count` of 1 everything is. Distances are made a few rows at a time, so memory grows with N.
     """
-    square = np.sum(np.square(points), axis=1)
-    apart, near = 2.0 * points @ points.T, np.empty((len(points), len(points)))
-    _square_distances(square, radius * radius, apart, near)
-    free = weights.copy()
+    if count == 1:
+        return np.zeros(len(points), dtype=np.int64)
+    free = weights > 0.0
+    mass = _mass_within(points, points, weights, radius)
     leaders: list[int] = []
-    while len(leaders) < count and free.max() > 0.0:
-        mass = np.where(free > 0.0, near @ free, -1.0)
-        leaders.append(int(np.argmax(mass)))
-        free[near[leaders[-1]] > 0.0] = 0.0
-    nearest = np.argmin(apart[:, leaders], axis=1)
+    to_leader = np.empty((len(points), count))
+    while len(leaders) < count and free.any():
+        # masses that differ by rounding alone are equal: the first of them leads
+        leader = int(np.argmax(np.where(free, np.round(mass / weights.sum(), _DIGITS), -1.0)))
+        apart = to_leader[:, len(leaders)] = np.square(points - points[leader]).sum(axis=1)
+        leaders.append(leader)
+        gone = free & (apart <= radius * radius)
+        free &= ~gone
+        if len(leaders) < count and free.any():
+            mass[free] -= _mass_within(points[free], points[gone], weights[gone], radius)
+    nearest = np.argmin(to_leader[:, : len(leaders)], axis=1)
     nearest[leaders] = np.arange(len(leaders))
     total = np.bincount(nearest, weights=weights, minlength=len(leaders))
     rank = np.empty(len(leaders), dtype=np.int64)
@@ -36,15 +44,25 @@ def clusters(points: np.ndarray, weights: np.ndarray, radius: float, count: int)
     return rank[nearest]
 
 
+def _mass_within(points: np.ndarray, others: np.ndarray, weights: np.ndarray, radius: float) -> np.ndarray:
+    """How much (N,) of the weights (M,) of others (M, D) is within a radius of each of the points (N, D)."""
+    mass = np.empty(len(points))
+    square, square_of_others = np.square(points).sum(axis=1), np.square(others).sum(axis=1)
+    for start in range(0, len(points), _ROWS):
+        rows = slice(start, start + _ROWS)
+        _masses(square[rows], square_of_others, points[rows] @ others.T, weights, radius * radius, mass[rows])
+    return mass
+
+
 @jit
-def _square_distances(square, limit, apart, near):  # type: ignore[no-untyped-def]
-    """Make squared distances of twice the scalar products in apart (N, N), given the squared lengths, square (N,);
-    fill near (N, N) with ones where they are within the limit, and on the diagonal, else zeros."""
-    for i in range(square.shape[0]):
-        for j in range(square.shape[0]):
-            apart[i, j] = square[i] + square[j] - apart[i, j]
-            near[i, j] = 1.0 if apart[i, j] <= limit else 0.0
-        near[i, i] = 1.0
+def _masses(square, square_of_others, scalar, weights, limit, mass):  # type: ignore[no-untyped-def]
+    """Fill mass (N,) with the sums of weights (M,) of what is at most at a squared distance limit, by squared lengths,
+    square (N,) and square_of_others (M,), and scalar products, scalar (N, M)."""
+    for i in range(scalar.shape[0]):
+        total = 0.0
+        for j in range(scalar.shape[1]):
+            total += weights[j] if square[i] + square_of_others[j] - 2.0 * scalar[i, j] <= limit else 0.0
+        mass[i] = total
 
 
 class Manifold(Protocol):

@@ -76,6 +76,18 @@ class Steps:
                  log_weights, log_norm, member, 1.0 / self.wide**2, out)  # fmt: skip
         return out
 
+    def log_density_each(self, points: np.ndarray, centres: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Logarithms (N,) of the density at points (N, G), inside of the box, of a step from a centre (N, G) each, in
+        the dimensions of a group."""
+        at = np.clip(centres, self.lower[group], self.upper[group])
+        parts = np.empty((2, len(points)))
+        for far, factor in enumerate((1.0, self.wide)):
+            std = self.std[group] * factor
+            each = -0.5 * np.square((points - at) / std) - self._log_inside(at, std, group)
+            norm = np.log(std).sum() + 0.5 * len(group) * math.log(2.0 * math.pi)
+            parts[far] = each.sum(axis=1) - norm + math.log(max(self.share if far else 1.0 - self.share, 1e-300))
+        return np.asarray(np.logaddexp(parts[0], parts[1]))
+
     def _log_inside(self, at: np.ndarray, std: np.ndarray, dims: np.ndarray) -> np.ndarray:
         """Logarithms (N, G) of the probability that a normal step from inside of the box stays there."""
         low, high = (self.lower[dims] - at) / std, (self.upper[dims] - at) / std
@@ -101,6 +113,15 @@ def _mixture(points, centres, log_weights, log_norm, member, narrow, out):  # ty
             for d in range(points.shape[1]):
                 off = points[m, d] - centres[n, d]
                 square[member[d]] += off * off
+            if count == 1:  # a sum of both, with the exponential only of what counts
+                for long in range(2):
+                    value = log_weights[n] + log_norm[n, 0, long] - 0.5 * square[0] * (narrow if long else 1.0)
+                    if value > highest:
+                        total = total * math.exp(highest - value) + 1.0
+                        highest = value
+                    elif value > highest - 40.0:
+                        total += math.exp(value - highest)
+                continue
             value = log_weights[n]
             for k in range(count):
                 short, far = log_norm[n, k, 0] - 0.5 * square[k], log_norm[n, k, 1] - 0.5 * narrow * square[k]

@@ -11,6 +11,7 @@ from humanoid.support.compiled import jit
 
 INNER, OUTER = 0.55, 1.6  # in half-widths from the axis: where a limb is asked for, and where it should end
 CAP = 0.9  # how far a limb goes on beyond its ends, in half-widths there: ends are round
+_ROUNDING = 1e-6  # px
 
 
 @jit
@@ -49,35 +50,55 @@ def project_limb(t, R, z, axes, eye, along, intrinsics, lens, Rc, tc, out):  # t
 
 
 @jit
-def depth_inside(u, v, limb):  # type: ignore[no-untyped-def]
-    """Depth [m] of a limb's axis at a pixel u, v inside of it, infinite outside. limb (S, 5): of `project_limb`."""
-    last = limb.shape[0] - 1
-    dx, dy = limb[last, 0] - limb[0, 0], limb[last, 1] - limb[0, 1]
+def look_past(points, owner, limbs, k, nearest):  # type: ignore[no-untyped-def]
+    """Lower nearest (P,), depths [m], to that of the axis of limb k at those of points (P, 2) [px] that are inside of
+    it, unless they are its own, owner (P,).
+
+    limbs (L, S, 5): of `project_limb`. All points at once, so that what is the same for all of them is fetched once.
+    """
+    last = limbs.shape[1] - 1
+    x0, y0, hx0, hy0, depth = limbs[k, 0, 0], limbs[k, 0, 1], limbs[k, 0, 2], limbs[k, 0, 3], limbs[k, 0, 4]
+    dx, dy = limbs[k, last, 0] - x0, limbs[k, last, 1] - y0
+    dhx, dhy, deeper = limbs[k, last, 2] - hx0, limbs[k, last, 3] - hy0, limbs[k, last, 4] - depth
     square = dx * dx + dy * dy
-    x, y = u - limb[0, 0], v - limb[0, 1]
-    share = (x * dx + y * dy) / square if square > 1e-9 else 0.5
-    level = min(max(share, 0.0), 1.0)
-    hx = limb[0, 2] + level * (limb[last, 2] - limb[0, 2])
-    hy = limb[0, 3] + level * (limb[last, 3] - limb[0, 3])
-    width = math.sqrt(hx * hx + hy * hy)
-    x, y = x - level * dx, y - level * dy
-    beyond = math.sqrt(x * x + y * y)
-    # beside the axis the distance is across it, beyond an end to that end
-    inside = beyond <= (width if level == share else CAP * width)
-    return limb[0, 4] + level * (limb[last, 4] - limb[0, 4]) if inside else np.inf
+    inverse = 1.0 / square if square > 1e-9 else 0.0
+    reach = max(hx0 * hx0 + hy0 * hy0, limbs[k, last, 2] ** 2 + limbs[k, last, 3] ** 2)  # no half-width is longer
+    half = 0.5 * math.sqrt(square) + math.sqrt(reach) + _ROUNDING
+    for p in range(points.shape[0]):
+        x, y = points[p, 0] - x0, points[p, 1] - y0
+        mx, my = x - 0.5 * dx, y - 0.5 * dy
+        if mx * mx + my * my > half * half or owner[p] == k:
+            continue
+        share = (x * dx + y * dy) * inverse if inverse > 0.0 else 0.5
+        level = min(max(share, 0.0), 1.0)
+        hx, hy = hx0 + level * dhx, hy0 + level * dhy
+        x, y = x - level * dx, y - level * dy
+        # beside the axis the distance is across it, beyond an end to that end
+        cap = 1.0 if level == share else CAP * CAP
+        if x * x + y * y <= cap * (hx * hx + hy * hy):
+            nearest[p] = min(nearest[p], depth + level * deeper)
 
 
 @jit
-def _edge_at(u, v, nx, ny, edges, neutral):  # type: ignore[no-untyped-def]
-    """Log ratio of an outline with normal (nx, ny) at a pixel u, v, by edges (B, H, W) of orientations from 0 to pi;
-    neutral outside of the picture."""
-    count, height, width = edges.shape
-    x, y = round(u), round(v)
-    if x < 0 or y < 0 or x >= width or y >= height:
-        return neutral
-    angle = math.atan2(ny, nx)
-    b = math.floor(angle / math.pi * count + 0.5) % count
-    return edges[b, y, x]
+def fill_points(limbs, points, owner):  # type: ignore[no-untyped-def]
+    """Fill points (P, 2, 2) [px], P = 2 L S, with those on and beside the outlines of limbs (L, S, 5), side by side,
+    and owner (P, 2) with the limb each belongs to."""
+    n = 0
+    for k in range(limbs.shape[0]):
+        for s in range(limbs.shape[1]):
+            for side in range(2):
+                sign = 2.0 * side - 1.0
+                for c in range(2):
+                    points[n, 0, c] = limbs[k, s, c] + sign * limbs[k, s, 2 + c]
+                    points[n, 1, c] = limbs[k, s, c] + sign * OUTER * limbs[k, s, 2 + c]
+                    owner[n, c] = k
+                n += 1
+
+
+@jit
+def _inside(x, y, width, height):  # type: ignore[no-untyped-def]
+    """Whether a pixel is in a picture."""
+    return 0 <= x < width and 0 <= y < height
 
 
 @jit
@@ -88,51 +109,55 @@ def outline_values(  # type: ignore[no-untyped-def]
 
     t (N, L, 3), R (N, L, 3, 3): T_world_limb. z (L, S), axes (L, S, 2): stations of the limbs. eye, along (3,),
     intrinsics (5,), lens, Rc (3, 3), tc (3,): the camera, see `project_limb`. edges (B, H, W): log ratios by
-    orientation; B is 0 without. mask (H, W): 1 on the foreground, 0 on the background, -1 where nothing is known.
-    ratios (2, 2): log ratios on the body and beside it, where the mask is 0 and 1. cells (G, 2): pixels of the
+    orientation from 0 to pi; B is 0 without. mask (H, W): 1 on the foreground, 0 on the background, -1 where nothing is
+    known. ratios (2, 2): log ratios on the body and beside it, where the mask is 0 and 1. cells (G, 2): pixels of the
     foreground, none where its share is not looked at. wanted (L,) bool: which limbs. weights (3,): of edges, mask and
     cells, in all.
     """
     count, stations = z.shape
     limbs, seen = np.empty((count, stations, 5)), np.empty(count, dtype=np.bool_)
-    height, width = mask.shape
+    sides = np.empty((2 * count * stations, 2, 2))
+    side_owner = np.empty((2 * count * stations, 2), dtype=np.int64)
+    nearest, covering = np.empty((2 * count * stations, 2)), np.empty(len(cells))
+    nobody = np.full(len(cells), -1)
+    flat, flat_owner, flat_nearest = sides.reshape(-1, 2), side_owner.reshape(-1), nearest.reshape(-1)
+    kinds, height, width = edges.shape[0], mask.shape[0], mask.shape[1]
     each = 1.0 / (2.0 * count * stations)
     for n in range(t.shape[0]):
         for k in range(count):
             seen[k] = project_limb(t[n, k], R[n, k], z[k], axes[k], eye, along, intrinsics, lens, Rc, tc, limbs[k])
+        fill_points(limbs, sides, side_owner)
+        nearest[:], covering[:] = np.inf, np.inf
+        for k in range(count):
+            if seen[k]:
+                look_past(flat, flat_owner, limbs, k, flat_nearest)
+                look_past(cells, nobody, limbs, k, covering)
         for k in range(count):
             values[n, k] = 0.0
             if not wanted[k] or not seen[k]:
                 continue
             for s in range(stations):
                 hx, hy, depth = limbs[k, s, 2], limbs[k, s, 3], limbs[k, s, 4]
-                length = math.sqrt(hx * hx + hy * hy)
-                if length < 1e-9:
+                if hx * hx + hy * hy < 1e-18:
                     continue
-                for sign in (-1.0, 1.0):
-                    u, v = limbs[k, s, 0] + sign * hx, limbs[k, s, 1] + sign * hy
-                    # beside the outline: another limb there explains the picture, a nearer one hides the outline
-                    un, vn = limbs[k, s, 0] + sign * OUTER * hx, limbs[k, s, 1] + sign * OUTER * hy
-                    hidden, beside = False, False
-                    for j in range(count):
-                        if j != k and seen[j]:
-                            hidden = hidden or depth_inside(u, v, limbs[j]) < depth
-                            beside = beside or depth_inside(un, vn, limbs[j]) < np.inf
-                    if edges.shape[0] > 0 and not hidden:
-                        values[n, k] += weights[0] * each * _edge_at(u, v, hx / length, hy / length, edges, 0.0)
-                    ui, vi = limbs[k, s, 0] + sign * INNER * hx, limbs[k, s, 1] + sign * INNER * hy
-                    x, y = round(ui), round(vi)
-                    if 0 <= x < width and 0 <= y < height and mask[y, x] >= 0:
+                kind = 0  # the orientation of its normal, the same on both sides
+                if kinds > 0:
+                    kind = math.floor(math.atan2(hy, hx) / math.pi * kinds + 0.5) % kinds
+                for side in range(2):
+                    p = 2 * (k * stations + s) + side
+                    x, y = round(sides[p, 0, 0]), round(sides[p, 0, 1])
+                    # a nearer limb hides an outline
+                    if kinds > 0 and nearest[p, 0] >= depth and _inside(x, y, width, height):
+                        values[n, k] += weights[0] * each * edges[kind, y, x]
+                    sign = 2.0 * side - 1.0
+                    x, y = round(limbs[k, s, 0] + sign * INNER * hx), round(limbs[k, s, 1] + sign * INNER * hy)
+                    if _inside(x, y, width, height) and mask[y, x] >= 0:
                         values[n, k] += weights[1] * each * ratios[0, mask[y, x]]
-                    x, y = round(un), round(vn)
-                    if not beside and 0 <= x < width and 0 <= y < height and mask[y, x] >= 0:
+                    x, y = round(sides[p, 1, 0]), round(sides[p, 1, 1])
+                    # another limb beside an outline explains the picture there
+                    if nearest[p, 1] == np.inf and _inside(x, y, width, height) and mask[y, x] >= 0:
                         values[n, k] += weights[1] * each * ratios[1, mask[y, x]]
         cover[n] = 0.0
-        for g in range(cells.shape[0]):
-            explained = False
-            for k in range(count):
-                if seen[k] and depth_inside(cells[g, 0], cells[g, 1], limbs[k]) < np.inf:
-                    explained = True
-                    break
-            if explained:
-                cover[n] += weights[2] / cells.shape[0]
+        for g in range(len(cells)):
+            if covering[g] < np.inf:
+                cover[n] += weights[2] / len(cells)

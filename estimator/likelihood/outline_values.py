@@ -20,6 +20,8 @@ from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.support.settings import check, setting
 
 _OUTSIDE = 1e-3  # least share of either in a picture
+_FARTHEST = 255  # px to an edge that are told apart
+_NONE = 255  # the orientation of what is no edge
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class OutlineSettings:
     edge_noise: float = setting(0.012, above=0)
     edge_missing: float = setting(0.3, above=0, below=1)
     strength: float = setting(0.35, at_least=0, at_most=1)
-    orientations: int = setting(8, at_least=2)
+    orientations: int = setting(8, at_least=2, at_most=90)
     mask_error: float = setting(0.1, above=0, below=0.5)
     stations: int = setting(5, at_least=2)
     cells: int = setting(80, at_least=0)
@@ -112,24 +114,30 @@ def edge_ratios(edges: EdgeMap, sigma: float, settings: OutlineSettings) -> np.n
     in which the body is nowhere is not above 0 (Jensen's inequality).
     """
     count, reach = settings.orientations, 4.0 * sigma
-    angle = np.arctan2(edges.direction[..., 1], edges.direction[..., 0]) / np.pi * count
-    bins = np.floor(angle + 0.5).astype(np.int64) % count
     strong = edges.strength > settings.strength
-    out = np.empty((count, *edges.strength.shape), np.float32)
-    steps = np.arange(0.0, np.ceil(reach) + 1.0)
+    angle = np.arctan2(edges.direction[strong, 1], edges.direction[strong, 0]) / np.pi * count
+    bins = np.full(strong.shape, _NONE, np.uint8)
+    bins[strong] = np.floor(angle + 0.5).astype(np.int64) % count
+    out = np.empty((count, *strong.shape), np.float32)
+    steps = np.arange(0.0, min(np.ceil(reach), _FARTHEST) + 1.0)
     on = np.exp(-0.5 * np.square(steps / sigma))
     on /= on.sum()
     for b in range(count):
-        near = strong & ((bins == b) | (bins == (b - 1) % count) | (bins == (b + 1) % count))
-        if not near.any():
+        apart = np.ones(_NONE + 1, np.uint8)
+        apart[[b, (b - 1) % count, (b + 1) % count]] = 0
+        from_near = cv2.LUT(bins, apart)
+        if from_near.all():
             out[b] = 0.0
             continue
-        distance = cv2.distanceTransform(np.where(near, 0, 1).astype(np.uint8), cv2.DIST_L2, 3)
-        level = np.minimum(distance, steps[-1]).astype(np.int64)
-        off = np.bincount(level.ravel(), minlength=len(steps)).astype(float)
+        distance = cv2.distanceTransform(from_near, cv2.DIST_L2, 3)
+        level = np.minimum(distance, steps[-1], out=distance).astype(np.uint8)
+        counts = cv2.calcHist([level], [0], None, [_FARTHEST + 1], [0.0, _FARTHEST + 1.0])
+        off = counts.ravel()[: len(steps)].astype(float)
         off = (off + 1.0) / (off + 1.0).sum()
         likely = (1.0 - settings.edge_missing) * on + settings.edge_missing * off
-        out[b] = np.log(likely / off).astype(np.float32)[level]
+        values = np.zeros(_FARTHEST + 1, np.float32)
+        values[: len(steps)] = np.log(likely / off)
+        out[b] = cv2.LUT(level, values)
     return out
 
 

@@ -1,19 +1,24 @@
-"""Blobs of skin, and keypoints, as detections of the features of a body."""
+"""Blobs of skin, faces and keypoints as detections of the features of a body."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from estimator.imaging.faces import Faces
+from estimator.imaging.resolution import resized_pixels
 from estimator.imaging.skin import Blobs
 from estimator.inference.chains.evidence import Detections
 from estimator.search.point_features import HEAD
+from humanoid.subject.landmarks import mirror_index
 
 _AREA = 0.5  # standard deviation of the logarithm of a hand's or face's area from frame to frame
 _LEAST = 1e-3  # of how well a blob suits
 _WIDE = 0.5  # standard deviation of where the middle of a hand is in its blob, in those of the blob
 _NOISE = 2.0  # px
+_SWAPPED = 0.02  # share of keypoints whose side is mistaken
 
 
 def of_blobs(names: Sequence[str], blobs: Blobs) -> Detections:
@@ -35,9 +40,35 @@ def of_blobs(names: Sequence[str], blobs: Blobs) -> Detections:
 
 
 def of_keypoints(names: Sequence[str], pixels: np.ndarray, sigma: np.ndarray) -> Detections:
-    """Each keypoint is of its own feature, or wrong: pixels (F, 2) [px], NaN where missing, sigma (F,) [px]."""
+    """Each keypoint is of its own feature, of the same on the other side, which detectors mistake it for, or wrong:
+    pixels (F, 2) [px], NaN where missing, sigma (F,) [px]."""
     seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     suits = np.zeros((len(seen), len(names)))
+    suits[np.arange(len(seen)), np.array(mirror_index(names))[seen]] = _SWAPPED
     suits[np.arange(len(seen)), seen] = 1.0
     covariance = np.square(sigma[seen])[:, None, None] * np.eye(2)
     return Detections(tuple(names), pixels[seen], covariance, suits, np.zeros(len(seen), dtype=bool))
+
+
+def of_faces(names: Sequence[str], faces: Faces) -> Detections:
+    """Each is of the head, as well as a detector is sure of it, or of nothing."""
+    suits = np.zeros((len(faces.score), len(names)))
+    suits[:, [k for k, name in enumerate(names) if name == HEAD]] = np.clip(faces.score, _LEAST, 1.0)[:, None]
+    covariance = faces.covariance + _NOISE**2 * np.eye(2)
+    return Detections(tuple(names), faces.mean, covariance, suits, np.zeros(len(faces.score), dtype=bool))
+
+
+def all_of(detections: Sequence[Detections]) -> Detections:
+    """Those of several detectors of the same features."""
+    arrays = [
+        np.concatenate([getattr(each, name) for each in detections])
+        for name in ("mean", "covariance", "suits", "merged")
+    ]
+    return Detections(detections[0].names, *arrays)
+
+
+def at_size(detections: Detections, old: tuple[int, int], new: tuple[int, int]) -> Detections:
+    """Those of a picture of size `old`, in one resized to `new`."""
+    ratio = np.array(new) / np.array(old)
+    covariance = detections.covariance * ratio[:, None] * ratio
+    return replace(detections, mean=resized_pixels(detections.mean, old, new), covariance=covariance)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.cameras.camera import Camera
+from estimator.search.feature_kernels import pixel_jacobians
 from estimator.search.jumps.anatomy import Anatomy
 from humanoid.kinematics.body import Body, PlacedBodies, points_of_each, points_on_links
 from humanoid.support.errors import InputError
@@ -30,9 +32,24 @@ class PointFeatures:
     local: np.ndarray
     limb: np.ndarray
 
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.names)
+
     def points(self, placed: PlacedBodies) -> np.ndarray:
         """In the world [m], (N, F, 3), of N configurations."""
         return points_of_each(placed, self.joint, self.local)
+
+    def in_image(self, body: Body, q: np.ndarray, camera: Camera, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Some of them, chosen (K,), at q (N, nq): pixels (N, K, 2) [px] and their derivatives (N, K, 2, nv) [px per
+        unit of v]; NaN where they have no image."""
+        points = points_of_each(body.placed(q), self.joint[chosen], self.local[chosen])
+        support = body.column_support[self.joint[chosen]]
+        pixels = np.empty((len(q), len(chosen), 2))
+        columns = np.empty((len(q), len(chosen), 2, support.shape[1]))
+        pixel_jacobians(points, body.spatial_jacobians(q), support, *camera.arrays, pixels, columns)
+        return pixels, body.collected(columns)
 
     def ends(self, limb: int) -> np.ndarray:
         """The features (K,) that a limb moves, the outermost last."""

@@ -7,52 +7,60 @@ outlines.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.inference.chains.exchange import Message
+from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters
 from estimator.inference.particles import effective_count, normalised, systematic
 from estimator.inference.steps import Steps
+from estimator.inference.tempering import Tempered, TemperingSettings, tempered
+from estimator.inference.walk import Box
 from estimator.likelihood.outline_values import OutlineLikelihood
+from estimator.search.pose_draws import PartDraws
 from estimator.search.pose_parts import PoseParts
-from estimator.search.proposals.limb_ik import ImageProposal
-from estimator.search.trunk_kernels import NormalMixture, led_kernels
-from humanoid.kinematics.body import Body, PlacedBodies
+from estimator.search.pose_target import Expected, PoseTarget
+from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting
 
 _FEATURE_NOISE = 2.0  # px, of where a feature is in the image of a pose
-_DIFFERENCE = 1e-5  # rad or m
-_LED = 32  # trunks of the past that are led to what is seen
+_GROUPED = 1000  # samples that a density of features is made of, at most
+_FEWEST = 8  # samples of a stratum
+BY_PARTS, BY_PAST = "parts", "past"
 
 
 @dataclass(frozen=True)
 class PoseChainSettings:
     """How poses are drawn.
 
-    particles: how many. draws: of each limb for each trunk, one of which is kept. kernels: of the past, by which
-    samples are weighed. by_past: share of the samples that come from the past alone, of trunks and of limbs. groups: of
-    samples that the features are expected by.
+    particles: how many. draws: "parts", trunk and limbs one after the other from where past and image have them, or
+    "past", whole poses from the past alone, as CONDENSATION has it. kernels: of the past, by which parts are weighed.
+    by_past, by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
+    led from the past to the features. groups: of samples that the features are expected by.
     noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
-    and how many times as long; of trunk and limbs each by itself.
-    together: whether samples are weighed by what the past expects of whole poses; else by what it expects of trunk and
-    limbs, as if these did not depend on each other: of a thousand poses that were put together of parts drawn apart
-    hardly any is near a whole pose of the past.
+    and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
+    but anywhere, 0 for never; renewed: share of the samples that look for each limb there (`PoseChain.update`).
+    rest: seconds, at the least, in which joints of which nothing is seen go two thirds of the way back to rest
+    (`Rest`). tempering: how outlines are let in.
     Raises InputError where a value cannot be.
     """
 
-    particles: int = setting(1000, at_least=1)
-    draws: int = setting(4, at_least=1)
-    kernels: int = setting(200, at_least=1)
-    by_past: float = setting(0.5, at_least=0, at_most=1)
+    particles: int = setting(1000, at_least=2)
+    draws: str = setting(BY_PARTS, one_of=(BY_PARTS, BY_PAST))
+    kernels: int = setting(50, at_least=1)
+    by_past: float = setting(0.2, at_least=0, at_most=1)
+    by_image: float = setting(0.2, at_least=0, at_most=1)
     groups: int = setting(3, at_least=1)
-    noise: float = setting(0.3, above=0)
-    far: float = setting(0.1, at_least=0, at_most=1)
-    wide: float = setting(5.0, at_least=1)
-    together: bool = False
+    noise: float = setting(0.45, above=0)
+    far: float = setting(0.2, at_least=0, at_most=1)
+    wide: float = setting(3.0, at_least=1)
+    lost: float = setting(0.03, at_least=0)
+    renewed: float = setting(0.07, above=0, below=1)
+    rest: float = setting(0.5, above=0)
+    tempering: TemperingSettings = field(default_factory=TemperingSettings)
 
     def __post_init__(self) -> None:
         check(self)
@@ -69,34 +77,13 @@ class Crowd:
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
-    """What is expected of the next frame: tangents at reference (nq,), centres (K, nv) of kernels with weights (K,),
-    steps from there, and samples (N, nv) with the kernels they come from (N,)."""
-
-    reference: np.ndarray
-    centres: np.ndarray
-    weights: np.ndarray
-    steps: Steps
-    samples: np.ndarray
-    kernel: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """Poses drawn so far: tangents x (N, nv) and explained (N,), the logarithm of the density, up to a constant of all,
-    that they are spread by, given by the parts that were drawn."""
-
-    x: np.ndarray
-    explained: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class PoseChain:
     """One frame's chain of poses (`estimator.inference.chains.exchange.Chain`).
 
     camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
     past: whether samples also come from the past, as they have to where the image does not show everything; without, as
     likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
+    told: filled with how it went: samples, effective_sample_size, powers, accepted.
     """
 
     rng: np.random.Generator
@@ -114,25 +101,26 @@ class PoseChain:
         return self.parts.body
 
     def predict(self, state: Crowd, dt: float) -> Expected:
-        """See `Chain`; `dt` is in `std` already."""
+        """See `Chain`; the noise of `dt` is in `std` already."""
         s, body = self.settings, self.body
         lower, upper = body.tangent_bounds(state.reference)
         steps = Steps(self.std, lower, upper, self.parts.dofs, s.far, s.wide)
-        tangents = body.differences(state.reference, state.q)
-        few = systematic(self.rng, state.weights, min(s.kernels, len(state.weights)))
-        chosen = systematic(self.rng, np.full(len(few), 1.0 / len(few)), s.particles)
-        centres = tangents[few]
-        samples = steps.moved(self.rng, centres[chosen])
-        return Expected(state.reference, centres, np.full(len(few), 1.0 / len(few)), steps, samples, chosen)
+        count = s.particles if s.draws == BY_PAST else min(s.kernels, len(state.weights))
+        few = systematic(self.rng, state.weights, count)
+        centres, even = body.differences(state.reference, state.q)[few], np.full(count, 1.0 / count)
+        spread = self.std * np.sqrt(1.0 + s.far * (s.wide**2 - 1.0))
+        centres = self.parts.rest.returned(centres, state.reference, spread, -np.expm1(-dt / s.rest))
+        samples = steps.moved(self.rng, centres[systematic(self.rng, even, s.particles)])
+        return Expected(state.reference, centres, even, steps, samples)
 
     def features(self, prior: Expected) -> FeatureDensity:
         """See `Chain`: groups of the samples' features, each as a normal density."""
-        pixels = self._pixels(self._placed(prior.reference, prior.samples))
-        flat = pixels.reshape(len(pixels), -1)
-        whole = np.isfinite(flat).all(axis=1)
-        if not whole.any():
-            return uniform(self.parts.features.names)
-        flat = flat[whole]
+        target, names = self._target(prior, None), self.parts.features.names
+        some = prior.samples[:: -(-len(prior.samples) // _GROUPED)]
+        flat = target.pixels(target.prepared(some)).reshape(len(some), -1)
+        flat = flat[np.isfinite(flat).all(axis=1)]
+        if not len(flat):
+            return uniform(names)
         radius = 2.0 * float(np.sqrt(flat.var(axis=0).max())) + _FEATURE_NOISE
         label = clusters(flat, np.full(len(flat), 1.0 / len(flat)), radius, self.settings.groups)
         log_weight, mean, covariance = [], [], []
@@ -142,176 +130,94 @@ class PoseChain:
             log_weight.append(np.log(len(own) / len(flat)))
             mean.append(own.mean(axis=0))
             covariance.append(off.T @ off / len(own) + _FEATURE_NOISE**2 * np.eye(flat.shape[1]))
-        names = self.parts.features.names
         known = np.ones((len(mean), len(names)), dtype=bool)
         return FeatureDensity(
             names, np.array(log_weight), known, np.array(mean).reshape(len(mean), -1, 2), np.array(covariance)
         )
 
     def update(self, prior: Expected, message: Message) -> tuple[Crowd, float]:
-        """See `Chain`. Trunks first, then each limb on the trunks that are kept, each by what tells of it alone; in the
-        end whole poses, by what their parts did not know of each other. Without any sample the past goes on alone."""
-        drawn = self._trunks(prior, message)
-        for part in range(1, self.parts.count):
-            if drawn is not None:
-                drawn = self._limbs(prior, message, drawn, part)
+        """See `Chain`. Without any sample the past goes on alone.
+
+        The past may be wrong about a limb. So a few samples have one limb anew, from where the image shows its end or
+        from rest, and all others from the past: strata of their own, each weighed by its odds and its evidence, since
+        among the others a limb that was just found would be selected away before outlines speak for it.
+        """
+        if self.settings.draws == BY_PAST:
+            return self._by_past(self._target(prior, message))
+        strata = [self._stratum(prior, message, part, count) for part, count in self._counts()]
+        told = [-np.inf if result is None else result.log_evidence for result in strata]
+        odds = np.array([1.0, *[self.settings.lost] * (len(strata) - 1)])
+        weights, log_evidence = _shares(odds / odds.sum(), np.array(told))
+        if strata[0] is None and not weights.any():
+            return self.without_samples(prior)
+        each = [np.full(len(r.x), w / len(r.x)) for r, w in zip(strata, weights, strict=True) if r is not None]
+        x = np.vstack([r.x for r in strata if r is not None])
+        if len(strata) > 1:
+            self.told["renewed"] = float(weights[1:].sum())
+            x = x[systematic(self.rng, np.concatenate(each), self.settings.particles)]
+        return self._even(prior, x), log_evidence
+
+    def _counts(self) -> list[tuple[int, int]]:
+        """The part that each stratum has anew, and how many samples it has: the first has none anew."""
+        s, limbs = self.settings, range(1, self.parts.count)
+        if not self.past or s.lost <= 0.0:
+            return [(-1, s.particles)]
+        few = max(int(s.renewed * s.particles), _FEWEST)
+        return [(-1, max(s.particles - few * len(limbs), few)), *((part, few) for part in limbs)]
+
+    def _stratum(self, prior: Expected, message: Message, anew: int, count: int) -> Tempered | None:
+        """Samples of the posterior with one part anew, and their evidence."""
+        s = self.settings
+        some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
+        target = replace(self._target(replace(prior, samples=prior.samples[some]), message), anew=anew)
+        drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts()
         if drawn is None:
-            return self.without_samples(prior)
-        placed = self._placed(prior.reference, drawn.x)
-        target = self._expected(prior, drawn.x)
-        target += self._evidence(message, placed, None) + self._outline(placed, None)
-        log_weight = target - drawn.explained
-        if not np.isfinite(log_weight).any():
-            return self.without_samples(prior)
-        weights, log_mean = normalised(np.where(np.isfinite(log_weight), log_weight, -np.inf))
-        self.told["samples"] = float(len(weights))
-        self.told["effective_sample_size"] = effective_count(weights)
-        q = placed.q[systematic(self.rng, weights, self.settings.particles)]
-        return Crowd(q, np.full(len(q), 1.0 / len(q)), prior.reference), log_mean
-
-    def _expected(self, prior: Expected, x: np.ndarray) -> np.ndarray:
-        """Log density (N,) of whole poses at tangents x (N, nv) by the past, see `PoseChainSettings.together`."""
-        if self.settings.together:
-            return prior.steps.log_density(x, prior.centres, prior.weights)
-        each = [prior.steps.log_density(x, prior.centres, prior.weights, [part]) for part in range(self.parts.count)]
-        return np.asarray(np.sum(each, axis=0))
-
-    def _trunks(self, prior: Expected, message: Message) -> Drawn | None:
-        """Trunks (N) with the limbs of the samples that they come from, kept by their weights; None if none can be."""
-        s, group = self.settings, self.parts.dofs[0]
-        x = prior.samples.copy()
-        led = self._led(prior, message)
-        share = 1.0 if led is None else (s.by_past if self.past else 0.0)
-        log_q = np.full(len(x), -np.inf)
-        if share < 1.0 and led is not None:
-            count = round((1.0 - share) * len(x))
-            x[:count, group] = led.sample(self.rng, count)
-            log_q = np.log1p(-share) + led.log_density(x[:, group])
-        inside = ((x >= prior.steps.lower) & (x <= prior.steps.upper)).all(axis=1)
-        x = np.clip(x, prior.steps.lower, prior.steps.upper)
-        past = prior.steps.log_density(x, prior.centres, prior.weights, [0])
-        if share > 0.0:
-            log_q = np.logaddexp(log_q, np.log(share) + past)
-        placed = self._placed(prior.reference, x)
-        target = past + self._evidence(message, placed, self.parts.of_part[0]) + self._outline(placed, 0)
-        log_weight = np.where(inside & np.isfinite(log_q), target - log_q, -np.inf)
-        if not np.isfinite(log_weight).any():
             return None
-        weights, log_mass = normalised(log_weight)
-        kept = systematic(self.rng, weights, len(weights))
-        return Drawn(x[kept], target[kept] - log_mass)
-
-    def _led(self, prior: Expected, message: Message) -> NormalMixture | None:
-        """Trunks where the features that they move may be: about the past, or, where that says nothing, at rest."""
-        body, group, on_trunk = self.parts.body, self.parts.dofs[0], self.parts.of_part[0]
-        names = [self.parts.features.names[f] for f in on_trunk]
-        told = message.guide.over(self.parts.features.names).marginal(names)
-        if self.past:
-            few = systematic(self.rng, prior.weights, min(_LED, len(prior.weights)))
-            centres, std = prior.centres[few], prior.steps.std[group] * self.settings.wide
-        else:
-            centres = np.tile(body.difference(prior.reference, body.neutral), (4, 1))
-            std = _rest_std(body)[group]
-        predicted = self._pixels(self._placed(prior.reference, centres))[:, on_trunk]
-        jacobian = np.empty((len(centres), len(on_trunk), 2, len(group)))
-        for k, dof in enumerate(group):
-            moved = centres.copy()
-            moved[:, dof] += _DIFFERENCE
-            there = self._pixels(self._placed(prior.reference, moved))[:, on_trunk]
-            jacobian[..., k] = (there - predicted) / _DIFFERENCE
-        if not (np.isfinite(predicted).all() and np.isfinite(jacobian).all()):
+        # parts were weighed by what is told of each alone: in the end by what is told of all
+        told = target.told(target.prepared(drawn.x))
+        possible = np.isfinite(told)
+        log_weight = np.where(possible, told - drawn.told, -np.inf)
+        box = Box(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
+        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering)
+        if result is None:
             return None
-        return led_kernels(self.rng, centres[:, group], std, told, predicted, jacobian)
-
-    def _limbs(self, prior: Expected, message: Message, trunks: Drawn, part: int) -> Drawn | None:
-        """Trunks with one of several draws of a limb on each, in proportion to their weights; None if none can be."""
-        s, count = self.settings, len(trunks.x)
-        x = np.repeat(trunks.x, s.draws, axis=0)
-        proposal, placed = self._seen_end(message, part), self._placed(prior.reference, x)
-        past = self.past or proposal is None
-        by_past = np.zeros(len(x), dtype=bool)
-        if past:
-            by_past[:] = True if proposal is None else self.rng.random(len(x)) < s.by_past
-        share = (1.0 if proposal is None else s.by_past) if past else 0.0
-        group, ok = self.parts.dofs[part], np.ones(len(x), dtype=bool)
-        if by_past.any():
-            rows = self.rng.choice(len(prior.centres), size=int(by_past.sum()), p=prior.weights)
-            x[np.ix_(by_past, group)] = prior.steps.moved_group(self.rng, prior.centres[rows], group)
-        if proposal is not None and not by_past.all():
-            arms = proposal.drawn(self.rng, placed.of(~by_past))
-            x[np.ix_(~by_past, group)] = arms.angles - prior.reference[proposal.ik.entries]
-            ok[~by_past] = arms.ok
-        before = prior.steps.log_density(x, prior.centres, prior.weights, [part])
-        log_q = np.log(share) + before if share > 0.0 else np.full(len(x), -np.inf)
-        if proposal is not None and share < 1.0:
-            angles = x[:, group] + prior.reference[proposal.ik.entries]
-            log_q = np.logaddexp(log_q, np.log1p(-share) + proposal.log_density(angles, placed))
-        placed = self._placed(prior.reference, x)
-        target = before + self._evidence(message, placed, self.parts.of_part[part]) + self._outline(placed, part)
-        log_weight = np.where(ok & np.isfinite(log_q), target - log_q, -np.inf).reshape(count, s.draws)
-        log_mass = np.logaddexp.reduce(log_weight, axis=1) - np.log(s.draws)
-        alive = np.isfinite(log_mass)
-        if not alive.any():
-            return None
-        level = np.cumsum(np.exp(log_weight[alive] - log_mass[alive, None] - np.log(s.draws)), axis=1)
-        taken = np.minimum((level < self.rng.random((len(level), 1)) * level[:, -1:]).sum(axis=1), s.draws - 1)
-        rows = np.flatnonzero(alive) * s.draws + taken
-        return Drawn(x[rows], trunks.explained[alive] + target[rows] - log_mass[alive])
-
-    def _seen_end(self, message: Message, part: int) -> ImageProposal | None:
-        """Where the image may show the end of a limb; None where nothing tells."""
-        name = self.parts.features.names[int(self.parts.of_part[part][-1])]
-        told = message.guide.over(self.parts.features.names).marginal([name])
-        seen = np.flatnonzero(told.known[:, 0])
-        if not len(seen):
-            return None
-        only = FeatureDensity(
-            told.names, told.log_weight[seen], told.known[seen], told.mean[seen], told.covariance[seen]
-        )
-        return ImageProposal(self.parts.ik[part - 1], self.camera, only)
-
-    def _evidence(self, message: Message, placed: PlacedBodies, features: np.ndarray | None) -> np.ndarray:
-        """Log density (N,) of some features of N poses, or of all, by what was told; -inf where they have no image."""
-        names = self.parts.features.names
-        chosen = np.arange(len(names)) if features is None else features
-        if not len(chosen):
-            return np.zeros(len(placed.q))
-        told = message.evidence.over(names).marginal([names[f] for f in chosen])
-        pixels = self._pixels(placed)[:, chosen]
-        whole = np.isfinite(pixels).all(axis=(1, 2))
-        value = np.full(len(pixels), -np.inf)
-        value[whole] = told.log_density(pixels[whole])
-        return value
-
-    def _outline(self, placed: PlacedBodies, part: int | None) -> np.ndarray:
-        """What the picture says (N,) of the limbs that a part moves, or of all."""
-        if self.outlines is None:
-            return np.zeros(len(placed.q))
-        if part is None:
-            return self.outlines.log_likelihood(placed)
-        return np.asarray(self.outlines.values(placed, self.parts.shapes[part])[0].sum(axis=1))
+        if anew < 0:
+            self.told["samples"], self.told["effective_sample_size"] = float(possible.sum()), result.effective
+            self.told["powers"], self.told["accepted"] = float(result.powers), result.accepted
+        return result._replace(log_evidence=result.log_evidence + drawn.log_evidence)
 
     def without_samples(self, prior: Expected) -> tuple[Crowd, float]:
         """Where the image shows nothing that a pose could be drawn from: what was expected."""
-        self.told["samples"] = 0.0
-        self.told["effective_sample_size"] = 0.0
-        q = self._placed(prior.reference, prior.samples).q
-        return Crowd(q, np.full(len(q), 1.0 / len(q)), prior.reference), -np.inf
+        self.told["samples"], self.told["effective_sample_size"] = 0.0, 0.0
+        return self._even(prior, prior.samples), -np.inf
 
-    def _placed(self, reference: np.ndarray, x: np.ndarray) -> PlacedBodies:
-        """Poses at tangents x (N, nv) from a reference (nq,)."""
-        body = self.body
-        return body.placed(body.integrated(np.tile(reference, (len(x), 1)), x))
+    def _by_past(self, target: PoseTarget) -> tuple[Crowd, float]:
+        """Whole poses of the past, selected by features and outlines (Isard and Blake 1998)."""
+        x = target.prior.samples
+        placed = target.prepared(x)
+        log_weight = target.told(placed) + target.likelihood(placed)
+        if not np.isfinite(log_weight).any():
+            return self.without_samples(target.prior)
+        weights, log_mean = normalised(log_weight)
+        self.told["samples"] = float(np.isfinite(log_weight).sum())
+        self.told["effective_sample_size"] = effective_count(weights)
+        return self._even(target.prior, x[systematic(self.rng, weights, len(x))]), log_mean
 
-    def _pixels(self, placed: PlacedBodies) -> np.ndarray:
-        """Features (N, F, 2) [px]; NaN where they have no image."""
-        return self.camera.project(self.parts.features.points(placed))
+    def _target(self, prior: Expected, message: Message | None) -> PoseTarget:
+        told = nothing_seen(self.parts.features.names) if message is None else message
+        return PoseTarget(self.parts, self.camera, self.outlines, prior, told)
+
+    def _even(self, prior: Expected, x: np.ndarray) -> Crowd:
+        """Poses at tangents x (N, nv), each as likely as the others."""
+        q = self.body.integrated(np.tile(prior.reference, (len(x), 1)), x)
+        return Crowd(q, np.full(len(q), 1.0 / len(q)), prior.reference)
 
 
-def _rest_std(body: Body) -> np.ndarray:
-    """How far from rest joints are (nv,), by their stabilisers."""
-    std = np.full(body.nv, 1.0)
-    for stabiliser in body.subject.stabilisers:
-        if body.model.existJointName(stabiliser.joint):
-            std[body.place(stabiliser.joint).v] = stabiliser.std
-    return std
+def _shares(prior: np.ndarray, log_evidence: np.ndarray) -> tuple[np.ndarray, float]:
+    """Posterior shares (S,) of strata with prior shares (S,) by their evidence, 0 where none has any; and the logarithm
+    of the evidence of all."""
+    if not np.isfinite(log_evidence).any():
+        return np.zeros(len(prior)), -np.inf
+    highest = log_evidence.max()
+    each = prior * np.exp(log_evidence - highest)
+    return each / each.sum(), float(highest + np.log(each.sum()))

@@ -9,6 +9,7 @@ import numpy as np
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.point_features import PointFeatures
 from estimator.search.proposals.limb_ik import LimbIK
+from estimator.search.rest import Rest
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limbs_on_joints
 from humanoid.support.errors import InputError
@@ -20,7 +21,7 @@ class PoseParts:
 
     dofs: of each part. features: what is predicted of the body in an image; of_part: which of them each part moves, the
     trunk's first. ik: of each limb, for its outermost feature. shapes: for each part, which limbs of `graph` (G,) bool
-    its degrees of freedom move, and no part after it.
+    its degrees of freedom move, and no part after it. rest: what joints return to.
     """
 
     body: Body
@@ -30,6 +31,7 @@ class PoseParts:
     of_part: tuple[np.ndarray, ...]
     ik: tuple[LimbIK, ...]
     shapes: tuple[np.ndarray, ...]
+    rest: Rest
 
     @staticmethod
     def of(body: Body, anatomy: Anatomy, features: PointFeatures, graph: LimbGraph) -> PoseParts:
@@ -63,6 +65,7 @@ class PoseParts:
             (on_trunk, *(features.ends(k) for k in chosen)),
             tuple(ik),
             (np.asarray(~np.any(by_limb, axis=0)), *by_limb),
+            Rest.of(body),
         )
 
     @property

@@ -60,7 +60,9 @@ class PosePrior(BatchTerm):
         cholesky = np.linalg.cholesky(covariance)
         whiten = np.linalg.inv(cholesky)
         self._whiten_t = np.ascontiguousarray(whiten.transpose(0, 2, 1))
-        self._precision = np.ascontiguousarray(self._whiten_t @ whiten)
+        product = self._whiten_t @ whiten
+        # to the bit: which of two equal sums a matrix product rounds how is the machine's own choice
+        self._precision = np.ascontiguousarray(0.5 * (product + product.transpose(0, 2, 1)))
         self._log_share = np.log(share) + _log_heights(cholesky, std)
         self._log_background, self._weight = math.log(mixture.background), float(weight)
 

@@ -56,6 +56,15 @@ class GoesByCue(Protocol):
 
 
 @runtime_checkable
+class SeesOtherwise(Protocol):
+    """May have gone by more than what was observed, and says so in its results."""
+
+    def seen_as(self, observation: Observation, result: FrameResult) -> Observation:
+        """The frame as it was to the tracker."""
+        ...
+
+
+@runtime_checkable
 class ShowsMore(Protocol):
     """Has pictures of its own for an explanation of a frame."""
 

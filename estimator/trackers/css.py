@@ -221,7 +221,7 @@ def _rise(candidates: Sequence[Candidate], prior: Mixture) -> float:
     return best.energy - prior.modes[best.hypothesis.parent].energy
 
 
-_IDLE = (
+IDLE = (
     idle_where("css.other_readings", search__exchange=False),
     idle_where(
         "search.follow", css__keep=False, css__other_readings=0, css__jumps=0, css__limb_searches=0, css__exchanges=0,
@@ -246,6 +246,7 @@ _IDLE = (
     idle_without(ONE_CAMERA, "css.jumps css.jump_penalty css.exchanges"),
     idle_without(PICTURES, "css.momentum css.limb_searches css.limb_samples css.limb_penalty css.exchanges"),
 )  # fmt: skip
+"""What has no effect on it (`estimator.trackers.spec.Spec.idle`)."""
 
 
 def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str, Any]) -> Spec:
@@ -256,7 +257,7 @@ def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str
         group="css",
         settings=settings,
         defaults=defaults,
-        idle=_IDLE,
+        idle=IDLE,
         shares_work=lambda own: True,
         may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
     )

@@ -4,36 +4,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.cost.model import image_extent
 from estimator.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
-from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
-from estimator.imaging.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
+from estimator.imaging.skin import SkinModel, SkinSettings
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED, messages
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.chains.kalman import PointChain, Points, PointSettings
 from estimator.inference.particles import Particles
+from estimator.inference.tempering import TemperingSettings
 from estimator.likelihood.outline_values import OutlineLikelihood, OutlineSettings
 from estimator.modes.mixture import Mixture
-from estimator.search.feature_detections import of_blobs
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
-from estimator.search.point_features import HEAD, skin_features
-from estimator.search.pose_chain import Crowd, PoseChain, PoseChainSettings
+from estimator.search.pose_chain import BY_PAST, Crowd, PoseChain, PoseChainSettings
 from estimator.search.pose_parts import PoseParts
-from estimator.trackers.beginning import Begins
+from estimator.search.seen_features import KEYPOINTS, KINDS, SKIN, KeypointFeatures, SeenFeatures, SkinFeatures
+from estimator.trackers.beginning import Begins, observable
+from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import MixtureState, judged
-from estimator.trackers.particle_set import FrameEnergy, Summary, first_particle_set, summarised
+from estimator.trackers.mixture_state import MixtureState, judged, result_of
+from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.limbs.graph import limb_graph
-from humanoid.support.errors import InputError
+from humanoid.subject.landmarks import mirror_index
+from humanoid.support.idle import PICTURES, idle_where, idle_without
 from humanoid.support.settings import check, setting
 
 _FIELDS = {
@@ -49,13 +49,16 @@ _SKIN = "skin_"
 class DualChainSettings:
     """The chains.
 
-    pose: how poses are drawn. points: how points move. chain: whether there is a chain of points at all. exchange: what
-    chains tell each other, see `estimator.inference.chains.exchange.messages`. past: whether poses also come from the
-    past, see `PoseChain`. evidence, skin, outline: what pictures say. modes: hypotheses reported at most. cluster:
-    radius of a hypothesis, root mean square distance of landmarks as a fraction of the body's size.
+    features: what they share, "skin", face and hands as blobs in the picture, or "keypoints", all landmarks. pose: how
+    poses are drawn. points: how points move. chain: whether there is a chain of points at all. exchange: what chains
+    tell each other, see `estimator.inference.chains.exchange.messages`. past: whether poses also come from the past,
+    see `PoseChain`. evidence, skin, outline: what pictures say. face_model: file of a face detector, which helps where
+    features are of skin; none unless given. modes: hypotheses reported at most. cluster: radius of a hypothesis, root
+    mean square distance of landmarks as a fraction of the body's size.
     Raises InputError where a value cannot be.
     """
 
+    features: str = setting(SKIN, one_of=KINDS)
     pose: PoseChainSettings = field(default_factory=PoseChainSettings)
     points: PointSettings = field(default_factory=PointSettings)
     chain: bool = True
@@ -63,6 +66,7 @@ class DualChainSettings:
     past: bool = True
     evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     skin: SkinSettings = field(default_factory=SkinSettings)
+    face_model: str = ""
     outline: OutlineSettings = field(default_factory=OutlineSettings)
     modes: int = setting(5, at_least=1)
     cluster: float = setting(0.1, above=0)
@@ -74,14 +78,14 @@ class DualChainSettings:
 @dataclass(frozen=True, eq=False)
 class DualState:
     """The hypotheses, the time [s] they belong to, the poses q (N, nq) they were made of with the hypothesis of each,
-    owner (N,), the points, and what skin looks like."""
+    owner (N,), the points, what skin looks like, None where features are keypoints."""
 
     mixture: Mixture
     time: float
     q: np.ndarray
     owner: np.ndarray
     points: Points
-    skin: SkinModel
+    skin: SkinModel | None
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
@@ -90,69 +94,96 @@ class DualState:
             **self.points.arrays(),
             "pose_q": self.q,
             "pose_owner": self.owner,
-            **{_SKIN + name: value for name, value in self.skin.arrays().items()},
+            **({_SKIN + name: value for name, value in self.skin.arrays().items()} if self.skin else {}),
         }
 
 
 class DualChain(Begins):
     """The recipe. It begins as every tracker does, and learns the colour of skin from the keypoints of that frame.
 
-    Of every searched frame it tells samples, how many poses could be drawn, effective_sample_size, and features
-    (F, 2) [px] with feature_covariance (F, 2, 2), what is believed of the points.
+    Of every frame it tells samples, how many poses could be drawn, effective_sample_size, and features (F, 2) [px] with
+    feature_covariance (F, 2, 2), what is believed of the points.
     """
 
     def __init__(self, search: ModeSearch, settings: DualChainSettings | None = None) -> None:
         self.search = search
         self.body = search.body
-        self.settings = settings or DualChainSettings()
-        self._summary = Summary.of(self.body, self.settings.modes, self.settings.cluster)
+        s = self.settings = settings or DualChainSettings()
+        self._summary = Summary.of(self.body, s.modes, s.cluster)
+        # a keypoint is of one landmark; what hides a hand makes no keypoint of it
+        self._evidence = s.evidence if s.features == SKIN else replace(s.evidence, shared=0.0)
+        self.seen: SeenFeatures = (
+            SkinFeatures(search.model, s.skin, s.face_model) if s.features == SKIN else KeypointFeatures(search.model)
+        )
+
+    @property
+    def needed_cues(self) -> tuple[str, ...]:
+        """See `estimator.trackers.capabilities.GoesByCue`."""
+        return self.seen.needed_cues or super().needed_cues
 
     @cached_property
     def parts(self) -> PoseParts:
-        """The body's parts, with face and hands as features."""
-        anatomy = anatomy_of(self.body)
-        return PoseParts.of(self.body, anatomy, skin_features(self.body, anatomy), limb_graph(self.body))
+        """The body's parts, with what is seen as features."""
+        return PoseParts.of(self.body, anatomy_of(self.body), self.seen.features, limb_graph(self.body))
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[DualState, FrameResult]:
         """See `estimator.trackers.base.Tracker`.
 
         Raises
         ------
-        InputError: no picture, several cameras, or no skin in the first picture.
+        InputError: a body without such features, several cameras; no picture, or no skin in it, where that is needed.
         """
-        s = self.settings
+        s, parts = self.settings, self.parts
+        self.seen.check(observation)
         first, result = first_particle_set(self.search, rng, observation, s.modes, s.pose.particles)
-        cues = _only_picture(observation)
-        extent = self._extent(cues.camera, first.mixture.modes[0].q)
-        features = self.parts.features
-        pixels = cues.camera.project(features.points(self.body.placed(first.particles.states)))
-        middle = np.nanmean(pixels, axis=0)
-        assert cues.picture is not None
-        faces = np.array([name == HEAD for name in features.names])
-        source = f"frame {observation.index} of {cues.camera.name}"
-        skin = learned_skin(cues.picture, middle, faces, extent, s.skin, source, _foreground(cues))
-        flat = pixels.reshape(len(pixels), -1) - middle.ravel()
-        covariance = flat.T @ flat / len(flat) + 4.0 * np.eye(flat.shape[1])
-        points = PointChain(features.names, extent, s.points).begun(middle, covariance)
-        q, owner = first.particles.states, first.particles.owner
-        return DualState(first.mixture, first.time, q, owner, points, skin), result
+        camera, states = observation.cameras[0], first.particles.states
+        pixels = camera.project(parts.features.points(self.body.placed(states))).reshape(len(states), -1)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
+        middle = (
+            pixels.mean(axis=0) if len(pixels) else np.tile(0.5 * np.array(camera.image_size), parts.features.count)
+        )
+        covariance = (pixels - middle).T @ (pixels - middle) / max(len(pixels), 1) + 4.0 * np.eye(len(middle))
+        skin = self.seen.learned(observation, middle.reshape(-1, 2))
+        extent = self.search.model.extent(camera, first.mixture.modes[0].q)
+        points = self._points(extent).begun(middle.reshape(-1, 2), covariance)
+        return DualState(first.mixture, first.time, states, first.particles.owner, points, skin), result
 
     def step(
         self, rng: np.random.Generator, state: DualState, observation: Observation
     ) -> tuple[DualState, FrameResult]:
         """See `estimator.trackers.base.Tracker`."""
         s, dt = self.settings, observation.time - state.time
-        cues, reference = _only_picture(observation), state.mixture.modes[0].q
-        extent = self._extent(cues.camera, reference)
-        outlines = OutlineLikelihood(self.body, self.parts.graph, cues, extent, s.outline)
+        camera, reference = observation.cameras[0], state.mixture.modes[0].q
         std = s.pose.noise * self.search.model.transition_std(dt)
-        pose = PoseChain(rng, self.parts, cues.camera, outlines, std, s.pose, s.past, {})
-        points = PointChain(self.parts.features.names, extent, s.points)
-        weights = np.full(len(state.q), 1.0 / len(state.q))
-        expected = pose.predict(Crowd(state.q, weights, reference), dt)
-        going = points.predict(state.points, dt)
+        pose = PoseChain(rng, self.parts, camera, self._outlines(observation, reference), std, s.pose, s.past, {})
+        points = self._points(self.search.model.extent(camera, reference))
+        detections = self.seen.detected(observation, state.skin)
+        crowd, after = self._updated(state, pose, points, detections, dt)
+        energy = FrameEnergy(self.search, observation, state.mixture)
+        particles = Particles(crowd.q, crowd.weights, np.zeros(len(crowd.q), dtype=np.int64))
+        mixture, owner = summarised(self.search, energy, particles, crowd.q, state.mixture, dt, self._summary)
+        told = {name: np.array(value) for name, value in pose.told.items()} | _of_points(points.features(after))
+        if observable(observation) or len(detections.mean):
+            _, result = judged(self.search, observation, mixture, told)
+        else:
+            result = result_of(observation, mixture, "unobserved", told)
+        return DualState(mixture, observation.time, crowd.q, owner, after, state.skin), result
+
+    def _points(self, size: float) -> PointChain:
+        """For a person of a size [px]. Blobs of both hands are alike; a keypoint has a name."""
+        names = self.parts.features.names
+        pairs = tuple((a, int(b)) for a, b in enumerate(mirror_index(names)) if a < b)
+        return PointChain(names, size, self.settings.points, pairs if self.settings.features == SKIN else ())
+
+    def _updated(
+        self, state: DualState, pose: PoseChain, points: PointChain, detections: Detections, dt: float
+    ) -> tuple[Crowd, Points]:
+        """Both chains after the four steps of section 3; without a chain of points these only go on."""
+        s = self.settings
+        crowd = Crowd(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
+        expected, going = pose.predict(crowd, dt), points.predict(state.points, dt)
         said = [pose.features(expected), points.features(going)] if s.chain else [pose.features(expected)]
-        evidence = evidence_of(self._detected(cues, state.skin), s.evidence, said[-1])
+        evidence = evidence_of(detections, self._evidence, said[-1])
         if not s.past:
             evidence = _of_all(evidence)
         told = messages(said, evidence, s.exchange if s.chain else APART)
@@ -160,23 +191,12 @@ class DualChain(Begins):
             crowd, _ = pose.update(expected, told[0])
         else:
             crowd, _ = pose.without_samples(expected)
-        after = points.update(going, told[1])[0] if s.chain else going
-        energy = FrameEnergy(self.search, observation, state.mixture)
-        particles = Particles(crowd.q, crowd.weights, np.zeros(len(crowd.q), dtype=np.int64))
-        mixture, owner = summarised(self.search, energy, particles, crowd.q, state.mixture, dt, self._summary)
-        extra = {name: np.array(value) for name, value in pose.told.items()}
-        believed = points.features(after)
-        extra["features"] = believed.mean[0]
-        extra["feature_covariance"] = np.array(
-            [believed.covariance[0, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(believed.names))]
-        )
-        _, result = judged(self.search, observation, mixture, extra)
-        return DualState(mixture, observation.time, crowd.q, owner, after, state.skin), result
+        return crowd, points.update(going, told[1])[0] if s.chain else going
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> DualState:
         """See `estimator.trackers.base.Tracker`."""
         summary = MixtureState.from_arrays(arrays, self.body, minima=False)
-        count = len(self.parts.features.names)
+        count = self.parts.features.count
         sizes = {"nq": self.body.nq, "F": count, "4": 4, "D": 4 * count}
         check_arrays(arrays, _FIELDS, {**sizes, "N": length_of(arrays, "pose_owner")})
         check_configurations(self.body, arrays["pose_q"], "pose_q")
@@ -186,34 +206,23 @@ class DualChain(Begins):
         if np.linalg.eigvalsh(arrays["point_covariance"])[0] <= 0.0:
             raise DamageError("point_covariance is none")
         own = {name.removeprefix(_SKIN): value for name, value in arrays.items() if name.startswith(_SKIN)}
-        skin = SkinModel.from_arrays(own)
+        skin = SkinModel.from_arrays(own) if self.settings.features == SKIN else None
         return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, Points.from_arrays(arrays), skin)
 
-    def _detected(self, cues: ImageCues, skin: SkinModel) -> Detections:
-        """Blobs of skin in the picture, in the foreground where that is known."""
-        if cues.picture is None:
-            return Detections.none(self.parts.features.names)
-        blobs = skin_blobs(cues.picture, skin, _foreground(cues), self.settings.skin)
-        return of_blobs(self.parts.features.names, blobs)
-
-    def _extent(self, camera: Camera, q: np.ndarray) -> float:
-        """The body's size in the image [px] at q (nq,)."""
-        pixels = camera.project(self.body.landmarks(self.body.at(q)))
-        return image_extent(pixels, np.isfinite(pixels).all(axis=1).astype(float))
+    def _outlines(self, observation: Observation, q: np.ndarray) -> OutlineLikelihood | None:
+        """What the picture says of whole poses, None without one; q (nq,): about where the body is."""
+        if not observation.cues:
+            return None
+        cues = observation.cues[0]
+        return OutlineLikelihood(
+            self.body, self.parts.graph, cues, self.search.model.extent(cues.camera, q), self.settings.outline
+        )
 
 
-def _only_picture(observation: Observation) -> ImageCues:
-    """The cues of the only camera; InputError where there are none, or several."""
-    if len(observation.cues) != 1:
-        problem = f"goes by the picture of one camera, there are {len(observation.cues) or 'no'} to look at"
-        raise InputError("dual-chain", problem, remedy="one clip, with --cues edges,silhouette")
-    return observation.cues[0]
-
-
-def _foreground(cues: ImageCues) -> np.ndarray | None:
-    """(H, W) bool: where the person can be, None where that is not known."""
-    silhouette = cues.get("silhouette")
-    return None if silhouette is None else silhouette.mask
+def _of_points(believed: FeatureDensity) -> dict[str, np.ndarray]:
+    """What a frame tells of the chain of points."""
+    blocks = [believed.covariance[0, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(believed.names))]
+    return {"features": believed.mean[0], "feature_covariance": np.array(blocks)}
 
 
 def _of_all(evidence: Evidence) -> Evidence:
@@ -224,3 +233,54 @@ def _of_all(evidence: Evidence) -> Evidence:
     d = evidence.density
     density = FeatureDensity(d.names, d.log_weight[whole], d.known[whole], d.mean[whole], d.covariance[whole])
     return Evidence(density, evidence.detection[whole])
+
+
+_PLAIN = PoseChainSettings(tempering=TemperingSettings(powers=1))
+_IDLE = (
+    ONLY_TO_BEGIN,
+    *DYNAMICS_ALONE,
+    idle_where(
+        "dual_chain.skin dual_chain.face_model dual_chain.evidence.shared dual_chain.points.mistaken",
+        dual_chain__features=KEYPOINTS,
+    ),
+    idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
+    idle_where(
+        "dual_chain.pose.kernels dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.tempering",
+        dual_chain__pose__draws=BY_PAST,
+    ),
+    idle_where("dual_chain.pose.by_past dual_chain.pose.by_image", dual_chain__past=False),
+    idle_where("dual_chain.pose.groups", dual_chain__chain=False),
+    idle_where("dual_chain.pose.wide", dual_chain__pose__far=0.0),
+    idle_where("dual_chain.pose.renewed", dual_chain__pose__lost=0.0),
+    idle_where(
+        "dual_chain.pose.tempering.survival dual_chain.pose.tempering.moves", dual_chain__pose__tempering__powers=1
+    ),
+    idle_where("dual_chain.cluster", dual_chain__modes=1),
+    idle_without(PICTURES, "dual_chain.outline"),
+)
+
+
+def _spec(name: str, sentence: str, settings: DualChainSettings) -> Spec:
+    return Spec(
+        name=name,
+        sentence=sentence,
+        make=by_search(DualChain),
+        group="dual_chain",
+        settings=settings,
+        defaults=FROM_A_PAPER,
+        idle=_IDLE,
+    )
+
+
+SPECS = (
+    _spec(
+        "dual-chain",
+        "poses and points in the image that correct each other (Taycher et al. 2004)",
+        DualChainSettings(),
+    ),
+    _spec(
+        "likelihood-sampling",
+        "poses drawn from where the image shows face and hands, without points (Taycher and Darrell 2003)",
+        DualChainSettings(chain=False, past=False, pose=_PLAIN),
+    ),
+)

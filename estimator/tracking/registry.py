@@ -7,7 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimator.trackers import annealed, condensation, css, elmo, loose_limbed, multiple_hypothesis, single_mode
+from estimator.trackers import (
+    annealed,
+    condensation,
+    css,
+    css_dual,
+    dual_chain,
+    elmo,
+    loose_limbed,
+    multiple_hypothesis,
+    single_mode,
+)
 from estimator.trackers.base import Tracker
 from estimator.trackers.spec import Spec
 from estimator.tracking.setting_changes import changed, former_names, refused, renamed
@@ -43,6 +53,8 @@ TRACKERS: Registry[Spec] = Registry(
         *multiple_hypothesis.SPECS,
         *elmo.SPECS,
         loose_limbed.SPEC,
+        *dual_chain.SPECS,
+        css_dual.SPEC,
     ),
     _check,
 )

@@ -189,15 +189,22 @@ class Body(Summarised):
         """Forward kinematics alone at q (N, nq): the placements of `at`, to the last bit."""
         return PlacedBodies(q, self._kinematics.placed(q))
 
+    def spatial_jacobians(self, q: np.ndarray) -> np.ndarray:
+        """The spatial Jacobians (N, nc, 6) of `at`, to the last bit, at q (N, nq)."""
+        return self._kinematics.columns(q)
+
     def integrate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """q (+) v on the configuration manifold, (nq,); angles are kept inside the limits to the last bit."""
         return self.clamp(pin.integrate(self.model, q, v))
 
     def integrated(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """`integrate` of many: q (N, nq) (+) v (N, nv), (N, nq)."""
-        moved = np.empty_like(q)
-        for row, each, step in zip(moved, q, v, strict=True):
-            row[:] = pin.integrate(self.model, each, step)
+        if self.nq == self.nv:  # joints of one degree of freedom alone, to which it is added
+            moved = q + v
+        else:
+            moved = np.empty_like(q)
+            for row, each, step in zip(moved, q, v, strict=True):
+                row[:] = pin.integrate(self.model, each, step)
         _clamp_each(moved, self.bounded_q, self.lower, self.upper)
         return moved
 

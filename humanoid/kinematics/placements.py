@@ -30,6 +30,10 @@ class Kinematics(Protocol):
         """Placements (N, njoints, 12) alone at q (N, nq), the same to the last bit."""
         ...
 
+    def columns(self, q: np.ndarray) -> np.ndarray:
+        """Spatial Jacobians (N, nc, 6) alone at q (N, nq), the same to the last bit."""
+        ...
+
 
 def kinematics_of(model: pin.Model) -> Kinematics:
     """The fastest kinematics that fits into the memory."""
@@ -61,6 +65,14 @@ class DataKinematics:
             row[:] = _gathered_placements(data) if raw is None else raw
         return placements
 
+    def columns(self, q: np.ndarray) -> np.ndarray:
+        """See `Kinematics`."""
+        columns = np.empty((len(q), *self._raw_columns.shape))
+        for row, each in zip(columns, q, strict=True):
+            pin.computeJointJacobians(self._model, self._data, each)
+            row[:] = self._raw_columns
+        return columns
+
 
 class JointKinematics:
     """Joint by joint: a hundred times as slow as `DataKinematics`, in memory that grows with nv only."""
@@ -75,6 +87,10 @@ class JointKinematics:
     def placed(self, q: np.ndarray) -> np.ndarray:
         """See `Kinematics`."""
         return np.array([self.at(each)[0] for each in q]).reshape(-1, self._model.njoints, _SE3_DOUBLES)
+
+    def columns(self, q: np.ndarray) -> np.ndarray:
+        """See `Kinematics`."""
+        return np.array([self.at(each)[1] for each in q]).reshape(-1, self._model.nvExtended, 6)
 
     def at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Kinematics`."""

@@ -18,6 +18,15 @@ class IdleRule(NamedTuple):
     because: str = ""
     needs: str = ""
 
+    def of_group(self, old: str, new: str) -> IdleRule:
+        """The same of settings that stand in the group `new` instead of `old`."""
+
+        def moved(name: str) -> str:
+            return new + name[len(old) :] if name == old or name.startswith(f"{old}.") else name
+
+        names = tuple(moved(name) for name in self.names)
+        return self._replace(names=names, where=tuple((moved(name), value) for name, value in self.where))
+
     @property
     def reason(self) -> str:
         """Why they have none."""

@@ -82,8 +82,9 @@ def render(
     Parameters
     ----------
     motion
-        reach, arm, pivot, turn_reach; random, for any subject; a BVH file of a person; or a csv or npz of the
-        subject's joints over time (columns time and JOINT_deg, JOINT_rad or JOINT_m, or as exported).
+        reach, arm, pivot, turn_reach, reach_out, cross_arms, talk; random, for any subject; a BVH file of a person; or
+        a csv or npz of the subject's joints over time (columns time and JOINT_deg, JOINT_rad or JOINT_m, or as
+        exported).
     out
         Folder for the files.
     subject

@@ -59,6 +59,33 @@ def overlay(run: Path, /, *, out: Path, camera: str | None = None, limbs: Flag =
     print(km.overlay(run, out, camera=camera, limbs=limbs, progress=km.reported))
 
 
+def samples(
+    run: Path, /, *, out: Path, frames: int = 6, count: int = 40, seed: int = 0, camera: str | None = None
+) -> None:
+    """Draw poses of the posterior over pictures of a run, and from the side.
+
+    Example: kinemode samples walk.run --out walk.png
+
+    Parameters
+    ----------
+    run
+        A run file.
+    out
+        A file ending in .png.
+    frames
+        Instants, evenly spaced.
+    count
+        Poses of each instant, drawn from its calibrated posterior, all hypotheses together.
+    seed
+        Of what is drawn.
+    camera
+        Name of the camera to look through; the first unless given.
+    """
+    import kinemode as km
+
+    print(km.samples(run, out, frames=frames, count=count, seed=seed, camera=camera))
+
+
 def report(run: Path, /, *, out: Path) -> None:
     """Write a page about a run to read, print and send on: film, joint angles, ranges of motion, doubts, settings.
 

@@ -32,6 +32,7 @@ from kinemode.inputs.doubts import checked_agreement
 from kinemode.inputs.files import BACKGROUND, CLIP, DEPTH, KEYPOINTS, MASK, InputFiles
 from kinemode.inputs.named import chosen_names, matched, named_paths
 from kinemode.inputs.persons import persons_of
+from kinemode.inputs.placing import before_subject
 from kinemode.inputs.synchrony import synchronised_clocks
 from kinemode.terminal.program import command
 
@@ -194,6 +195,9 @@ def _inputs(
     notes = [*read.notes, *choice_notes]
     notes += [f"{name}: {note}" for name, track in tracks.items() for note in track.notes]
     notes += [*size_notes, *read.clock_notes, *notes_on_time(clocks, line)]
+    if read.known.cameras is None and not body.has_free_root:
+        used, of_place = before_subject(body, tracks, used)
+        notes += of_place
     check_together(pairs, clocks, line)
     for name, path in read.masks.items():
         _check_masks(path, int(line.frames[name].max()) + 1)

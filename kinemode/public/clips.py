@@ -42,9 +42,10 @@ def render(
 
     Parameters
     ----------
-    motion: "reach", "arm", "pivot", "turn_reach"; "random", smooth, within the limits of any subject and without
-        overlaps; a BVH file; or a csv or npz of the subject's joints over time, as `export` and `render` write them or
-        with columns time and JOINT_rad, JOINT_deg, JOINT_m (see `estimator.synthesis.motion_file.motion_of`).
+    motion: "reach", "arm", "pivot", "turn_reach", "reach_out", "cross_arms", "talk"; "random", smooth, within the
+        limits of any subject and without overlaps; a BVH file; or a csv or npz of the subject's joints over time, as
+        `export` and `render` write them or with columns time and JOINT_rad, JOINT_deg, JOINT_m (see
+        `estimator.synthesis.motion_file.motion_of`).
     subject: the body in the pictures, a name, a path or a subject; unless given the one the motion is made for.
     proportions: scales of its lengths, see `Subject.scaled`. shape: its flesh then, see `Subject.reshaped`.
     girth: factor on the cross-sections of its limbs, after all that.

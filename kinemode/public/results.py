@@ -151,6 +151,38 @@ def plot(
     return write_joint_plot(opened, Path(file), joints)
 
 
+def samples(
+    run: RunLike, file: PathLike, *, frames: int = 6, count: int = 40, seed: int = 0, camera: str | None = None
+) -> Path:
+    """Draw poses of the posterior over pictures of a run, and from the side, and return the file's path.
+
+    Where a skeleton is bright many of them agree; what the image leaves open, as depth does, lies apart from the side.
+
+    Parameters
+    ----------
+    run: a run, or the path of its file; one that is not finished is drawn as far as it goes.
+    file: ending in .png.
+    frames: instants, evenly spaced among those with a pose.
+    count: poses of each instant, drawn from its calibrated posterior, all hypotheses together.
+    seed: of what is drawn.
+    camera: name of the camera to look through; the first unless given.
+
+    Raises
+    ------
+    InputError: no run, one without a pose, no such camera, another ending, a file that cannot be written.
+    """
+    check_arguments(run=run, file=file, seed=seed)
+    check_as("seed", frames=frames, count=count)
+    for name, value in (("frames", frames), ("count", count)):
+        if value < 1:
+            raise InputError(name, f"{value} is too few", remedy="1 or more")
+    if Path(file).suffix.lower() != ".png":
+        raise InputError(file, "is no picture", remedy="let it end in .png")
+    from viz.pictures.pose_samples import write_samples
+
+    return write_samples(_opened(run), Path(file), frames=frames, count=count, seed=seed, camera=camera)
+
+
 def export(
     run: RunLike,
     file: PathLike,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,9 @@ import numpy as np
 
 from estimator.inference.chains.feature_density import FeatureDensity
 from humanoid.support.settings import check, setting
+
+_WAYS = 600  # that are looked at
+_CLOSER = 4  # times as many as are kept are looked at closer
 
 
 @dataclass(frozen=True)
@@ -23,7 +27,7 @@ class EvidenceSettings:
 
     detected: float = setting(0.9, above=0, below=1)
     clutter: float = setting(0.5, above=0)
-    shared: float = setting(0.3, at_least=0, at_most=1)
+    shared: float = setting(1.0, at_least=0, at_most=1)
     most: int = setting(40, at_least=1)
 
     def __post_init__(self) -> None:
@@ -72,48 +76,102 @@ def evidence_of(detections: Detections, settings: EvidenceSettings, prior: Featu
     weighs `shared`, or 1 in one that is merged, in its middle, and falls off as its density does.
 
     prior: what is expected of the features. It decides which associations are kept, and is in none of the weights.
+    Where there are more than some hundreds, the unlikeliest pairs of a feature and a detection are in none.
     """
-    ways = np.array(list(_associations(detections, settings.shared)), dtype=np.int64).reshape(-1, len(detections.names))
-    log_weight = np.array([_log_weight(detections, settings, way) for way in ways])
-    ways, log_weight = ways[np.isfinite(log_weight)], log_weight[np.isfinite(log_weight)]
+    pairs = _Pairs.of(detections, settings, prior)
+    able = _candidates(pairs)
+    ways = np.array(list(_associations(detections, able, settings.shared)), dtype=np.int64)
+    ways = ways.reshape(-1, len(detections.names))
+    log_weight, roughly = pairs.summed(ways)
+    likely = np.isfinite(log_weight)
+    if prior is not None and likely.sum() > _CLOSER * settings.most:
+        # features are only looked at together where each by itself may be so
+        likely[np.argsort(-roughly, kind="stable")[_CLOSER * settings.most :]] = False
+    ways, log_weight = ways[likely], log_weight[likely]
     density = _density(detections, ways, log_weight)
     if len(ways) > settings.most:
-        score = log_weight if prior is None else _agreement(density, prior)
+        score = log_weight if prior is None else density.log_mass(prior.over(density.names))
         kept = np.sort(np.argsort(-score, kind="stable")[: settings.most])
         ways, density = ways[kept], _density(detections, ways[kept], log_weight[kept])
     return Evidence(density, ways)
 
 
-def _associations(detections: Detections, shared: float) -> Iterator[tuple[int, ...]]:
-    """The number of every feature's detection, -1 for none; at most two features have the same one."""
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """What a feature and a detection weigh together, as logarithms (F, D + 1), the last for none; -inf where they
+    cannot be. first: where no feature before has the same, second: where one has. expected: of the detection by what is
+    expected of the feature, 0 where nothing is."""
+
+    first: np.ndarray
+    second: np.ndarray
+    expected: np.ndarray
+
+    @staticmethod
+    def of(detections: Detections, settings: EvidenceSettings, prior: FeatureDensity | None) -> _Pairs:
+        size, count = len(detections.names), len(detections.mean)
+        first, second = np.full((2, size, count + 1), np.log1p(-settings.detected))
+        with np.errstate(divide="ignore"):
+            first[:, :-1] = np.log(settings.detected * detections.suits.T) - np.log(settings.clutter * 1e-6)
+        for d in range(count):
+            # what another hides makes no detection of its own: it is somewhere in that one, a density without clutter
+            share = 1.0 if detections.merged[d] else settings.shared
+            second[:, d] = np.log(max(share, 1e-300)) + _log_area(detections.covariance[d])
+        expected = np.zeros_like(first)
+        if prior is not None:
+            expected[:, :-1] = _expected(detections, prior.over(detections.names).collapsed())
+        return _Pairs(first, second, expected)
+
+    def summed(self, ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of ways (K, F): their weights as logarithms (K,), and with what is expected of each feature alone."""
+        feature = np.arange(ways.shape[1])
+        before = np.tri(ways.shape[1], k=-1, dtype=bool)
+        again = (((ways[:, :, None] == ways[:, None, :]) & before).any(axis=2)) & (ways >= 0)
+        each = np.where(again, self.second[feature, ways], self.first[feature, ways])
+        log_weight = each.sum(axis=1)
+        return log_weight, log_weight + self.expected[feature, ways].sum(axis=1)
+
+
+def _expected(detections: Detections, prior: FeatureDensity) -> np.ndarray:
+    """Logarithms (F, D) of the densities of detections by what one kernel expects of each feature."""
+    out = np.zeros((len(prior.names), len(detections.mean)))
+    for f in np.flatnonzero(prior.known[0]):
+        own = slice(2 * f, 2 * f + 2)
+        S = prior.covariance[0][own, own] + detections.covariance
+        off = detections.mean - prior.mean[0, f]
+        square = np.einsum("di,di->d", off, np.linalg.solve(S, off[..., None])[..., 0])
+        out[f] = -0.5 * (square + np.linalg.slogdet(2.0 * np.pi * S)[1])
+    return out
+
+
+def _candidates(pairs: _Pairs) -> list[list[int]]:
+    """For every feature the detections that may be its, -1 for none, in order; of all that there are so many that there
+    are at most `_WAYS` ways to choose, each feature's likeliest among them."""
+    count = pairs.first.shape[1] - 1
+    score = pairs.first + pairs.expected
+    able = [[d for d in range(-1, count) if np.isfinite(row[d])] for row in pairs.first]
+    margin = score - score.max(axis=1, keepdims=True)
+    order = sorted((margin[f, d], f, d) for f, each in enumerate(able) for d in each if margin[f, d] < 0.0)
+    for _, f, d in order:
+        if math.prod(len(each) for each in able) <= _WAYS:
+            break
+        able[f].remove(d)
+    return able
+
+
+def _associations(detections: Detections, able: list[list[int]], shared: float) -> Iterator[tuple[int, ...]]:
+    """The number of every feature's detection, of those that it is able to have; at most two features have the same."""
     size = len(detections.names)
-    able = [np.flatnonzero(detections.suits[:, f] > 0.0).tolist() for f in range(size)]
 
     def extended(way: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
         if len(way) == size:
             yield way
             return
-        for d in (-1, *able[len(way)]):
+        for d in able[len(way)]:
             taken = way.count(d)
             if d < 0 or taken == 0 or (taken == 1 and (shared > 0.0 or detections.merged[d])):
                 yield from extended((*way, d))
 
     yield from extended(())
-
-
-def _log_weight(detections: Detections, settings: EvidenceSettings, way: np.ndarray) -> float:
-    clutter = settings.clutter * 1e-6
-    total = 0.0
-    for f, d in enumerate(way):
-        if d < 0:
-            total += np.log1p(-settings.detected)
-        elif d in way[:f]:
-            # what another hides makes no detection of its own: it is somewhere in that one, a density without clutter
-            share = 1.0 if detections.merged[d] else settings.shared
-            total += np.log(max(share, 1e-300)) + _log_area(detections.covariance[d])
-        else:
-            total += np.log(settings.detected * detections.suits[d, f]) - np.log(clutter)
-    return float(total)
 
 
 def _log_area(covariance: np.ndarray) -> float:
@@ -130,9 +188,3 @@ def _density(detections: Detections, ways: np.ndarray, log_weight: np.ndarray) -
     for k, f in np.argwhere(known):
         covariance[k, 2 * f : 2 * f + 2, 2 * f : 2 * f + 2] = detections.covariance[ways[k, f]]
     return FeatureDensity(detections.names, log_weight, known, mean, covariance)
-
-
-def _agreement(density: FeatureDensity, prior: FeatureDensity) -> np.ndarray:
-    """Logarithms (K,) of the mass of each kernel under what was expected."""
-    expected = prior.over(density.names).collapsed()
-    return density.times(expected).log_weight

@@ -7,8 +7,10 @@ their joint; the four steps of section 3.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
+
+import numpy as np
 
 from estimator.inference.chains.evidence import Evidence
 from estimator.inference.chains.feature_density import FeatureDensity, product, uniform
@@ -16,8 +18,8 @@ from humanoid.support.errors import InputError
 
 S = TypeVar("S")
 P = TypeVar("P")
-GATED, PRINTED, ONE_WAY, APART = "gated", "printed", "one-way", "apart"
-EXCHANGES = (GATED, PRINTED, ONE_WAY, APART)
+GATED, PRINTED, WHICH, ONE_WAY, APART = "gated", "printed", "which", "one-way", "apart"
+EXCHANGES = (GATED, PRINTED, WHICH, ONE_WAY, APART)
 MOST = 40  # kernels of a message
 
 
@@ -56,8 +58,9 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
 
     exchange: "printed" is that and nothing else. While nothing is seen chains then go on confirming what they have from
     each other, and are sure of it. "gated": where no detection is a feature's, what the others expect of it is no
-    evidence, only a guide; it still counts in how much an association weighs. "one-way": as gated, and nobody but the
-    first is told anything. "apart": nobody is.
+    evidence, only a guide; it still counts in how much an association weighs. "which": it counts in that alone, and
+    where a detection is, the chain is told of nothing but it: two chains that know the past from the same images do not
+    count it twice. "one-way": as gated, and nobody but the first is told anything. "apart": nobody is.
 
     Raises
     ------
@@ -70,25 +73,42 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
     seen = evidence.density.over(names)
     told = []
     for i in range(len(expected)):
-        listens = exchange in (GATED, PRINTED) or (exchange == ONE_WAY and i == 0)
+        listens = exchange in (GATED, PRINTED, WHICH) or (exchange == ONE_WAY and i == 0)
         others = [d for k, d in enumerate(expected) if k != i] if listens else []
         theirs = product(others, names, MOST)
-        whole = seen.times(theirs).reduced(MOST)
-        told.append(Message(whole if exchange == PRINTED else _gated(seen, theirs), whole))
+        factor = seen.times(theirs)
+        own = expected[i].over(names)
+        whole = factor.reduced(MOST, expected=own)
+        if exchange != PRINTED:
+            gated = _gated(seen, theirs, factor, exchange == WHICH).reduced(MOST, expected=own)
+        told.append(Message(whole if exchange == PRINTED else gated, whole))
+
     return told
 
 
-def _gated(seen: FeatureDensity, theirs: FeatureDensity) -> FeatureDensity:
-    """The product, in which nothing but a weight is left of what others expect where no detection is."""
-    factor = seen.times(theirs)
-    supported = seen.known[_row_of(len(seen.log_weight), len(theirs.log_weight))]
-    gated = FeatureDensity(factor.names, factor.log_weight, supported, factor.mean, factor.covariance)
-    return gated.reduced(MOST)
+def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity, which: bool) -> FeatureDensity:
+    """The product of what is seen with what others expect, in which nothing is left of the latter where no detection is
+    (and, if only `which` is told, where one is) but how much an association weighs.
+
+    What is left out is not 1, but as high as it is on average where it is expected: a density has a unit, and beside
+    one that is not left out 1 would be as much as any evidence.
+    """
+    count = len(theirs.log_weight)
+    i, j = np.divmod(np.arange(len(factor.log_weight)), count)
+    log_weight = factor.log_weight + [
+        _log_mean_height(theirs, int(b), ~seen.known[a]) for a, b in zip(i, j, strict=True)
+    ]
+    if which:
+        return replace(seen, log_weight=np.logaddexp.reduce(log_weight.reshape(-1, count), axis=1))
+    return replace(factor, log_weight=log_weight, known=seen.known[i])
 
 
-def _row_of(left: int, right: int) -> list[int]:
-    """The kernel of the left factor that each kernel of a product comes from (`FeatureDensity.times`)."""
-    return [i for i in range(left) for _ in range(right)]
+def _log_mean_height(density: FeatureDensity, kernel: int, features: np.ndarray) -> float:
+    """Logarithm of the mean of a kernel's density of some features (F,) bool under itself, 0 where it says nothing."""
+    dims = np.flatnonzero(np.repeat(density.known[kernel] & features, 2))
+    if not len(dims):
+        return 0.0
+    return float(-0.5 * np.linalg.slogdet(4.0 * np.pi * density.covariance[kernel][np.ix_(dims, dims)])[1])
 
 
 def _check_common(expected: Sequence[FeatureDensity]) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from estimator.inference.chains.mixture_kernel import log_mixture
 from humanoid.support.errors import InputError
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _LEAST = 1e-300  # of a share of a mixture
+_ALIKE = 0.3  # standard deviations apart, and difference of their logarithms, of kernels that say the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +61,23 @@ class FeatureDensity:
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         """Logarithms (N,) of the sum at points (N, F, 2) [px]."""
-        flat = points.reshape(len(points), -1)
-        parts = np.empty((len(points), len(self.log_weight)))
-        for k in range(len(self.log_weight)):
+        out = np.empty(len(points))
+        flat = np.ascontiguousarray(points.reshape(len(points), -1), dtype=np.float64)
+        log_mixture(flat, self.mean.reshape(len(self.mean), -1), *self._whitening, out)
+        return out
+
+    @cached_property
+    def _whitening(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each kernel the matrix (K, 2F, 2F), lower triangular, that makes offsets from its mean independent and
+        normal, zero where it says nothing, and the logarithm (K,) of its height."""
+        inverse, height = np.zeros_like(self.covariance), self.log_weight.astype(np.float64)
+        for k in range(len(height)):
             dims = self.dims(k)
-            parts[:, k] = self.log_weight[k]
             if len(dims):
-                off = flat[:, dims] - self.mean[k].ravel()[dims]
-                parts[:, k] += _log_normal(off, self.covariance[k][np.ix_(dims, dims)])
-        return np.asarray(np.logaddexp.reduce(parts, axis=1))
+                factor = np.linalg.cholesky(self.covariance[k][np.ix_(dims, dims)])
+                inverse[k][np.ix_(dims, dims)] = np.linalg.inv(factor)
+                height[k] -= 0.5 * len(dims) * _LOG_2PI + np.log(np.diag(factor)).sum()
+        return inverse, height
 
     def marginal(self, names: Sequence[str]) -> FeatureDensity:
         """Over some of the features, in the order of `names`, the others integrated out."""
@@ -91,9 +102,16 @@ class FeatureDensity:
         """The product with another, over the features of both."""
         names = (*self.names, *(n for n in other.names if n not in self.names))
         left, right = self.over(names), other.over(names)
-        pairs = [(i, j) for i in range(len(left.log_weight)) for j in range(len(right.log_weight))]
-        made = [_kernel_product(left, i, right, j) for i, j in pairs]
-        log_weight, known, mean, covariance = (np.array(a) for a in zip(*made, strict=True))
+        i, j = (n.ravel() for n in np.indices((len(left.log_weight), len(right.log_weight))))
+        known = left.known[i] | right.known[j]
+        log_weight, mean = left.log_weight[i] + right.log_weight[j], np.empty((len(i), len(names), 2))
+        covariance = np.empty((len(i), 2 * len(names), 2 * len(names)))
+        # kernels that speak of the same features are multiplied at once
+        kinds, kind = np.unique(np.hstack([left.known[i], right.known[j]]), axis=0, return_inverse=True)
+        for k in range(len(kinds)):
+            rows = np.flatnonzero(kind.ravel() == k)
+            weight, mean[rows], covariance[rows] = _kernel_products(left, i[rows], right, j[rows])
+            log_weight[rows] += weight
         return FeatureDensity(names, log_weight, known, mean, covariance)
 
     def without(self, names: Sequence[str]) -> FeatureDensity:
@@ -101,17 +119,59 @@ class FeatureDensity:
         silent = np.array([name in names for name in self.names])
         return replace(self, known=self.known & ~silent)
 
-    def reduced(self, most: int, least: float = 1e-6) -> FeatureDensity:
-        """The heaviest kernels, at most so many and none with less than a share `least`; the sum keeps its weight."""
+    def reduced(self, most: int, least: float = 1e-6, expected: FeatureDensity | None = None) -> FeatureDensity:
+        """The heaviest kernels, at most so many and none with less than a share `least`; the sum keeps its weight.
+
+        expected: over the same features, where kernels speak of different ones, so that their weights have different
+        units: what counts is then their mass under it.
+        """
         if len(self.log_weight) == 1:
             return self
-        share = self.weights
+        log_mass = self.log_weight if expected is None else self.log_mass(expected)
+        share = np.exp(log_mass - np.logaddexp.reduce(log_mass))
         kept = np.argsort(-share, kind="stable")[:most]
         kept = np.sort(kept[share[kept] >= min(least, share.max())])
-        lost = np.logaddexp.reduce(self.log_weight) - np.logaddexp.reduce(self.log_weight[kept])
+        lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[kept])
         return FeatureDensity(
             self.names, self.log_weight[kept] + lost, self.known[kept], self.mean[kept], self.covariance[kept]
         )
+
+    def log_mass(self, expected: FeatureDensity) -> np.ndarray:
+        """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""
+        prior = expected.collapsed()
+        both = self.known & prior.known[0]
+        mass = self.log_weight.copy()
+        for k in range(len(mass)):
+            dims = np.flatnonzero(np.repeat(both[k], 2))
+            if len(dims):
+                block = np.ix_(dims, dims)
+                off = self.mean[k].ravel()[dims] - prior.mean[0].ravel()[dims]
+                mass[k] += _log_normals(off[None], (prior.covariance[0][block] + self.covariance[k][block])[None])[0]
+        return mass
+
+    def merged(self) -> FeatureDensity:
+        """The heaviest of all kernels that say about the same, with the weight of all of them: those left over by
+        features that were integrated out."""
+        kept: list[int] = []
+        weight = np.full(len(self.log_weight), -np.inf)
+        for k in np.argsort(-self.log_weight, kind="stable"):
+            same = next((other for other in kept if self._alike(other, int(k))), None)
+            if same is None:
+                kept.append(int(k))
+            target = int(k) if same is None else same
+            weight[target] = np.logaddexp(weight[target], self.log_weight[k])
+        rows = np.sort(kept)
+        return FeatureDensity(self.names, weight[rows], self.known[rows], self.mean[rows], self.covariance[rows])
+
+    def _alike(self, a: int, b: int) -> bool:
+        """Whether two kernels speak of the same, from about the same place with about the same spread."""
+        if (self.known[a] != self.known[b]).any():
+            return False
+        dims = self.dims(a)
+        off = (self.mean[a] - self.mean[b]).ravel()[dims]
+        spread = [np.sqrt(np.diag(self.covariance[k])[dims]) for k in (a, b)]
+        near = (np.abs(off) <= _ALIKE * np.minimum(*spread)).all()
+        return bool(near and (np.abs(np.log(spread[0] / spread[1])) <= _ALIKE).all())
 
     def collapsed(self) -> FeatureDensity:
         """One kernel with the mean and covariance of the kernels that speak of each feature, and all the weight.
@@ -131,9 +191,9 @@ class FeatureDensity:
         mass = np.einsum("k,kij->ij", share, pair)
         second = np.einsum("k,kij->ij", share, np.where(pair, self.covariance + off[:, :, None] * off[:, None, :], 0.0))
         covariance = np.where(mass > 0.0, second / np.maximum(mass, _LEAST), 0.0)
-        covariance = _definite(covariance, np.repeat(known, 2))
+        covariance = _definite(covariance[None], np.repeat(known, 2))
         return FeatureDensity(
-            self.names, np.array([np.logaddexp.reduce(self.log_weight)]), known[None], mean[None], covariance[None]
+            self.names, np.array([np.logaddexp.reduce(self.log_weight)]), known[None], mean[None], covariance
         )
 
     def sample(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +205,7 @@ class FeatureDensity:
             rows, dims = np.flatnonzero(kernel == k), self.dims(int(k))
             factor = np.linalg.cholesky(self.covariance[k][np.ix_(dims, dims)]) if len(dims) else np.zeros((0, 0))
             points[np.ix_(rows, dims)] = self.mean[k].ravel()[dims] + normal[np.ix_(rows, dims)] @ factor.T
-        return points.reshape(count, -1, 2), kernel
+        return points.reshape(count, len(self.names), 2), kernel
 
 
 def gaussian(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray) -> FeatureDensity:
@@ -178,57 +238,66 @@ def _grown(covariance: np.ndarray, more: int) -> np.ndarray:
     return grown
 
 
-def _log_normal(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Logarithms (N,) of a normal density at offsets (N, D) from its mean."""
-    factor = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(factor, off.T)
-    return np.asarray(-0.5 * (np.square(white).sum(axis=0) + len(factor) * _LOG_2PI) - np.log(np.diag(factor)).sum())
-
-
-def _kernel_product(
-    left: FeatureDensity, i: int, right: FeatureDensity, j: int
-) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """log weight, known (F,), mean (F, 2) and covariance (2F, 2F) of the product of two kernels over equal features.
+def _kernel_products(
+    left: FeatureDensity, i: np.ndarray, right: FeatureDensity, j: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """log weight (P,) beside those of the kernels, mean (P, F, 2) and covariance (P, 2F, 2F) of the products of kernels
+    i and j (P,), each of which speaks of the same features as the others on its side.
 
     What both speak of is combined by Kalman's update of the one by the other: nothing is inverted but the sum of both
     covariances, so that two kernels that contradict each other lose weight and nothing else.
     """
-    m, C = left.mean[i].ravel().copy(), left.covariance[i].copy()
-    a, b = left.dims(i), right.dims(j)
+    count = len(i)
+    m, C = left.mean[i].reshape(count, -1).copy(), left.covariance[i].copy()
+    a, b = left.dims(int(i[0])), right.dims(int(j[0]))
     both, new = np.intersect1d(a, b), np.setdiff1d(b, a)
-    known = left.known[i] | right.known[j]
-    weight = float(left.log_weight[i] + right.log_weight[j])
-    other_m, other_C = right.mean[j].ravel(), right.covariance[j]
+    weight = np.zeros(count)
+    other_m, other_C = right.mean[j].reshape(count, -1), right.covariance[j]
     # right as N(both) N(new | both): the first updates what left knows, the second adds what it does not
     if len(new):
-        gain = np.linalg.solve(other_C[np.ix_(both, both)], other_C[np.ix_(both, new)]).T
-        rest = other_C[np.ix_(new, new)] - gain @ other_C[np.ix_(both, new)]
+        cross = _block(other_C, both, new)
+        gain = np.swapaxes(np.linalg.solve(_block(other_C, both, both), cross), 1, 2)
+        rest = _block(other_C, new, new) - gain @ cross
     if len(both):
-        S = C[np.ix_(both, both)] + other_C[np.ix_(both, both)]
-        off = other_m[both] - m[both]
-        weight += float(_log_normal(off[None], S)[0])
-        K = np.linalg.solve(S, C[np.ix_(both, a)]).T
-        m[a] = m[a] + K @ off
-        C[np.ix_(a, a)] = C[np.ix_(a, a)] - K @ C[np.ix_(both, a)]
+        S = _block(C, both, both) + _block(other_C, both, both)
+        off = (other_m - m)[:, both, None]
+        weight = _log_normals(off[..., 0], S)
+        K = np.swapaxes(np.linalg.solve(S, _block(C, both, a)), 1, 2)
+        m[:, a] += (K @ off)[..., 0]
+        C[np.ix_(np.arange(count), a, a)] -= K @ _block(C, both, a)
     if len(new):
-        m[new] = other_m[new] + gain @ (m[both] - other_m[both])
-        cross = C[np.ix_(a, both)] @ gain.T
-        C[np.ix_(a, new)], C[np.ix_(new, a)] = cross, cross.T
-        C[np.ix_(new, new)] = rest + gain @ C[np.ix_(both, both)] @ gain.T
-    C = _definite(C, np.repeat(known, 2))
-    return weight, known, m.reshape(-1, 2), C
+        m[:, new] = other_m[:, new] + (gain @ (m - other_m)[:, both, None])[..., 0]
+        cross = _block(C, a, both) @ np.swapaxes(gain, 1, 2)
+        rows = np.arange(count)
+        C[np.ix_(rows, a, new)], C[np.ix_(rows, new, a)] = cross, np.swapaxes(cross, 1, 2)
+        C[np.ix_(rows, new, new)] = rest + gain @ _block(C, both, both) @ np.swapaxes(gain, 1, 2)
+    known = np.repeat(left.known[i[0]] | right.known[j[0]], 2)
+    return weight, m.reshape(count, -1, 2), _definite(C, known)
+
+
+def _block(matrices: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    return np.asarray(matrices[:, rows][:, :, columns])
+
+
+def _log_normals(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Logarithms (P,) of normal densities, each at one offset (P, D) from its mean, with its covariance (P, D, D)."""
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, off[..., None])[..., 0]
+    log_volume = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    return np.asarray(-0.5 * (np.square(white).sum(axis=1) + off.shape[1] * _LOG_2PI) - log_volume)
 
 
 def _definite(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Symmetric, and positive definite over what is known (D,) bool; the identity elsewhere."""
+    """Symmetric (P, D, D), and positive definite over what is known (D,) bool; the identity elsewhere."""
     dims = np.flatnonzero(known)
-    result = np.eye(len(known))
-    part = 0.5 * (covariance + covariance.T)[np.ix_(dims, dims)]
-    if len(dims) and not _definite_each(part[None]):
+    result = np.tile(np.eye(len(known)), (len(covariance), 1, 1))
+    part = _block(0.5 * (covariance + np.swapaxes(covariance, 1, 2)), dims, dims)
+    if len(dims) and not _definite_each(part):
         values, vectors = np.linalg.eigh(part)
-        part = (vectors * np.maximum(values, max(float(values[-1]), 1e-12) * 1e-12)) @ vectors.T
-        part = 0.5 * (part + part.T)
-    result[np.ix_(dims, dims)] = part
+        least = np.maximum(values[:, -1:], 1e-12) * 1e-12
+        part = (vectors * np.maximum(values, least)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+        part = 0.5 * (part + np.swapaxes(part, 1, 2))
+    result[np.ix_(np.arange(len(part)), dims, dims)] = part
     return result
 
 

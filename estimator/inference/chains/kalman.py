@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.inference.chains.exchange import Message
-from estimator.inference.chains.feature_density import FeatureDensity, gaussian
+from estimator.inference.chains.feature_density import FeatureDensity
 from humanoid.support.settings import check, setting
 
 
@@ -16,16 +16,20 @@ from humanoid.support.settings import check, setting
 class PointSettings:
     """How points move.
 
+    Defaults are those of wrists, in a picture, of 97 captured motions (`docs/papers/dual-chain.md`).
+
     keep: share of its velocity that a point keeps in a second. noise: standard deviation of the random acceleration, as
     a change of velocity in one second, in sizes of the person per second. speed: of velocities at first, in sizes per
-    second. loose: standard deviation [sizes] to which a point is lost at most.
+    second. loose: standard deviation [sizes] to which a point is lost at most. mistaken: probability that two points
+    which look alike have been taken for each other.
     Raises InputError where a value cannot be.
     """
 
     keep: float = setting(0.02, at_least=0, at_most=1)
-    noise: float = setting(3.0, above=0)
+    noise: float = setting(4.5, above=0)
     speed: float = setting(1.0, above=0)
-    loose: float = setting(0.5, above=0)
+    loose: float = setting(1.0, above=0)
+    mistaken: float = setting(0.1, at_least=0, below=0.5)
 
     def __post_init__(self) -> None:
         check(self)
@@ -52,7 +56,10 @@ class Points:
 class PointChain:
     """A chain of points that go on with a velocity that fades, each with noise of its own.
 
-    names (F,). size [px]: the person's in the image, by which noise is measured. settings.
+    names (F,). size [px]: the person's in the image, by which noise is measured. settings. alike: pairs of points, by
+    number, that detections do not tell apart, as both hands: what is expected of them is also that the one is where the
+    other was thought to be. Without it a chain that took them for each other, as they met, is as sure of it as of
+    anything, and no other chain can tell it better.
 
     An update is by a mixture: every association moves the points by Kalman's rule, and all are then one normal density
     with their mean and covariance. So clutter moves points in proportion to how likely it is one of them.
@@ -61,6 +68,7 @@ class PointChain:
     names: tuple[str, ...]
     size: float
     settings: PointSettings = PointSettings()
+    alike: tuple[tuple[int, int], ...] = ()
 
     def begun(self, mean: np.ndarray, covariance: np.ndarray) -> Points:
         """Points at rest, in all likelihood: mean (F, 2) [px], covariance (2F, 2F) [px^2]."""
@@ -76,28 +84,54 @@ class PointChain:
         count = len(self.names)
         whole, noise = np.kron(np.eye(count), A), np.kron(np.eye(count), Q)
         covariance = whole @ state.covariance @ whole.T + noise
-        return Points((whole @ state.mean.ravel()).reshape(count, 4), self._bounded(covariance))
+        return Points((whole @ state.mean.ravel()).reshape(count, 4), self.bounded(covariance))
+
+    def predict_each(self, mean: np.ndarray, covariance: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """`predict` of M points that are independent: means (M, 4), covariances (M, 4, 4)."""
+        A, Q = self._motion(dt)
+        return mean @ A.T, self.bounded(A @ covariance @ A.T + Q)
 
     def features(self, prior: Points) -> FeatureDensity:
         """See `estimator.inference.chains.exchange.Chain`."""
-        place = self._places
-        return gaussian(self.names, prior.mean[:, :2], prior.covariance[np.ix_(place, place)])
+        place, ways = self._places, self._taken_for(prior)
+        return FeatureDensity(
+            self.names,
+            np.array([log_weight for log_weight, _ in ways]),
+            np.ones((len(ways), len(self.names)), dtype=bool),
+            np.array([points.mean[:, :2] for _, points in ways]),
+            np.array([points.covariance[np.ix_(place, place)] for _, points in ways]),
+        )
 
     def update(self, prior: Points, message: Message) -> tuple[Points, float]:
         """See `estimator.inference.chains.exchange.Chain`."""
         told = message.evidence.over(self.names)
         means, covariances, log_weights = [], [], []
-        for k in range(len(told.log_weight)):
-            m, C, weight = self._updated(prior, told, k)
-            means.append(m)
-            covariances.append(C)
-            log_weights.append(weight)
+        for log_share, points in self._taken_for(prior):
+            for k in range(len(told.log_weight)):
+                m, C, weight = self._updated(points, told, k)
+                means.append(m)
+                covariances.append(C)
+                log_weights.append(weight + log_share)
         total = float(np.logaddexp.reduce(log_weights))
         share = np.exp(np.array(log_weights) - total)
         mean = np.einsum("k,ki->i", share, np.array(means))
         off = np.array(means) - mean
         covariance = np.einsum("k,kij->ij", share, np.array(covariances)) + (share[:, None] * off).T @ off
-        return Points(mean.reshape(-1, 4), self._bounded(covariance)), total
+        return Points(mean.reshape(-1, 4), self.bounded(covariance)), total
+
+    def _taken_for(self, prior: Points) -> list[tuple[float, Points]]:
+        """What is expected with its logarithm of probability, as it is and with each pair of those alike exchanged."""
+        mistaken = self.settings.mistaken
+        if not self.alike or not mistaken:
+            return [(0.0, prior)]
+        ways = [(float(np.log1p(-mistaken)), prior)]
+        for a, b in self.alike:
+            order = np.arange(len(self.names))
+            order[[a, b]] = b, a
+            entries = (4 * order[:, None] + np.arange(4)).ravel()
+            swapped = Points(prior.mean[order], prior.covariance[np.ix_(entries, entries)])
+            ways.append((float(np.log(mistaken / len(self.alike))), swapped))
+        return ways
 
     def _updated(self, prior: Points, told: FeatureDensity, k: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Mean (4F,), covariance and log weight after one kernel of a message."""
@@ -135,11 +169,12 @@ class PointChain:
         A = np.block([[eye, moved * eye], [0.0 * eye, fade * eye]])
         return A, np.block([[xx * eye, xv * eye], [xv * eye, vv * eye]])
 
-    def _bounded(self, covariance: np.ndarray) -> np.ndarray:
-        """Symmetric, and no position less certain than `loose`: nobody who was lost for long is nowhere."""
-        covariance = 0.5 * (covariance + covariance.T)
+    def bounded(self, covariance: np.ndarray) -> np.ndarray:
+        """Covariances (..., 4P, 4P) of P points, symmetric, and no position less certain than `loose`: nobody who was
+        lost for long is nowhere."""
+        covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
         most = (self.settings.loose * self.size) ** 2
-        place = self._places
-        scale = np.ones(len(covariance))
-        scale[place] = np.minimum(1.0, np.sqrt(most / np.maximum(np.diag(covariance)[place], 1e-300)))
-        return covariance * scale[:, None] * scale[None, :]
+        place = np.tile([True, True, False, False], covariance.shape[-1] // 4)
+        variance = np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-300)
+        scale = np.where(place, np.minimum(1.0, np.sqrt(most / variance)), 1.0)
+        return np.asarray(covariance * scale[..., :, None] * scale[..., None, :])

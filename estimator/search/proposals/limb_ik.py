@@ -7,8 +7,11 @@ section 4; Taycher and Darrell 2003). Given head, neck and trunk, arms are indep
 Its density in the angles is that of place, depth and swivel times |d(place, depth, swivel) / d(angles)|, for an arm
 whose axes meet in the shoulder |p| L1 L2 |sin elbow| |cos middle shoulder angle| times the image's scale, p being the
 way from shoulder to hand. Where that is zero, with the elbow straight or the outer shoulder axes in line, equal changes
-of the image are ever larger ones of the angles: what is within about a degree of there is not drawn (`SINGULAR`), so
-that weights, which go by one over the density, are bounded.
+of the image are ever larger ones of the angles: what is within about a degree of there is not drawn (`SINGULAR`; of
+upper13's arm five percent of all angles), so that weights, which go by one over the density, are bounded.
+
+Axes that miss each other, as robots' do, are met by Newton's method from the closed form. Angles that it does not lead
+to are never drawn and have density zero (of g1's limbs a tenth): less is proposed, and what is has its exact density.
 """
 
 from __future__ import annotations
@@ -19,16 +22,18 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cameras.camera import Camera
-from estimator.cameras.projection import project_with_jacobian
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.search.jumps.anatomy import Limb
-from estimator.search.jumps.lines import axes_of
+from estimator.search.jumps.lines import axes_of, meeting_point
+from estimator.search.jumps.subproblems import turn_between
+from estimator.search.jumps.vectors import rotated
 from estimator.search.proposals.limb_ik_kernels import look_at_each, solve_each
+from estimator.search.proposals.limb_ik_lines import aim_back, aimed, in_world, lines_in, log_line_volumes
 from humanoid.kinematics.body import Body, PlacedBodies
-from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
 
-_BENDS = 2001  # hinge angles at which the reach is looked at
+_MEET = 1e-9  # m: axes that miss a point by less go through it
+_LOOSE = 0.5  # rad: by which Newton's steps may bring angles back inside of the limits
 _ROUND = 2.0 * np.pi
 SINGULAR = 0.02  # of the largest volume: sin(elbow) cos(middle shoulder angle) of what is not drawn
 
@@ -50,8 +55,10 @@ class LimbIK:
     """The inverse kinematics of one limb, its end a point fixed to its outer segment.
 
     entries (m,): of q. parent: the joint whose frame all else is in. axes, through (m, 3), points (3, 3) [m]: of the
-    limb with all its joints at `rest` (m,): root, middle and end. low, high (m,): limits as turns from rest. near, far
-    [m]: how near to the root the end can be, and how far. least: logarithm of the volume below which it is singular.
+    limb with all its joints at `rest` (m,): root, where the ball's axes meet or are nearest to each other, middle and
+    end. low, high (m,): limits as turns from rest. near, far [m]: how near to the root the end can be, and how far.
+    least: logarithm of the volume below which it is singular. loose [rad]: how far outside of its limits the closed
+    form may be, 0 where axes meet.
     """
 
     entries: np.ndarray
@@ -65,6 +72,7 @@ class LimbIK:
     near: float
     far: float
     least: float
+    loose: float
 
     @staticmethod
     def of(body: Body, limb: Limb, joint: int, local: np.ndarray) -> LimbIK:
@@ -77,23 +85,27 @@ class LimbIK:
         dofs = limb.dofs
         joints = [int(body.tree.dof_joint[d]) for d in dofs]
         entries = np.array([body.model.idx_qs[j] for j in joints])
-        lower, upper = body.lower[entries], body.upper[entries]
-        if not (np.isfinite(lower) & np.isfinite(upper)).all():
+        if not np.isin(entries, body.bounded_q).all():
             raise InputError(f"subject {body.subject.name}", "has a limb without joint limits", remedy="limits for it")
+        lower, upper = body.lower[entries], body.upper[entries]
         q = body.neutral.copy()
         q[entries] = rest = 0.5 * (lower + upper)
         posed = body.at(q)
         parent = int(body.tree.joint_parent[joints[0]])
         R, t = posed.rotations[parent], posed.translations[parent]
         axes, through = axes_of(body.dof_jacobian(posed), dofs)
-        root, middle = body.landmarks(posed)[limb.landmarks[:2]]
+        axes, through = axes @ R, (through - t) @ R
         end = posed.rotations[joint] @ local + posed.translations[joint]
-        points = (np.array([root, middle, end]) - t) @ R
-        own = axes @ R, (through - t) @ R
-        near, far = _reach(own[0][-1], own[1][-1], points, lower[-1] - rest[-1], upper[-1] - rest[-1])
+        points = (np.array([*body.landmarks(posed)[limb.landmarks[:2]], end]) - t) @ R
+        points[0], missed = _root(axes[:-1], through[:-1], points[0])
+        near, far = _reach(axes[-1], through[-1], points, lower[-1] - rest[-1], upper[-1] - rest[-1])
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         least = float(np.log(SINGULAR * lengths.prod() * far))
-        return LimbIK(entries, parent, rest, *own, points, lower - rest, upper - rest, near, far, least)
+        # a turn about an axis changes the distance from the root by twice as much as it misses the root at most
+        return LimbIK(
+            entries, parent, rest, axes, through, points, lower - rest, upper - rest, max(near - 2.0 * missed, 0.0),
+            far + 2.0 * missed, least, _LOOSE if missed > 0.0 else 0.0,
+        )  # fmt: skip
 
     @property
     def swivels(self) -> bool:
@@ -109,10 +121,7 @@ class LimbIK:
         count = len(ends)
         turns, volumes = np.zeros((count, len(self.entries))), np.full(count, -np.inf)
         ways = np.zeros(count, dtype=np.int64)
-        solve_each(
-            self.axes, self.through, self.points, self.low, self.high, np.ascontiguousarray(ends),
-            np.ascontiguousarray(swivels, dtype=float), picks, turns, ways, volumes,
-        )  # fmt: skip
+        solve_each(*self._limb, np.ascontiguousarray(ends), swivels, picks, turns, ways, volumes)
         return self._arms(turns, ways, volumes)
 
     def looked_at(self, angles: np.ndarray) -> tuple[np.ndarray, Arms]:
@@ -121,8 +130,12 @@ class LimbIK:
         ends, volumes = np.zeros((count, 3)), np.full(count, -np.inf)
         ways = np.zeros(count, dtype=np.int64)
         turns = np.ascontiguousarray(angles - self.rest)
-        look_at_each(self.axes, self.through, self.points, self.low, self.high, turns, ends, ways, volumes)
+        look_at_each(*self._limb, turns, ends, ways, volumes)
         return ends, self._arms(turns, ways, volumes)
+
+    @property
+    def _limb(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+        return self.axes, self.through, self.points, self.low, self.high, self.loose
 
     def _arms(self, turns: np.ndarray, ways: np.ndarray, volumes: np.ndarray) -> Arms:
         ok = (ways > 0) & (volumes > self.least)
@@ -135,99 +148,86 @@ class LimbIK:
 class ImageProposal:
     """Arms whose ends are where one camera may see them.
 
-    seen: densities of the end's place in the image [px], its only feature. Depth is drawn evenly over what the limb can
-    reach on the line of sight, the swivel evenly all around.
+    seen: density of the end's place in the image [px], its only feature. Depth is drawn evenly over what the limb can
+    reach on the line of sight, in front of the camera, the swivel evenly all around.
+
+    Raises
+    ------
+    InputError: a density that says nothing of the feature, or is of several.
     """
 
     ik: LimbIK
     camera: Camera
     seen: FeatureDensity
 
+    def __post_init__(self) -> None:
+        if len(self.seen.names) != 1 or not self.seen.known.all():
+            remedy = "one feature, and kernels that all speak of it"
+            raise InputError("proposal of limbs", "is of an image that does not say where an end is", remedy=remedy)
+
     def drawn(self, rng: np.random.Generator, placed: PlacedBodies) -> Arms:
-        """One arm for each of N configurations, whose trunk it is put on."""
-        count = len(placed.q)
+        """One arm for each of N configurations, whose trunk it is put on.
+
+        Where `ok` is false, the place was out of reach, outside of the limits with its swivel, or singular, and angles
+        are in the middle of the limits: a draw that failed. To draw again instead would change the density.
+        """
+        ik, count = self.ik, len(placed.q)
         pixels = self.seen.sample(rng, count)[0][:, 0]
         level, swivel, picks = rng.random(count), _ROUND * rng.random(count), rng.random(count)
-        origins, ways = self._lines(pixels, placed)
-        depth, length = _depths(origins, ways, self.ik, level)
-        reached = length > 0.0
-        ends = np.where(reached[:, None], origins + depth[:, None] * ways, np.inf)
-        arms = self.ik.solved(np.where(reached[:, None], ends, 1e6), swivel, picks)
-        ok = arms.ok & reached
-        log_density = np.full(count, -np.inf)
-        log_density[ok] = arms.log_density[ok] + self._log_density(ends[ok], pixels[ok], length[ok], placed.of(ok))
-        return Arms(arms.angles, ok, log_density)
+        lines = lines_in(self.camera, *aimed(self.camera, pixels), ik.parent, placed)
+        spans = lines.spans(ik.points[0], ik.near, ik.far)
+        rows = np.flatnonzero(spans.whole > 0.0)
+        ends = lines.origins[rows] + spans.at(level)[rows, None] * lines.ways[rows]
+        arms = ik.solved(ends, swivel[rows], picks[rows])
+        ends, rows = ends[arms.ok], rows[arms.ok]
+        angles, ok, log_density = np.tile(ik.rest, (count, 1)), np.zeros(count, dtype=bool), np.full(count, -np.inf)
+        angles[rows], ok[rows] = arms.angles[arms.ok], True
+        of_place = self._log_density(in_world(ends, ik.parent, placed.of(rows)), pixels[rows], spans.whole[rows])
+        log_density[rows] = arms.log_density[arms.ok] + of_place
+        return Arms(angles, ok, log_density)
 
     def log_density(self, angles: np.ndarray, placed: PlacedBodies) -> np.ndarray:
         """Logarithms (N,) of the density with which `drawn` has these angles (N, m), on the trunks of N configurations;
-        -inf where it never has."""
-        ends, arms = self.ik.looked_at(angles)
-        pixels = self.camera.project(_in_world(ends, self.ik.parent, placed))
-        ok = arms.ok & np.isfinite(pixels).all(axis=1)
-        origins, ways = self._lines(np.where(ok[:, None], pixels, 0.0), placed)
-        _, length = _depths(origins, ways, self.ik, np.zeros(len(ends)))
-        ok &= length > 0.0
-        log_density = np.full(len(ends), -np.inf)
-        log_density[ok] = arms.log_density[ok] + self._log_density(ends[ok], pixels[ok], length[ok], placed.of(ok))
+        -inf where it never has. Its integral over the angles is the share of draws that are ok."""
+        ik = self.ik
+        ends, arms = ik.looked_at(angles)
+        rows = np.flatnonzero(arms.ok)
+        some = placed.of(rows)
+        ends = in_world(ends[rows], ik.parent, some)
+        pixels, (origins, ways) = self.camera.project(ends), self.camera.sight_lines(ends)
+        spans = lines_in(self.camera, origins, ways, ik.parent, some).spans(ik.points[0], ik.near, ik.far)
+        depth = np.einsum("ni,ni->n", ends - origins, ways)
+        seen = spans.have(depth) & (spans.whole > 0.0) & aim_back(self.camera, pixels, ways)
+        log_density, rows = np.full(len(angles), -np.inf), rows[seen]
+        of_place = self._log_density(ends[seen], pixels[seen], spans.whole[seen])
+        log_density[rows] = arms.log_density[rows] + of_place
         return log_density
 
-    def _lines(self, pixels: np.ndarray, placed: PlacedBodies) -> tuple[np.ndarray, np.ndarray]:
-        """Lines of sight in the parent's frame: points of them (N, 3) [m] and unit directions (N, 3)."""
-        origins, ways = self.camera.rays(pixels)
-        M = placed.placements[:, self.ik.parent]
-        R = M[:, :9].reshape(-1, 3, 3)  # row k is column k of the rotation
-        return np.einsum("nki,ni->nk", R, origins - M[:, 9:]), np.einsum("nki,ni->nk", R, ways)
-
-    def _log_density(
-        self, ends: np.ndarray, pixels: np.ndarray, length: np.ndarray, placed: PlacedBodies
-    ) -> np.ndarray:
-        """Of place and swivel, (N,): ends (N, 3) in the parent's frame, seen at pixels (N, 2), of `length` (N,) [m]."""
+    def _log_density(self, ends: np.ndarray, pixels: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """Of place and swivel, (N,): ends (N, 3) [m] in the world, seen at pixels (N, 2), on lines of which the limb
+        reaches `length` (N,) [m]."""
         if not len(ends):
             return np.zeros(0)
-        volumes = np.empty(len(ends))
-        _line_volumes(
-            _in_world(ends, self.ik.parent, placed), *self.camera.arrays, self.camera.rays(pixels)[1], volumes
-        )
         image = self.seen.log_density(pixels[:, None]) - np.logaddexp.reduce(self.seen.log_weight)
-        swivel = np.log(_ROUND) if self.ik.swivels else 0.0
-        return np.asarray(image + np.log(volumes) - np.log(length) - swivel)
+        volumes = log_line_volumes(self.camera, ends, self.camera.sight_lines(ends)[1])
+        return np.asarray(image + volumes - np.log(length) - (np.log(_ROUND) if self.ik.swivels else 0.0))
 
 
-def _in_world(points: np.ndarray, joint: int, placed: PlacedBodies) -> np.ndarray:
-    """Points (N, 3) [m], each in the frame of the joint in its configuration, in the world."""
-    M = placed.placements[:, joint]
-    return np.asarray(np.einsum("nki,nk->ni", M[:, :9].reshape(-1, 3, 3), points) + M[:, 9:])
-
-
-def _depths(origins: np.ndarray, ways: np.ndarray, ik: LimbIK, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (N,) [m] on lines (N, 3) at a share `level` (N,) of what the limb can reach there, and how much that is,
-    (N,) [m], 0 where the line is out of reach: what is in the sphere of `far` about the root, not in that of `near`."""
-    off = ik.points[0] - origins
-    along = np.einsum("ni,ni->n", off, ways)
-    square = np.einsum("ni,ni->n", off, off) - along**2
-    outer = np.sqrt(np.maximum(ik.far**2 - square, 0.0))
-    inner = np.sqrt(np.maximum(ik.near**2 - square, 0.0))
-    length = 2.0 * (outer - inner)
-    at = level * length
-    return along - outer + at + np.where(at > 0.5 * length, 2.0 * inner, 0.0), length
+def _root(axes: np.ndarray, through: np.ndarray, landmark: np.ndarray) -> tuple[np.ndarray, float]:
+    """The landmark (3,) where a ball's axes, through (m - 1, 3) [m] each, go through it, else the point that is nearest
+    to them all; and by how much they miss it in sum [m], 0 where they meet."""
+    for point in (landmark, meeting_point(axes, through)):
+        missed = float(np.linalg.norm(np.cross(axes, point - through), axis=1).sum())
+        if missed < _MEET:
+            return point, 0.0
+    return (point, missed) if np.isfinite(missed) else (landmark, _MEET)
 
 
 def _reach(hinge: np.ndarray, seat: np.ndarray, points: np.ndarray, low: float, high: float) -> tuple[float, float]:
-    """The least and the largest distance [m] of the end from the root, over the turns of the hinge."""
-    turns = np.linspace(low, high, _BENDS)[:, None]
-    arm = points[2] - seat
-    along = hinge * (arm @ hinge)
-    moved = along + np.cos(turns) * (arm - along) + np.sin(turns) * np.cross(hinge, arm)
-    distance = np.linalg.norm(seat + moved - points[0], axis=1)
-    return float(distance.min()), float(distance.max())
-
-
-@jit
-def _line_volumes(points, intrinsics, lens, R, t, ways, volumes):  # type: ignore[no-untyped-def]
-    """Fill volumes (N,) [px^2 / m^2] with |d(pixel, depth) / d(point)| at points (N, 3), their lines' directions ways
-    (N, 3). The camera: intrinsics (5,), lens (5,), (1, 22) or (1, 1, 22), R (3, 3), t (3,)."""
-    J = np.empty((3, 3))
-    for n in range(points.shape[0]):
-        project_with_jacobian(points[n], intrinsics, lens, R, t, J[:2])
-        J[2] = ways[n]
-        volumes[n] = abs(np.linalg.det(J))
+    """The least and the largest distance [m] of the end from the root, over the turns of the hinge: at its limits, or
+    where the end is in the plane of hinge and root."""
+    arm, other = points[2] - seat, points[0] - seat
+    facing = turn_between(hinge, arm, other)
+    turns = [low, high, *(t for t in facing + np.pi * np.arange(-4, 5) if low < t < high)]
+    distances = [float(np.linalg.norm(rotated(hinge, t, arm) - other)) for t in turns]
+    return min(distances), max(distances)

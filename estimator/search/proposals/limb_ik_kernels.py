@@ -6,14 +6,17 @@ import math
 
 import numpy as np
 
+from estimator.numerics.linear import eliminate
 from estimator.search.jumps.descent import placed, within
 from estimator.search.jumps.subproblems import ball_turns, hinge_turns
 from estimator.search.jumps.vectors import cross, dot, plus, rotated, times
 from humanoid.support.compiled import jit
 
 EXACT = 1e-10  # m: what is farther from where it should be is not there
-SLACK = 1e-12  # rad: so little outside of a limit is rounding
-NEWTON = 4  # steps that meet a place where the ball's axes nearly meet
+SLACK = 1e-10  # rad: so little outside of a limit is rounding
+ITSELF = 1e-6  # rad: a way as near as this to the angles that were looked at is these
+NEWTON = 10  # steps that meet a place where the ball's axes nearly meet
+FARTHEST = 0.3  # m: from farther away they are not tried
 STRAIGHT = 1e-4  # of the upper segment's length: an elbow this near to the line to the end has no swivel
 
 
@@ -35,12 +38,12 @@ def across(reach):  # type: ignore[no-untyped-def]
 
 
 @jit
-def log_volume(root, w, s, p, J):  # type: ignore[no-untyped-def]
-    """Logarithm of |d(end, swivel) / d(turns)| [m^3 rad / rad^m], or of |d end / d turns| of a limb of three axes.
+def slopes(root, w, s, p, J):  # type: ignore[no-untyped-def]
+    """Fill J (m, m) with d(end, swivel) / d(turns), in what its determinant needs; d end / d turns of three axes.
 
-    root (3,); w, s (m, 3), p (2, 3): of `placed`. J (m, m): room. At a fixed end the swivel turns the middle about the
-    line from root to end, so that its row is that of the middle along the tangent, over the distance from the line;
-    what else the end's motion does to the swivel is a sum of the end's own rows and changes no determinant.
+    root (3,); w, s (m, 3), p (2, 3): of `placed`. At a fixed end the swivel turns the middle about the line from root
+    to end, so that its row is that of the middle along the tangent, over the distance from the line; what else the
+    end's motion does to the swivel is a sum of the end's own rows and changes no determinant.
     """
     m = w.shape[0]
     reach, upper = plus(p[1], -1.0, root), plus(p[0], -1.0, root)
@@ -54,8 +57,28 @@ def log_volume(root, w, s, p, J):  # type: ignore[no-untyped-def]
         scale = math.sqrt(dot(reach, reach)) / max(square, 1e-300)
         for a in range(m):
             J[3, a] = scale * dot(tangent, cross(w[a], plus(p[0], -1.0, s[a]))) if a < m - 1 else 0.0
-    size = abs(np.linalg.det(J))
-    return math.log(size) if size > 0.0 else -np.inf
+
+
+@jit
+def log_volume(root, w, s, p, J, rest):  # type: ignore[no-untyped-def]
+    """Logarithm of |d(end, swivel) / d(turns)| [m^3 rad / rad^m], or of |d end / d turns| of a limb of three axes.
+
+    root (3,); w, s (m, 3), p (2, 3): of `placed`. J (m, m), rest (m,): room.
+    """
+    slopes(root, w, s, p, J)
+    rest[:] = 0.0
+    return log_size(J, rest)
+
+
+@jit
+def log_size(J, rest):  # type: ignore[no-untyped-def]
+    """Logarithm of |det J|, J (m, m) being used up, -inf where it is singular; rest (m,) is zeros."""
+    if not eliminate(J, rest):
+        return -np.inf
+    size = 1.0
+    for a in range(J.shape[0]):
+        size *= J[a, a]
+    return math.log(abs(size)) if abs(size) > 0.0 else -np.inf
 
 
 @jit
@@ -97,65 +120,68 @@ def _closed_form(axes, through, points, target, swivel, bend, starts):  # type: 
 
 
 @jit
-def _refined(axes, through, points, target, swivel, turns, w, s, p, J):  # type: ignore[no-untyped-def]
+def _refined(axes, through, points, target, swivel, turns, w, s, p, J, rest):  # type: ignore[no-untyped-def]
     """Newton's steps of turns (m,) to target (3,) and swivel; for axes that nearly meet. Returns the distance [m].
 
-    axes, through (m, 3), points (3, 3); w, s (m, 3), p (2, 3), J (m, m): room, as `log_volume` leaves it.
+    axes, through (m, 3), points (3, 3); w, s (m, 3), p (2, 3), J (m, m), rest (m,): room.
     """
     m = axes.shape[0]
-    rest = np.empty(m)
+    counts = np.array([m - 1, m])
+    reach = plus(target, -1.0, points[0])
+    frame = across(reach)
     error = np.inf
     for step in range(NEWTON + 1):
-        placed(axes, through, points[1:], np.array([m - 1, m]), turns, w, s, p)
+        placed(axes, through, points[1:], counts, turns, w, s, p)
         off = plus(target, -1.0, p[1])
         rest[:3] = off
         turned = 0.0
         if m > 3:
             # measured about the line to the target, which the end is nearly on
-            reach, upper = plus(target, -1.0, points[0]), plus(p[0], -1.0, points[0])
-            frame = across(reach)
+            upper = plus(p[0], -1.0, points[0])
             turned = within(swivel - math.atan2(dot(frame[1], upper), dot(frame[0], upper)), -math.pi, math.pi)
             rest[3] = turned
         error = max(math.sqrt(dot(off, off)), 0.1 * abs(turned))
-        if error < EXACT or step == NEWTON or error > 0.3:
+        if error < EXACT or step == NEWTON or not error < FARTHEST:
             break
-        volume = log_volume(points[0], w, s, p, J)
-        if volume < -30.0:
+        slopes(points[0], w, s, p, J)
+        if not eliminate(J, rest):
             break
-        turns += np.linalg.solve(J, rest)
+        for a in range(m):
+            turns[a] += min(max(rest[a], -0.5), 0.5)
     return error
 
 
 @jit
-def ways(axes, through, points, low, high, target, swivel, out, w, s, p, J):  # type: ignore[no-untyped-def]
+def ways(axes, through, points, low, high, loose, target, swivel, out, w, s, p, J, rest):  # type: ignore[no-untyped-def]
     """Fill rows of out (4, m) with the turns inside of low, high (m,) that meet target (3,) and swivel [rad]; how many.
 
-    axes, through (m, 3), points (3, 3): of the limb without turns; w, s (m, 3), p (2, 3), J (m, m): room.
+    axes, through (m, 3), points (3, 3): of the limb without turns; w, s (m, 3), p (2, 3), J (m, m), rest (m,): room.
+    What the closed form puts farther than `loose` [rad] outside of a limit is not there: 0 where axes meet, so that it
+    is exact.
     """
     m = axes.shape[0]
     reach, seat = plus(target, -1.0, points[0]), through[m - 1]
+    distance = math.sqrt(dot(reach, reach))
+    if not distance > EXACT:
+        return 0
+    loose = max(loose, SLACK)
     bends, starts = np.empty(2), np.empty((2, m))
-    hinge_turns(
-        axes[m - 1], plus(points[2], -1.0, seat), plus(points[0], -1.0, seat), math.sqrt(dot(reach, reach)), bends
-    )
+    hinge_turns(axes[m - 1], plus(points[2], -1.0, seat), plus(points[0], -1.0, seat), distance, bends)
     count = 0
     for k in range(2):
         bend = within(bends[k], low[m - 1], high[m - 1])
-        if bend < low[m - 1] - 0.2 or bend > high[m - 1] + 0.2:
-            continue  # no step of Newton's comes back from there
+        if not low[m - 1] - loose <= bend <= high[m - 1] + loose:
+            continue
         _closed_form(axes, through, points, target, swivel, bend, starts)
         for j in range(2):
             turns = starts[j]
-            error = _refined(axes, through, points, target, swivel, turns, w, s, p, J)
-            inside = error < EXACT
-            for a in range(m):
-                turns[a] = within(turns[a], low[a], high[a])
-                inside = inside and low[a] - SLACK <= turns[a] <= high[a] + SLACK
+            if not _inside(turns, low, high, loose):
+                continue
+            if not _refined(axes, through, points, target, swivel, turns, w, s, p, J, rest) < EXACT:
+                continue
+            inside = _inside(turns, low, high, SLACK)
             for i in range(count):  # where two ways meet they are one
-                same = 0.0
-                for a in range(m):
-                    same = max(same, abs(out[i, a] - turns[a]))
-                inside = inside and same > 1e-7
+                inside = inside and _apart(out[i], turns) > 1e-7
             if inside:
                 for a in range(m):
                     out[count, a] = min(max(turns[a], low[a]), high[a])
@@ -164,39 +190,64 @@ def ways(axes, through, points, low, high, target, swivel, out, w, s, p, J):  # 
 
 
 @jit
-def solve_each(axes, through, points, low, high, targets, swivels, picks, turns, counts, volumes):  # type: ignore[no-untyped-def]
+def _inside(turns, low, high, slack):  # type: ignore[no-untyped-def]
+    """Whether turns (m,), moved by whole turns as near to their limits low, high (m,) as can be, are inside of them."""
+    inside = True
+    for a in range(turns.shape[0]):
+        turns[a] = within(turns[a], low[a], high[a])
+        inside = inside and low[a] - slack <= turns[a] <= high[a] + slack
+    return inside
+
+
+@jit
+def _apart(a, b):  # type: ignore[no-untyped-def]
+    """The largest difference between turns a, b (m,)."""
+    most = 0.0
+    for k in range(a.shape[0]):
+        most = max(most, abs(a[k] - b[k]))
+    return most
+
+
+@jit
+def solve_each(axes, through, points, low, high, loose, targets, swivels, picks, turns, counts, volumes):  # type: ignore[no-untyped-def]
     """One of the ways for each of N places: fill turns (N, m), counts (N,) of ways and volumes (N,), see `log_volume`.
 
-    axes, through (m, 3), points (3, 3), low, high (m,): of the limb. targets (N, 3) [m], swivels (N,) [rad]; picks
-    (N,): from 0 to 1, which of the ways is taken. counts is 0 where there is none, or where the elbow is straight.
+    axes, through (m, 3), points (3, 3), low, high (m,), loose: of the limb. targets (N, 3) [m], swivels (N,) [rad];
+    picks (N,): from 0 to 1, which of the ways is taken. counts is 0 where there is none, or where the elbow is
+    straight.
     """
     m = axes.shape[0]
-    out, w, s, p, J = np.empty((4, m)), np.empty((m, 3)), np.empty((m, 3)), np.empty((2, 3)), np.empty((m, m))
+    out, w, s, p = np.empty((4, m)), np.empty((m, 3)), np.empty((m, 3)), np.empty((2, 3))
+    J, rest, moved = np.empty((m, m)), np.empty(m), np.array([m - 1, m])
     for n in range(targets.shape[0]):
-        counts[n] = ways(axes, through, points, low, high, targets[n], swivels[n], out, w, s, p, J)
+        counts[n] = ways(axes, through, points, low, high, loose, targets[n], swivels[n], out, w, s, p, J, rest)
         if counts[n] == 0:
             continue
         turns[n] = out[min(int(picks[n] * counts[n]), counts[n] - 1)]
-        placed(axes, through, points[1:], np.array([m - 1, m]), turns[n], w, s, p)
-        volumes[n] = log_volume(points[0], w, s, p, J)
-        if m > 3 and off_line(points[0], p) < STRAIGHT:
+        placed(axes, through, points[1:], moved, turns[n], w, s, p)
+        volumes[n] = log_volume(points[0], w, s, p, J, rest)
+        if m > 3 and not off_line(points[0], p) >= STRAIGHT:
             counts[n] = 0
 
 
 @jit
-def look_at_each(axes, through, points, low, high, turns, ends, counts, volumes):  # type: ignore[no-untyped-def]
+def look_at_each(axes, through, points, low, high, loose, turns, ends, counts, volumes):  # type: ignore[no-untyped-def]
     """Fill ends (N, 3) [m], counts (N,) of ways to the same end and swivel, and volumes (N,) of given turns (N, m).
 
-    axes, through (m, 3), points (3, 3), low, high (m,): of the limb.
+    axes, through (m, 3), points (3, 3), low, high (m,), loose: of the limb. counts is 0 where the turns themselves are
+    not among the ways, so that `solve_each` has them never: outside of the limits, or where Newton's method fails.
     """
     m = axes.shape[0]
-    out, w, s, p, J = np.empty((4, m)), np.empty((m, 3)), np.empty((m, 3)), np.empty((2, 3)), np.empty((m, m))
+    out, w, s, p = np.empty((4, m)), np.empty((m, 3)), np.empty((m, 3)), np.empty((2, 3))
+    J, rest, moved = np.empty((m, m)), np.empty(m), np.array([m - 1, m])
     for n in range(turns.shape[0]):
-        placed(axes, through, points[1:], np.array([m - 1, m]), turns[n], w, s, p)
+        placed(axes, through, points[1:], moved, turns[n], w, s, p)
         ends[n] = p[1]
-        volumes[n] = log_volume(points[0], w, s, p, J)
-        if m > 3 and off_line(points[0], p) < STRAIGHT:
-            counts[n] = 0
+        volumes[n] = log_volume(points[0], w, s, p, J, rest)
+        if m > 3 and not off_line(points[0], p) >= STRAIGHT:
             continue
         swivel = swivel_of(points[0], p) if m > 3 else 0.0
-        counts[n] = max(1, ways(axes, through, points, low, high, ends[n], swivel, out, w, s, p, J))
+        count = ways(axes, through, points, low, high, loose, ends[n], swivel, out, w, s, p, J, rest)
+        for i in range(count):
+            if _apart(out[i], turns[n]) < ITSELF:
+                counts[n] = count

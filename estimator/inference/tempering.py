@@ -1,0 +1,102 @@
+"""From samples of what was expected to samples of what a likelihood leaves of it, through its powers, with moves.
+
+A sequential Monte Carlo sampler (Del Moral, Doucet and Jasra 2006) along the path of annealed importance sampling (Neal
+2001): between two powers samples are weighed and selected, and at each they are moved by kernels that leave the density
+of that power as it is. So it ends in samples of the posterior, unlike `estimator.inference.annealing`. A state may be
+anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.inference.particles import effective_count, normalised, systematic
+from estimator.inference.walk import Box, Samples, Target, Walk
+from humanoid.support.settings import check, setting
+
+_BISECTIONS = 30
+
+
+@dataclass(frozen=True)
+class TemperingSettings:
+    """How a likelihood is let in. powers: at most so many, 1 for all of it at once. survival: effective samples that
+    are left by each, as a share of all. moves: of every sample at each power, 0 for none.
+    Raises InputError where a value cannot be."""
+
+    powers: int = setting(12, at_least=1)
+    survival: float = setting(0.15, above=0, below=1)
+    moves: int = setting(3, at_least=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+class Tempered(NamedTuple):
+    """x (N, D): even samples. log_evidence: logarithm of the mean likelihood under what was expected. effective: the
+    least effective count there was. powers: how many there were. accepted: share of the moves."""
+
+    x: np.ndarray
+    log_evidence: float
+    effective: float
+    powers: int
+    accepted: float
+
+
+def tempered(
+    rng: np.random.Generator,
+    x: np.ndarray,
+    log_weight: np.ndarray,
+    target: Target[Any],
+    box: Box,
+    settings: TemperingSettings,
+) -> Tempered | None:
+    """Samples of the target, from samples x (N, D) with log_weight (N,) of it without the likelihood.
+
+    Each power is the highest that leaves `settings.survival` of the samples. None where no sample can be.
+    """
+    likelihood = target.likelihood(target.prepared(x))
+    log_weight = np.where(np.isfinite(likelihood), log_weight, -np.inf)
+    if not np.isfinite(log_weight).any():
+        return None
+    moves = settings.moves if settings.powers > 1 else 0
+    walk = Walk(rng, target, box)
+    samples = walk.begun(x, likelihood) if moves else Samples(x, np.zeros((len(x), 0)), np.zeros(len(x)), likelihood)
+    power, log_evidence, effective, accepted, count = 0.0, 0.0, float(len(x)), 0.0, 0
+    while power < 1.0:
+        step = _next_step(log_weight, samples.likelihood, 1.0 - power, settings.powers - count, settings.survival)
+        power = min(power + step, 1.0) if count + 1 < settings.powers else 1.0
+        weights, log_mean = normalised(_added(log_weight, step, samples.likelihood))
+        log_evidence += log_mean
+        effective = min(effective, effective_count(weights))
+        samples, log_weight = samples.of(systematic(rng, weights, len(x))), np.zeros(len(x))
+        count += 1
+        for _ in range(moves):
+            samples, share = walk.moved(samples, power)
+            accepted += share
+    return Tempered(samples.x, log_evidence, effective, count, accepted / max(count * moves, 1))
+
+
+def _next_step(log_weight: np.ndarray, log_likelihood: np.ndarray, left: float, powers: int, survival: float) -> float:
+    """The longest step to a higher power, up to what is `left` to 1, that leaves enough effective samples; never so
+    short that the `powers` that are left do not reach it."""
+    least = survival * len(log_weight)
+
+    def effective(step: float) -> float:
+        return effective_count(normalised(_added(log_weight, step, log_likelihood))[0])
+
+    if powers <= 1 or effective(left) >= least:
+        return left
+    low, high = 0.0, left
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if effective(middle) >= least else (low, middle)
+    return max(low, left / powers**2)
+
+
+def _added(log_weight: np.ndarray, power: float, log_likelihood: np.ndarray) -> np.ndarray:
+    """Log weights (N,) with a power of the likelihood; what cannot be stays so."""
+    possible = np.isfinite(log_weight) & np.isfinite(log_likelihood)
+    return np.where(possible, log_weight + power * np.where(possible, log_likelihood, 0.0), -np.inf)
