@@ -26,6 +26,15 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture
+def default_signals() -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP do what they do by default, however the suite was started."""
+    from tests import waiting
+
+    with waiting.default_signals():
+        yield
+
+
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Selenium's driver of a headless Chromium."""
