@@ -1,6 +1,7 @@
 # Needs Python 3.10 to 3.14 and make, nothing else.
 #   make demo     own environment, then the built-in clip is rendered and tracked; prints where the pictures are
-#   make test     own environment, then style, types and tests
+#   make test     own environment, then style, types and the quick tests
+#   make test-all the same with all tests: papers' statistics, every look at the pages
 #   make docs     own environment, then the documentation as a site in site/
 #   make lock     writes requirements.lock anew from pyproject.toml
 #   PYTHON=python3.12 make demo    another Python;   VENV=/some/folder make demo    another place for the environment
@@ -8,21 +9,25 @@
 PYTHON ?= python3
 VENV ?= .venv
 DEMO_OUT ?= demo-out
-PYTEST_ARGS ?= -n 2 --dist loadfile
+PYTEST_ARGS ?= -n 2 --dist worksteal
+QUICK := not paper and not browser
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := .
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check docs format lock clean
+.PHONY: help demo test test-all check docs format lock clean
 
 help:
-	@sed -n '2,6s/^# *//p' Makefile
+	@sed -n '2,7s/^# *//p' Makefile
 
 demo: $(STAMP)
 	$(BIN)/kinemode demo --out $(DEMO_OUT)
 
 test: check
+	$(BIN)/python -m pytest -m "$(QUICK)" $(PYTEST_ARGS)
+
+test-all: check
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 docs: $(STAMP)

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.made_once import made_once
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -52,33 +54,42 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The clip of `tests.tiny_clip`; nobody changes its files."""
     from tests.tiny_clip import tiny_clip  # many tests do without
 
-    return tiny_clip(tmp_path_factory.mktemp("tiny"))
+    return made_once(tmp_path_factory, "tiny_clip", tiny_clip)
 
 
 @pytest.fixture(scope="session")
-def small_index() -> Any:
+def small_index(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """An index of examples of human34 that is soon made."""
-    from estimator.search.examples.index import IndexRecipe
-    from estimator.synthesis.examples.training import train_index
-    from humanoid.subject.subject import load_subject
 
-    return train_index(
-        load_subject("human34"),
-        IndexRecipe(examples=1000, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12),
-    )
+    def train(_: Path) -> Any:
+        from estimator.search.examples.index import IndexRecipe
+        from estimator.synthesis.examples.training import train_index
+        from humanoid.subject.subject import load_subject
+
+        recipe = IndexRecipe(examples=500, headings=120.0, pairs=200, variants=2, tables=10, key_bits=12)
+        return train_index(load_subject("human34"), recipe)
+
+    return made_once(tmp_path_factory, "small_index", train)
 
 
 @pytest.fixture(scope="session")
 def small_index_file(small_index: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its file, which nobody changes."""
-    path = tmp_path_factory.mktemp("index") / "index.npz"
-    small_index.save(path)
-    return path
+
+    def save(folder: Path) -> Path:
+        small_index.save(folder / "index.npz")
+        return folder / "index.npz"
+
+    return made_once(tmp_path_factory, "small_index_file", save)
 
 
 @pytest.fixture(scope="session")
-def valid() -> Mapping[str, list[Mapping[str, bytes]]]:
+def valid(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, list[Mapping[str, bytes]]]:
     """Valid files of every kind, see `benchmarks.fuzz_corpus.corpus`; a run of one subject is among them."""
-    from benchmarks.fuzz_corpus import corpus  # every other test does without
 
-    return corpus(("arm8",))
+    def files(_: Path) -> Mapping[str, list[Mapping[str, bytes]]]:
+        from benchmarks.fuzz_corpus import corpus  # every other test does without
+
+        return corpus(("arm8",))
+
+    return made_once(tmp_path_factory, "valid", files)

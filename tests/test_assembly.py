@@ -118,7 +118,7 @@ def within_limits(body: Body, mixture: Mixture) -> bool:
 def test_exact_beliefs_are_put_together_from_nothing(name: str) -> None:
     """Floors far below the priors' pull: what is believed decides."""
     rng, sharp = np.random.default_rng(3), AssemblySettings(place_floor=1e-4, turn_floor=1e-3)
-    for _ in range(6 if name == "human34" else 3):
+    for _ in range(2):
         q = quiet_pose(name, rng)
         mixture = put_together(name, about(rng, points_at(name, q), 1e-5, 1e-5), settings=sharp)
         assert away(name, mixture.modes[0].q, q) < 0.003

@@ -20,6 +20,7 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import demo
+from tests.worker_jobs import numbered
 
 CAMERA = guessed_camera("cam01", (640, 480))  # at the origin, looks along x; focal length 768 px
 DEPTH = 5.0
@@ -139,16 +140,12 @@ def test_motion_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_processes_keep_the_order() -> None:
-    results = in_processes(_task, [3, 1, 2], 2)
+    results = in_processes(numbered, [3, 1, 2], 2)
     assert [task for task, _ in results] == [3, 1, 2]
     assert os.getpid() not in {process for _, process in results}
-    assert in_processes(_task, [3, 1], 1) == [(3, os.getpid()), (1, os.getpid())]
+    assert in_processes(numbered, [3, 1], 1) == [(3, os.getpid()), (1, os.getpid())]
     with pytest.raises(InputError, match="1 or more"):
         in_processes(abs, [1], 0)
-
-
-def _task(task: int) -> tuple[int, int]:
-    return task, os.getpid()
 
 
 def test_widths_of_an_outline_are_those_of_a_disc() -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
+import signal
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
+from multiprocessing.synchronize import Barrier
 
 import numpy as np
 
@@ -29,13 +30,17 @@ def fill(connection: Connection, size: int) -> None:
 class Table:
     """A context that is no search: numbers (N, 2), and an offset that work may change."""
 
-    def __init__(self, numbers: np.ndarray) -> None:
-        self.numbers, self.offset = numbers, 0.0
+    def __init__(self, numbers: np.ndarray, meeting: Barrier) -> None:
+        self.numbers, self.meeting, self.offset = numbers, meeting, 0.0
 
     def row(self, i: int) -> tuple[float, int]:
         """Work: the sum of a row, and who added it up."""
-        time.sleep(0.005)  # long enough for everybody to get some
         return float(self.numbers[i].sum()) + self.offset, os.getpid()
+
+    def row_of_each(self, i: int) -> tuple[float, int]:
+        """Work that nobody is done with before as many pieces are begun as there are processes: each has one."""
+        self.meeting.wait()
+        return self.row(i)
 
     def shift(self, by: float) -> None:
         """Work for everywhere."""
@@ -43,19 +48,26 @@ class Table:
 
 
 class TableJob:
-    """Tables as the context of a pool (see `estimator.parallel.job.Job`). factor: of what is shown."""
+    """Tables as the context of a pool (see `estimator.parallel.job.Job`). factor: of what is shown. meeting: of the
+    processes."""
 
-    def __init__(self, factor: float) -> None:
-        self.factor = factor
+    def __init__(self, factor: float, meeting: Barrier) -> None:
+        self.factor, self.meeting = factor, meeting
 
     def message(self, context: Table) -> np.ndarray:
         return context.numbers / self.factor
 
     def opener(self) -> Callable[[np.ndarray], Table]:
-        return lambda numbers: Table(numbers * self.factor)
+        return lambda numbers: Table(numbers * self.factor, self.meeting)
 
 
 if __name__ == "__main__":  # a leader, for a test to end
     workers = [Worker(work_on), Worker(work_on)]
     print(*(worker.receive() for worker in workers), flush=True)
-    time.sleep(60.0)
+    while True:
+        signal.pause()
+
+
+def numbered(task: int) -> tuple[int, int]:
+    """A task, and the process that has done it."""
+    return task, os.getpid()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -57,13 +58,20 @@ def surface_of(body: Body, nodes: int = 1000, geometry: Geometry = "auto") -> Su
     return _hull_surface(hull_parts(body, geometry), nodes)
 
 
-def spread_nodes(flesh: Sequence[Flesh], nodes: int) -> list[Nodes]:
-    """Nodes of every part, about `nodes` of them together, at one spacing."""
+def spread_nodes(flesh: Sequence[Flesh], nodes: int) -> tuple[Nodes, ...]:
+    """Nodes of every part, about `nodes` of them together, at one spacing; their arrays cannot be written to."""
+    return _spread_nodes(tuple(flesh), nodes)
+
+
+@lru_cache(maxsize=16)  # a third of a second, asked for by every tracker, renderer and picture of the same few bodies
+def _spread_nodes(flesh: tuple[Flesh, ...], nodes: int) -> tuple[Nodes, ...]:
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * sum(surface_area(f) for f in flesh) / nodes)  # of equilateral triangles
     for _ in range(_ROUNDS):
         parts = [even_nodes(f, spacing) for f in flesh]
         spacing *= np.sqrt(sum(len(n.u) for n in parts) / nodes)
-    return parts
+    for array in (array for part in parts for array in part):
+        array.flags.writeable = False
+    return tuple(parts)
 
 
 def flesh_surface(body: Body, nodes: Sequence[Nodes], flesh: Sequence[Flesh] | None = None) -> Surface:

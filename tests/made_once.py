@@ -1,0 +1,37 @@
+"""What is expensive to make and nobody changes, made once for all test processes of a session."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+from humanoid.support.compiled_folder import locked
+
+T = TypeVar("T")
+
+
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], T]) -> T:
+    """What `make` gives, called with an empty folder by the first process that comes here with this name in a session.
+
+    The others wait and read what it gave from a file, so it has to be picklable; an exception is everybody's own, as
+    each then tries by itself.
+    """
+    own = factory.getbasetemp()
+    session = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own  # xdist gives each process a folder inside it
+    kept = session / "made_once" / name
+    kept.parent.mkdir(exist_ok=True)
+    with locked(kept.with_name(f"{name}.lock")):
+        answer = kept / "answer.pickle"
+        if not answer.exists():
+            kept.mkdir()
+            made = make(kept)
+            with answer.with_suffix(".part").open("wb") as file:
+                pickle.dump(made, file)
+            answer.with_suffix(".part").rename(answer)
+    with answer.open("rb") as file:
+        return pickle.load(file)  # type: ignore[no-any-return]
