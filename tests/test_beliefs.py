@@ -161,7 +161,9 @@ def line_mixtures(rng: np.random.Generator, count: int, kernels: int, apart: flo
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.08])
-@pytest.mark.parametrize(("method", "most"), [("importance", 0.05), ("gibbs", 0.1), ("exact", 0.05)])
+@pytest.mark.parametrize(
+    ("method", "most"), [("importance", 0.05), pytest.param("gibbs", 0.1, marks=pytest.mark.paper), ("exact", 0.05)]
+)
 def test_products_are_those_of_quadrature(method: str, most: float, apart: float) -> None:
     rng = np.random.default_rng(7)
     factors = line_mixtures(rng, 3, 12, apart)

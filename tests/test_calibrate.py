@@ -156,10 +156,10 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
     [
         (
             {"size": "8x6"},
-            r"8 x 6 inner corners is in none of 9 pictures .*\.png shows.*9 x 6 inner corners: --size 9x6",
+            r"8 x 6 inner corners is in none of 2 pictures .*\.png shows.*9 x 6 inner corners: --size 9x6",
         ),
         ({"size": "10x7"}, r"--size 9x6"),
-        ({"board": "charuco", "size": "8x6"}, "ChArUco board of 8 x 6 squares.* is in none of 9 pictures"),
+        ({"board": "charuco", "size": "8x6"}, "ChArUco board of 8 x 6 squares.* is in none of 2 pictures"),
         ({"size": "nine"}, "size: 'nine' cannot be used"),
         ({"size": "1x6"}, "size: a board of 1x6 cannot be"),
         ({"square": 0.0}, "square: 0 m cannot be"),
@@ -172,8 +172,10 @@ def test_several_cameras_stand_in_the_boards_world(tmp_path: Path, capsys: pytes
     ],
 )
 def test_what_cannot_be_is_refused(changed: dict[str, object], said: str, chess: tuple[Camera, Path]) -> None:
+    pictures = sorted(chess[1].iterdir())  # where no board is found, in few of them as in all
+    given = pictures[:2] if "8x6" in changed.values() or "10x7" in changed.values() else pictures
     with pytest.raises(km.InputError, match=said):
-        km.calibrate(chess[1], **({"size": "9x6", "square": 0.03} | changed))  # type: ignore[arg-type]
+        km.calibrate(given, **({"size": "9x6", "square": 0.03} | changed))  # type: ignore[arg-type]
 
 
 def test_markers_of_another_dictionary_are_told(chess: tuple[Camera, Path], tmp_path: Path) -> None:
@@ -200,8 +202,8 @@ def test_too_few_or_too_similar_views_are_refused(chess: tuple[Camera, Path], tm
 
 def test_cameras_that_share_no_board_are_refused(chess: tuple[Camera, Path], tmp_path: Path) -> None:
     camera = chess[0]
-    views = tilted(camera, CHESS, 6)
-    away = [(np.eye(3), np.array([0.0, 0.0, 50.0]))] * 6
+    views = tilted(camera, CHESS, 5)
+    away = [(np.eye(3), np.array([0.0, 0.0, 50.0]))] * 5
     for name, poses in (("a", views + away), ("b", away + views)):
         write_views(tmp_path / name, camera, CHESS, poses)
     both = {"a": tmp_path / "a", "b": tmp_path / "b"}

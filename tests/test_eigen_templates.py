@@ -45,7 +45,7 @@ def graph() -> LimbGraph:
 
 @pytest.fixture(scope="module")
 def templates() -> LimbTemplates:
-    return train_templates(load_subject("human34"), rig(), poses=60, limbs=("head", "left_shank"))
+    return train_templates(load_subject("human34"), rig(), poses=40, limbs=("head", "left_shank"))
 
 
 @pytest.fixture(scope="module")
@@ -232,11 +232,11 @@ def test_another_rig_or_body_is_refused(templates: LimbTemplates, graph: LimbGra
 def test_the_command_writes_templates_of_any_body_and_says_what_cannot_be(tmp_path: Path) -> None:
     cameras = {camera.name: camera for camera in rig(2, 0.6)}
     km.write_cameras(tmp_path / "rig.json", list(cameras.values()))
-    out = km.train_templates(tmp_path / "rig.json", tmp_path / "arm.npz", subject="arm8", poses=30)
+    out = km.train_templates(tmp_path / "rig.json", tmp_path / "arm.npz", subject="arm8", poses=20)
     made = load_templates(out)
     made.check_rig(list(cameras.values()))
     made.check_graph(limb_graph(load_subject("arm8")))
-    again = train_templates(load_subject("arm8"), list(cameras.values()), poses=30)
+    again = train_templates(load_subject("arm8"), list(cameras.values()), poses=20)
     np.testing.assert_allclose(again.templates[0].coefficients, made.templates[0].coefficients, atol=1e-4)
     with pytest.raises(InputError, match="exists already"):
         km.train_templates(cameras, out, subject="arm8")

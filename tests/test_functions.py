@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,7 +33,12 @@ def functions_of(module: str, source: str) -> Iterator[Function]:
 
 
 def functions(*packages: str) -> list[Function]:
-    files = [file for package in packages for file in sorted((ROOT / package).rglob("*.py"))]
+    return [function for package in packages for function in functions_in(package)]
+
+
+@cache
+def functions_in(package: str) -> list[Function]:
+    files = sorted((ROOT / package).rglob("*.py"))
     return [function for file in files for function in functions_of(file.stem, file.read_text())]
 
 

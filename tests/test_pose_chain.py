@@ -103,7 +103,9 @@ def test_a_body_without_arms_is_refused() -> None:
         PoseParts.of(body, anatomy, nothing, graph)
 
 
-@pytest.mark.parametrize(("by_past", "lost"), [(0.2, 0.0), (0.8, 0.0), (0.2, 100.0)])
+@pytest.mark.parametrize(
+    ("by_past", "lost"), [*(pytest.param(share, 0.0, marks=pytest.mark.paper) for share in (0.2, 0.8)), (0.2, 100.0)]
+)
 def test_the_posterior_is_that_of_weighing_the_past(by_past: float, lost: float) -> None:
     """Whatever share comes from the image, and whatever the odds that a limb is anywhere: means and spreads of all
     joints, and of the hands in the image."""

@@ -243,6 +243,7 @@ def test_learning_finds_the_gaussians_that_poses_were_drawn_from() -> None:
         assert np.sqrt(np.diag(mixture.covariance[k])).mean() == pytest.approx(std, rel=0.05)
 
 
+@pytest.mark.paper
 def test_the_shipped_numbers_are_what_the_script_makes() -> None:
     files = captured_files(None)
     if not files:

@@ -21,6 +21,7 @@ LINE, PLANE = Space(1, False), Space(2, False)
 STAR, CHAIN, RING = ((0, 1), (0, 2), (0, 3)), ((0, 1), (1, 2), (2, 3), (3, 4)), ((0, 1), (1, 2), (2, 3), (0, 3))
 QUICK = ProductSettings(candidates=200, per_draw=4.0, rounds=1)
 PRINTED = replace(QUICK, sighted=False)
+WAYS = [pytest.param(PRINTED, id="as printed", marks=pytest.mark.paper), pytest.param(QUICK, id="sighted")]
 
 
 def seen_at(place: np.ndarray, std: float) -> LogLikelihood:
@@ -66,7 +67,7 @@ def means(beliefs: tuple[Belief, ...]) -> np.ndarray:
     return np.stack([belief.weights @ belief.points for belief in beliefs])
 
 
-@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+@pytest.mark.parametrize("product", WAYS)
 def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number(product: ProductSettings) -> None:
     """And there is no bias: the mean over seeds is within three standard errors of the exact solution."""
     known, error = Gaussian(PLANE, ((0, 1), (0, 2), (2, 3), (2, 4)), 0), {}
@@ -85,7 +86,7 @@ def test_errors_of_a_gaussian_tree_fall_with_the_root_of_the_number(product: Pro
     assert 2.1 < error[25] / error[225] < 4.3  # nine times as many: three
 
 
-@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+@pytest.mark.parametrize("product", WAYS)
 def test_a_chain_is_the_rauch_tung_striebel_smoother(product: ProductSettings) -> None:
     """A window of five instants whose first belief stays, as that of the frame before does."""
     known = Gaussian(PLANE, CHAIN, 1)
@@ -113,7 +114,7 @@ def test_a_chain_is_the_rauch_tung_striebel_smoother(product: ProductSettings) -
         np.testing.assert_allclose(np.mean([c for _, c in moments], axis=0), covariance, atol=0.03)
 
 
-@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+@pytest.mark.parametrize("product", WAYS)
 def test_loops_have_the_means_and_variances_of_gaussian_belief_propagation(product: ProductSettings) -> None:
     """Whose means are exact, and whose variances are not."""
     known = Gaussian(LINE, RING, 4, step=0.3, noise=0.8)
@@ -237,7 +238,7 @@ def limbs() -> Graph:
     )
 
 
-@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+@pytest.mark.parametrize("product", WAYS)
 def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) -> None:
     settings = BeliefSettings(kernels=31, samples=20, iterations=3, product=product)
 
@@ -260,7 +261,7 @@ def test_equal_seeds_equal_bits_whoever_does_the_work(product: ProductSettings) 
 
 
 @pytest.mark.parametrize("blind", [-np.inf, np.nan, np.inf])
-@pytest.mark.parametrize("product", [PRINTED, QUICK], ids=["as printed", "sighted"])
+@pytest.mark.parametrize("product", WAYS)
 def test_where_nothing_has_weight_beliefs_are_wider_and_say_so(product: ProductSettings, blind: float) -> None:
     known, settings = Gaussian(LINE, STAR, 9), BeliefSettings(kernels=101, samples=200, product=product)
     dark = replace(known.graph.nodes[1], log_likelihood=lambda points: np.full(len(points), blind))

@@ -131,7 +131,7 @@ def truth(fit: Fit) -> np.ndarray:
     return np.array([PROPORTIONS.get(name, 1.0) for name in fit.names])
 
 
-@pytest.mark.parametrize(("count", "share"), [(1, 0.6), (2, 0.5)])
+@pytest.mark.parametrize(("count", "share"), [pytest.param(1, 0.6, marks=pytest.mark.paper), (2, 0.5)])
 def test_known_girths_come_back(count: int, share: float) -> None:
     first, fit = first_stage(count), fitted(count)
     assert fit.shape is not None

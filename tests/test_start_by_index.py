@@ -203,7 +203,8 @@ def test_a_fit_goes_by_keypoints_whatever_the_track_begins_by() -> None:
 
 def test_the_commands_take_it(clip: RenderedClip, small_index_file: Path, tmp_path: Path) -> None:
     (name, video), (_, depth) = next(iter(clip.videos.items())), next(iter(clip.depths.items()))
-    files = [f"{name}={video}", "--cameras", str(clip.cameras), "--depth", f"{name}={depth}", "--cues", "depth", "--end", "0.2"]
+    files = [f"{name}={video}", "--cameras", str(clip.cameras), "--depth", f"{name}={depth}", "--cues", "depth"]
+    files += ["--end", "0.2"]
     how = ["--subject", str(clip.subject), "--start", "index", "--index", str(small_index_file)]
     out = tmp_path / "a.run"
     assert front.main(["track", *files, *how, "--tracker", "icp", "--out", str(out)]) == 0

@@ -37,12 +37,16 @@ FEW: dict[str, dict[str, object]] = {
     },
 }
 FEW["css_dual"] = FEW["css"]
-FEW["dual_chain"] = {"features": "keypoints", "past": True, "pose": {"particles": 100, "kernels": 30}}
+FEW["dual_chain"] = {
+    "features": "keypoints",
+    "past": True,
+    "pose": {"particles": 60, "kernels": 20, "tempering": {"moves": 1}},
+}
 BY_DEPTH = ("elmo", "psh")
 """These begin by depth, see `tests.test_elmo`."""
 
 
-def arm_clip(frames: int = 4) -> list[Observation]:
+def arm_clip(frames: int = 3) -> list[Observation]:
     """The arm of eight joints, seen by two cameras with a little noise."""
     body, rng = body_of("arm8"), np.random.default_rng(3)
     start, end = (random_pose(body, rng, share=0.4) for _ in range(2))
@@ -55,7 +59,7 @@ def person_clip() -> list[Observation]:
     """A person who reaches and turns, seen by one noisy camera."""
     body, rng = body_of("human34"), np.random.default_rng(81)
     camera = camera_at(30.0, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95))
-    poses = authored_motion(body, 0.4 + np.arange(4) / 30.0)
+    poses = authored_motion(body, 0.4 + np.arange(3) / 30.0)
     return [observe(body, q, [camera], noise=4.0, rng=rng, index=i, time=i / 30.0) for i, q in enumerate(poses)]
 
 

@@ -18,6 +18,7 @@ from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject
 from humanoid.subject.urdf_reshape import mirror_parts
 from humanoid.support.errors import InputError
+from humanoid.support.per_object import per_object
 
 NODES = 3000
 """Nodes of the surface that cones are fitted to."""
@@ -60,9 +61,18 @@ def limb_graph(
     InputError: no flesh or geometry, under two limbs, `detail` unknown, or overrides that do not fit.
     """
     body = subject if isinstance(subject, Body) else Body(subject)
-    source = body.subject.source
     if detail not in RULES:
         raise InputError(repr(detail), "is no detail of limbs", remedy="one of " + ", ".join(RULES))
+    return _by_rules(body, detail) if overrides is None and like is None else _graph(body, detail, overrides, like)
+
+
+@per_object
+def _by_rules(body: Body, detail: Detail) -> LimbGraph:
+    return _graph(body, detail, None, None)
+
+
+def _graph(body: Body, detail: Detail, overrides: str | Path | Overrides | None, like: LimbGraph | None) -> LimbGraph:
+    source = body.subject.source
     bodies = bodies_of(body, surface_of(body, NODES))
     given = read_overrides(overrides) if isinstance(overrides, str | Path) else overrides or Overrides()
     fixed = given.groups(bodies) if like is None else _as_in(like, bodies, source)

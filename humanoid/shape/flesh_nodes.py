@@ -70,9 +70,9 @@ def even_nodes(flesh: Flesh, spacing: float) -> Nodes:
     arc, latitudes = _meridian(flesh)
     count = max(4, round(arc[-1] / spacing))
     rings = [np.array([[latitudes[0], 0.0]])]
-    for k in range(1, count):
-        latitude = float(np.interp(arc[-1] * k / count, arc, latitudes))
-        around, longitudes = _parallel(flesh, latitude)
+    within = np.interp(arc[-1] * np.arange(1, count) / count, arc, latitudes)
+    lengths, longitudes = _parallels(flesh, within)
+    for k, (latitude, around) in enumerate(zip(within, lengths, strict=True), start=1):
         nodes = max(_FEWEST, round(around[-1] / spacing))
         at = (np.arange(nodes) + 0.5 * (k % 2)) / nodes  # every other ring is turned: triangles, not slivers
         rings.append(np.stack([np.full(nodes, latitude), np.interp(at * around[-1], around, longitudes)], axis=-1))
@@ -84,9 +84,9 @@ def grid_nodes(flesh: Flesh, around: int, along: int) -> Nodes:
     """`along` rings of `around` nodes each, and a node at each pole: (around * along + 2) nodes."""
     arc, latitudes = _meridian(flesh)
     rings = [np.array([[latitudes[0], 0.0]])]
-    for k in range(along):
-        latitude = float(np.interp(arc[-1] * (k + 0.5) / along, arc, latitudes))
-        length, longitudes = _parallel(flesh, latitude)
+    within = np.interp(arc[-1] * (np.arange(along) + 0.5) / along, arc, latitudes)
+    lengths, longitudes = _parallels(flesh, within)
+    for latitude, length in zip(within, lengths, strict=True):
         at = np.interp(np.arange(around) / around * length[-1], length, longitudes)
         rings.append(np.stack([np.full(around, latitude), at], axis=-1))
     rings.append(np.array([[latitudes[-1], 0.0]]))
@@ -113,13 +113,16 @@ def _meridian(flesh: Flesh) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([[0.0], np.cumsum(steps)]), latitudes
 
 
-def _parallel(flesh: Flesh, latitude: float) -> tuple[np.ndarray, np.ndarray]:
-    """Arc lengths around a part at one latitude, and their longitudes, once round."""
+def _parallels(flesh: Flesh, latitudes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Arc lengths (R, F) [m] around a part at latitudes (R,), and their longitudes (F,), once round."""
     longitudes = np.linspace(-np.pi, np.pi, _FINE)
     if flesh.shape != "capsule":
         longitudes = _spread(longitudes, flesh.exponents[1])
-    p = flesh_points(flesh, np.stack([np.full(len(longitudes), latitude), longitudes], axis=-1))
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))]), longitudes
+    u = np.stack(np.broadcast_arrays(latitudes[:, None], longitudes), axis=-1)  # all at once: a dozen calls cost more
+    p = flesh_points(flesh, u.reshape(-1, 2)).reshape(*u.shape[:2], 3)
+    lengths = np.zeros(u.shape[:2])
+    np.cumsum(np.linalg.norm(np.diff(p, axis=1), axis=2), axis=1, out=lengths[:, 1:])
+    return lengths, longitudes
 
 
 def _spread(direction: np.ndarray, exponent: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from estimator.modes.merge import body_size
 from estimator.search.jumps.lines import axes_of, meeting_point
 from humanoid.kinematics.body import Body
+from humanoid.support.per_object import per_object
 
 PROBES = 3  # random poses at which axes and landmarks are looked at: a single pose may be a special one
 SAME = 0.03  # of the body's size, as modes that are distinct: jumps that move less say nothing new
@@ -57,6 +58,7 @@ class Anatomy:
     same: float
 
 
+@per_object
 def anatomy_of(body: Body) -> Anatomy:
     """What can jump in depth; nothing of it is named in advance."""
     probe = _Probe(body)
