@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,10 +24,27 @@ def programs() -> tuple[str, str] | None:
 
 
 @contextmanager
-def opened_browser(profile: Path) -> Iterator[Any]:
-    """Selenium's driver of it, with a profile in an empty folder; both have to be installed."""
+def opened_browser(profile: Path, *, patience: float = 600.0) -> Iterator[Any]:
+    """Selenium's driver of it, with a profile in an empty folder; both have to be installed.
+
+    patience [s]: how long the driver's start, a page or a script is waited for.
+    """
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
+
+    class Patient(Service):
+        """The driver's program; left to itself Selenium gives up after half a minute of asking whether it listens."""
+
+        listens = False
+
+        def is_connectable(self) -> bool:
+            """Also asked at the end, until it listens no more: there nothing is to be waited for."""
+            end = time.monotonic() + patience
+            while not (answers := super().is_connectable()) and not self.listens and time.monotonic() < end:
+                self.assert_process_still_running()
+                time.sleep(0.01)
+            self.listens = self.listens or answers
+            return bool(answers)
 
     places = programs()
     assert places is not None
@@ -35,8 +53,10 @@ def opened_browser(profile: Path) -> Iterator[Any]:
     for option in (*OPTIONS, f"--user-data-dir={profile}"):
         options.add_argument(option)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(places[1]))
+    driver = webdriver.Chrome(options=options, service=Patient(places[1]))
     try:
+        driver.set_script_timeout(patience)
+        driver.set_page_load_timeout(patience)
         yield driver
     finally:
         driver.quit()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -121,8 +122,9 @@ class _Jumps:
         return True
 
 
-def hunted(task: HuntTask) -> Hunt:
-    """Searches from samples, and with jumps from every other start, about minima drawn evenly from those known."""
+def hunted(task: HuntTask, clock: Callable[[], float] = time.process_time) -> Hunt:
+    """Searches from samples, and with jumps from every other start, about minima drawn evenly from those known. clock:
+    tells the time that they take [s]."""
     problem, rng = known_problem(task.pose, task.seen), np.random.default_rng([task.seed, task.pose, 1])
     seeker, pool = Seeker(problem.body, SEARCH), Pool(problem, task.scale)
     next(
@@ -130,11 +132,11 @@ def hunted(task: HuntTask) -> Hunt:
     )  # kernels are compiled before the clock starts
     jumps = _Jumps(problem, pool) if task.searcher == SEARCHERS[2] else None
     pool.sample(rng, 0)
-    known, cpu, began = [], [], time.process_time()
+    known, cpu, began = [], [], clock()
     for k in range(task.searches):
         about = 0 if task.searcher == SEARCHERS[0] else int(rng.integers(len(pool.minima)))
         q = jumps.next() if jumps is not None and k % 4 else None
         pool.offer(seeker.seek(problem.cost, pool.sample(rng, about) if q is None else q))
         known.append(len(pool.minima) - 1)
-        cpu.append(time.process_time() - began)
+        cpu.append(clock() - began)
     return Hunt(np.array(known), np.array(cpu), np.array([f.quadratic.value for f in pool.minima[1:]]))

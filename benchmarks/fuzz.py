@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from benchmarks import fuzz_commands
 from benchmarks.common import Json, Several, save, start, tell
-from benchmarks.fuzz_cases import GOOD, Case, Verdict
+from benchmarks.fuzz_cases import GOOD, MOST_SECONDS, Case, Verdict
 from benchmarks.fuzz_corpus import Files, corpus
 from benchmarks.fuzz_judge import judge, prepare, write
 from benchmarks.fuzz_readers import READERS
@@ -35,9 +35,11 @@ def cases(inputs: int, seed: int, readers: Sequence[str] = ()) -> list[Case]:
     return [case for _, case in sorted(placed)]
 
 
-def judge_case(case: Case, files: Mapping[str, list[Files]], folder: Path) -> Verdict:
-    """Make the damaged files of a case, and read them."""
-    return judge(case.reader, prepare(case, files, folder))
+def judge_case(
+    case: Case, files: Mapping[str, list[Files]], folder: Path, most_seconds: float = MOST_SECONDS
+) -> Verdict:
+    """Make the damaged files of a case, and read them, in so much time."""
+    return judge(case.reader, prepare(case, files, folder), most_seconds)
 
 
 class Tally:

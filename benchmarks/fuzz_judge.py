@@ -29,8 +29,9 @@ def prepare(case: Case, corpus: Mapping[str, list[Files]], folder: Path) -> Path
     return folder / main
 
 
-def judge(reader: str, path: Path) -> Verdict:
-    """What a reader makes of a file: a result, or an InputError that can be read; anything else is a fault."""
+def judge(reader: str, path: Path, most_seconds: float = MOST_SECONDS) -> Verdict:
+    """What a reader makes of a file: a result, or an InputError that can be read; anything else is a fault, and so is
+    more than `most_seconds`."""
     forget_peak()
     held, began = already_held(), time.perf_counter()
     with warnings.catch_warnings(record=True) as warned:
@@ -46,14 +47,14 @@ def judge(reader: str, path: Path) -> Verdict:
     if numeric and outcome in GOOD:
         where = "/".join(Path(numeric[0].filename).parts[-2:])
         outcome, said = "warned", f"{where}:{numeric[0].lineno}: {numeric[0].message}"
-    return timed(outcome, said, time.perf_counter() - began, held)
+    return timed(outcome, said, time.perf_counter() - began, held, most_seconds)
 
 
-def timed(outcome: str, said: str, seconds: float, held: int = 0) -> Verdict:
+def timed(outcome: str, said: str, seconds: float, held: int = 0, most_seconds: float = MOST_SECONDS) -> Verdict:
     """A verdict, which is bad where the time or the memory was too much; held: of the memory before, see
     `already_held`."""
     memory = peak_memory() - held
-    if outcome in GOOD and seconds > MOST_SECONDS:
+    if outcome in GOOD and seconds > most_seconds:
         outcome = "slow"
     if outcome in GOOD and memory > MOST_MEMORY:
         outcome = "memory"

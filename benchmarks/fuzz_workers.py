@@ -26,24 +26,24 @@ _START = 120.0  # s that a worker may take to come up
 
 
 class _Worker:
-    """One process and the cases it was given."""
+    """One process and the cases it was given; deadline: by when something has to come of it."""
 
-    def __init__(self, judge: Judge, corpus: Path) -> None:
+    def __init__(self, judge: Judge, corpus: Path, deadline: float) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(target=_serve, args=(theirs, judge, corpus), daemon=True)
         self.process.start()
         theirs.close()
         self.cases: list[Case] = []
-        self.deadline = time.monotonic() + _START
+        self.deadline = deadline
 
     def give(self, cases: list[Case]) -> None:
         self.cases = cases
         self.connection.send(cases)
 
-    def end(self) -> int | None:
-        """Kill it; its exit code where it had ended by itself."""
-        self.process.join(0.5)
+    def end(self, patience: float = 0.0) -> int | None:
+        """Kill it; its exit code where it had ended by itself, or does so in the time that it is given [s]."""
+        self.process.join(patience)
         code = self.process.exitcode
         self.process.kill()
         self.process.join()
@@ -52,30 +52,44 @@ class _Worker:
 
 
 def verdicts(
-    judge: Judge, corpus: object, cases: Sequence[Case], jobs: int, batch: int = _BATCH, patience: float = _PATIENCE
+    judge: Judge,
+    corpus: object,
+    cases: Sequence[Case],
+    jobs: int,
+    batch: int = _BATCH,
+    patience: float = _PATIENCE,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[tuple[Case, Verdict]]:
     """The verdict on each case, as they come.
 
     judge: a function of a module. corpus: what it needs, once a process. batch: cases that are sent together.
-    patience [s]: a worker that says nothing for so long is killed.
+    patience [s]: a worker that says nothing for so long, by the clock, is killed.
     """
     waiting = [list(cases[i : i + batch]) for i in range(0, len(cases), batch)][::-1]
     with tempfile.TemporaryDirectory(prefix="kinemode-fuzz-") as folder:
         stored = Path(folder) / "corpus"
         stored.write_bytes(pickle.dumps(corpus))
-        workers = [_Worker(judge, stored) for _ in range(min(jobs, len(waiting)))]
+
+        def another() -> _Worker:
+            return _Worker(judge, stored, clock() + max(_START, patience))
+
+        workers = [another() for _ in range(min(jobs, len(waiting)))]
         try:
             for worker in workers:
                 worker.give(waiting.pop())
             while workers:
-                yield from _round(workers, waiting, lambda: _Worker(judge, stored), patience)
+                yield from _round(workers, waiting, another, patience, clock)
         finally:
             for worker in workers:
                 worker.end()
 
 
 def _round(
-    workers: list[_Worker], waiting: list[list[Case]], another: Callable[[], _Worker], patience: float
+    workers: list[_Worker],
+    waiting: list[list[Case]],
+    another: Callable[[], _Worker],
+    patience: float,
+    clock: Callable[[], float],
 ) -> Iterator[tuple[Case, Verdict]]:
     """What the workers have to say now; the dead are replaced, the late are killed."""
     ready = wait([w.connection for w in workers], timeout=0.5)
@@ -85,11 +99,11 @@ def _round(
             try:
                 verdict = worker.connection.recv()
             except (EOFError, OSError):
-                bad = Verdict("crash", f"exit code {worker.end()}")
+                bad = Verdict("crash", f"exit code {worker.end(patience)}")
             else:
                 yield worker.cases.pop(0), verdict
-                worker.deadline = time.monotonic() + patience
-        elif time.monotonic() > worker.deadline:
+                worker.deadline = clock() + patience
+        elif clock() > worker.deadline and not worker.connection.poll():  # or it was we who were late
             worker.end()
             bad = Verdict("hang", f"nothing for {patience:.0f} s", patience)
         if bad is not None:

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +40,7 @@ class Kill:
     resumed_from: frames the process began with. before, after: frames that could be read just before, and after it.
     code: exit code, 0 where it had ended by itself. seconds: until it had ended. lingered [s]: longer than it anything
     that it had started or that held its caller's pipes was there. left: processes, and names of shared memory, that
-    were there for longer than `SOON`. said: its last words on standard error.
+    were there for longer than allowed. said: its last words on standard error.
     """
 
     moment: Moment
@@ -105,23 +106,33 @@ def check_ended_well(code: int, said: bytes) -> None:
         raise InputError("track", f"ended with code {code}: {said.decode().strip()}")
 
 
-def kill_at(arguments: Sequence[str], out: Path, moment: Moment) -> Kill:
+def kill_at(
+    arguments: Sequence[str],
+    out: Path,
+    moment: Moment,
+    *,
+    announced: bool = False,
+    patience: float = PATIENCE,
+    soon: float = SOON,
+) -> Kill:
     """Start or resume, wait for a moment and end it.
 
+    announced: the process itself says, in a line, that the frames are there. patience [s]: for a frame, or for an end.
+    soon [s]: after its leader until a helper, and what is shared with it, has to be gone.
     Raises InputError where the process fails by itself, or does not get there in time.
     """
     first = frames_in(out)
     process = started(arguments)
     try:
-        ended = _waited(process, out, moment)
+        ended = (_told if announced else _waited)(process, out, moment, patience)
         before, names = frames_in(out), _shared_memory(process.pid)
         if ended is None:
             (os.killpg if moment.to_all else os.kill)(process.pid, moment.number)
         sent = time.monotonic()
-        code = process.wait(PATIENCE)
+        code = process.wait(patience)
         seconds, ended_at = time.monotonic() - sent, time.monotonic()
-        said = _read_to_the_end(process)
-        lingered, left = _what_is_left(process.pid, names, ended_at)
+        said = _read_to_the_end(process, soon)
+        lingered, left = _what_is_left(process.pid, names, ended_at, soon)
     finally:
         if _alive(process.pid):
             os.killpg(process.pid, signal.SIGKILL)
@@ -131,36 +142,44 @@ def kill_at(arguments: Sequence[str], out: Path, moment: Moment) -> Kill:
     return Kill(moment, first, before, frames_in(out), code, seconds, lingered, left, last)
 
 
-def _waited(process: subprocess.Popen[bytes], out: Path, moment: Moment) -> int | None:
+def _waited(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
     """Wait for a moment in the life of a process; its exit code if that comes first."""
 
     def there() -> bool:
         return moment.wanted == BEFORE_THE_FILE or (out.exists() and frames_in(out) >= moment.wanted)
 
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + patience
     while not there() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.004)
     if not there() and process.poll() is None:
-        raise InputError("track", f"did not come to {moment.wanted} frames in {PATIENCE:.0f} s")
+        raise InputError("track", f"did not come to {moment.wanted} frames in {patience:.0f} s")
     time.sleep(moment.delay)
     return process.poll()
 
 
-def _read_to_the_end(process: subprocess.Popen[bytes]) -> bytes:
+def _told(process: subprocess.Popen[bytes], out: Path, moment: Moment, patience: float) -> int | None:
+    """Wait until a process says that the moment is there; its exit code if it ends instead."""
+    assert process.stdout is not None
+    if not wait([process.stdout.fileno()], patience):
+        raise InputError("track", f"did not come to {moment.wanted} frames in {patience:.0f} s")
+    return None if process.stdout.readline() else process.wait(patience)
+
+
+def _read_to_the_end(process: subprocess.Popen[bytes], soon: float) -> bytes:
     """What it said last; a process that keeps its pipes open is given a while."""
     try:
-        return process.communicate(timeout=SOON)[1]
+        return process.communicate(timeout=soon)[1]
     except subprocess.TimeoutExpired as late:
         return late.stderr or b""
 
 
-def _what_is_left(group: int, names: set[str], ended_at: float) -> tuple[float, tuple[str, ...]]:
-    """How long something was there after the leader's end [s], and what is there for longer than `SOON`."""
+def _what_is_left(group: int, names: set[str], ended_at: float, soon: float) -> tuple[float, tuple[str, ...]]:
+    """How long something was there after the leader's end [s], and what is there for longer than is allowed."""
     while True:
         left = [f"process {pid}" for pid in _alive(group)]
         left += [name for name in names if Path(name).exists()]
         lingered = time.monotonic() - ended_at
-        if not left or lingered > SOON:
+        if not left or lingered > soon:
             return lingered, tuple(left)
         time.sleep(0.01)
 

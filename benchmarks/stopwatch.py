@@ -10,9 +10,13 @@ from typing import Any
 
 
 class Stopwatch:
-    """Seconds by part. A call counts for its own part alone: what a part inside it takes is that part's."""
+    """Seconds by part. A call counts for its own part alone: what a part inside it takes is that part's.
 
-    def __init__(self) -> None:
+    clock: tells the time [s].
+    """
+
+    def __init__(self, clock: Callable[[], float] = process_time) -> None:
+        self._clock = clock
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self._inside = [0.0]  # taken by parts within the running ones, outermost first
 
@@ -21,11 +25,11 @@ class Stopwatch:
 
         def measured(*args: Any, **kwargs: Any) -> Any:
             self._inside.append(0.0)
-            start = process_time()
+            start = self._clock()
             try:
                 return call(*args, **kwargs)
             finally:
-                passed = process_time() - start
+                passed = self._clock() - start
                 self.seconds[part] += passed - self._inside.pop()
                 self._inside[-1] += passed
 

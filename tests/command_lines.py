@@ -1,63 +1,124 @@
-"""Command lines, each in a process of its own."""
+"""Command lines: in this process, many in another one, and in one that is killed."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmarks.common import ROOT
-from benchmarks.resume_kills import Moment, command, kill_at
+from benchmarks.resume_kills import Kill, Moment, kill_at
 from estimator.results.run_file import Run
+from humanoid.support.plugins import VARIABLE
+from kinemode.__main__ import main
+from tests.waiting import DEADLINE, default_signals
+
+_BLOCKED = """
+import signal, sys
+from kinemode import jobs
+from kinemode.__main__ import main
+
+run_into, wanted = jobs.run_into, int(sys.argv[1])
+
+def progress(done, total):
+    if done == wanted:
+        print(done, "frames are stored", flush=True)
+        while True:
+            signal.pause()
+
+jobs.run_into = lambda *arguments, **how: run_into(*arguments, **{**how, "progress": progress})
+sys.exit(main(sys.argv[2:]))
+"""
+_MANY = """
+import contextlib, io, json, sys
+from kinemode.__main__ import main
+for line in json.loads(sys.argv[1]):
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        code = main(line)
+    print(json.dumps([code, out.getvalue(), error.getvalue()]))
+"""
 
 
-def killed_after(frames: int, inputs: Sequence[str | Path], out: Path) -> list[str]:
+class Told(NamedTuple):
+    """How a command line ended."""
+
+    code: int
+    out: str
+    error: str
+
+
+def track_line(inputs: Sequence[object], out: Path) -> list[str]:
+    """The command line that starts a run and goes on with it."""
+    return ["track", *map(str, inputs), "--out", str(out), "--resume"]
+
+
+def killed_at(moment: Moment, line: Sequence[str], out: Path) -> Kill:
+    """A process of a command line that tracks into `out`, with what came of it. It says when it has stored the frames
+    that are wanted of it and does no more, until it is ended."""
+    arguments = [sys.executable, "-c", _BLOCKED, str(moment.wanted), *line]
+    with default_signals():
+        return kill_at(arguments, out, moment, announced=True, patience=DEADLINE, soon=DEADLINE)
+
+
+def killed_after(frames: int, inputs: Sequence[object], out: Path) -> list[str]:
     """Track into a run and kill the process, without warning, when it has so many frames; returns the command line that
-    goes on. Tried again where the machine stalls until the process has ended by itself. AssertionError where it ended
-    otherwise, left anything, or has not lost its end."""
-    for _ in range(3):
-        out.unlink(missing_ok=True)
-        kill = kill_at(command(inputs, out), out, Moment(frames))
-        if not kill.too_late:
-            break
+    goes on. AssertionError where it ended otherwise, left anything, or has lost a frame."""
+    line = track_line(inputs, out)
+    kill = killed_at(Moment(frames), line, out)
     assert (kill.code, kill.lost, kill.left) == (-9, 0, ()), kill.fault
     run = Run.open(out)
-    assert frames <= len(run) < run.planned_count
+    assert frames == len(run) < run.planned_count
     assert not run.complete
-    return command(inputs, out)
+    return line
 
 
-def printed_by(lines: Mapping[str, Sequence[object]]) -> dict[str, str]:
-    """What each command line prints; all at the same time, since most of theirs is importing. AssertionError with what
-    they said unless each ends with 0."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    processes = {
-        name: subprocess.Popen(
-            [sys.executable, "-m", "kinemode", *map(str, line)], env=environment, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )
-        for name, line in lines.items()
-    }  # fmt: skip
-    said = {name: process.communicate() for name, process in processes.items()}
-    wrong = {name: said[name] for name, process in processes.items() if process.returncode}
-    assert not wrong, wrong
-    return {name: out for name, (out, _) in said.items()}
+def ran(code: str, *arguments: str, plugins: str, path: Path = ROOT) -> str:
+    """What a Python program prints in a process of its own, which finds plugins in a folder; it warns of nothing."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(path)]), VARIABLE: plugins}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=environment, check=False,
+        stdin=subprocess.DEVNULL, timeout=DEADLINE,
+    )  # fmt: skip
+    assert done.stderr == ""
+    return done.stdout
 
 
-def readers(path: Path, frame: int) -> dict[str, list[object]]:
-    """Every command that takes a run alone, by its name or by the format exported; what they write lies beside it."""
-    return {
+def told(*lines: Sequence[str], plugins: str, path: Path = ROOT) -> list[Told]:
+    """Command lines, all in one other process: importing takes longer than they."""
+    printed = ran(_MANY, json.dumps(lines), plugins=plugins, path=path)
+    return [Told(*json.loads(line)) for line in printed.splitlines()]
+
+
+def printed_by(line: Sequence[object]) -> str:
+    """What a command line prints, in this process. AssertionError with what it said unless it ends with 0."""
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        code = main([*map(str, line)])
+    assert code == 0, error.getvalue()
+    return out.getvalue()
+
+
+def said_by_readers(path: Path, frame: int) -> Mapping[str, str]:
+    """What every command says that takes a run alone, by its name or by the format exported; what they write lies
+    beside it."""
+    lines: dict[str, list[object]] = {
         **{kind: ["export", path, path.with_suffix(f".{kind}")] for kind in ("npz", "csv", "trc", "mot", "osim")},
         "view": ["view", path, "--html", path.with_suffix(".html")],
         "overlay": ["overlay", path, "--out", path.with_suffix(".mp4")],
         "explain": ["explain", path, "--frame", frame, "--hypothesis", 0, "--out", path.parent / "pictures"],
     }
+    return {name: printed_by(line) for name, line in lines.items()}
 
 
 def check_written(path: Path, frames: int) -> None:
-    """AssertionError unless what `readers` write of a run of so many frames is there, and not empty."""
+    """AssertionError unless what `said_by_readers` had written of a run of so many frames is there, and not empty."""
     for kind in ("csv", "trc", "mot"):
         assert len(path.with_suffix(f".{kind}").read_text().splitlines()) > frames
     assert path.with_suffix(".npz").stat().st_size > 1000

@@ -18,6 +18,18 @@ from tests.made_once import made_once
 ROOT = Path(__file__).resolve().parent.parent
 
 
+LONGEST = (
+    "start_by_index", "elmo", "tracker_contract", "toy_cue", "toy_tracker", "resume", "loose_limbed", "eigen_templates",
+    "trackers", "calibrate", "pose_chain", "guide", "preview_page", "viz", "live", "workers",
+)  # fmt: skip
+"""Test files with the longest tests or fixtures: they begin, so that no process is left with one at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first, in the order they are found in otherwise."""
+    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONGEST)
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The evaluation data: the folder in KINEMODE_DATA, or ../shared/data next to the checkout."""

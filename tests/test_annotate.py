@@ -7,10 +7,7 @@ import itertools
 import json
 import queue
 import signal
-import subprocess
-import sys
 import threading
-import time
 import webbrowser
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -32,6 +29,7 @@ from kinemode.annotation.server import AnnotationServer
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from tests.builders import body_of
+from tests.waiting import DEADLINE, ended, kinemode_process, until
 
 pytestmark = pytest.mark.filterwarnings("ignore:a folder of images has no frame rate")
 
@@ -68,7 +66,7 @@ class Served:
 
     def ask(self, method: str, route: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes]:
         host, path = self.server.address.removeprefix("http://").split("/", 1)
-        connection = http.client.HTTPConnection(host, timeout=10)
+        connection = http.client.HTTPConnection(host, timeout=DEADLINE)
         path = route if route.startswith("/") else f"/{path}{route}"
         connection.request(method, path, body, {k.replace("_", "-"): v for k, v in headers.items()})
         answer = connection.getresponse()
@@ -93,13 +91,13 @@ def serve(clip: Path, tmp_path: Path) -> Iterator[Serve]:
         given = {"subject": "arm8", "out": out, "open_browser": False, "ready": ready.put, **options}
         thread = threading.Thread(target=lambda: result.append(serve_annotation(clip, **given)), daemon=True)
         thread.start()
-        started.append(Served(ready.get(timeout=30), thread, out, result))
+        started.append(Served(ready.get(timeout=DEADLINE), thread, out, result))
         return started[-1]
 
     yield start
     for running in started:
         running.server.shutdown()
-        running.thread.join(10)
+        running.thread.join(DEADLINE)
         assert not running.thread.is_alive()
 
 
@@ -194,7 +192,7 @@ def test_the_file_is_what_was_posted(serve: Serve, clip: Path) -> None:
     assert served.post({"frames": {"2": {"neck": [5.0, 6.0, 1.0]}}})[0] == 200
     status, told = served.post({"frames": {"0": clicked}, "close": True})
     assert (status, told["points"], told["frames"]) == (200, len(clicked), 1)
-    served.thread.join(10)
+    served.thread.join(DEADLINE)
     assert served.server.closed
     assert served.result == [told["command"]]
     assert f"front={clip} --subject arm8 --keypoints front={served.out} --out" in told["command"]
@@ -239,7 +237,7 @@ def test_a_detectors_points_fill_only_frames_without_clicks(serve: Serve, tmp_pa
 
     served = serve(subject="upper13")
     assert served.post({"frames": {"0": {"neck": [5.0, 6.0, 1.0]}}, "close": True})[0] == 200
-    served.thread.join(10)
+    served.thread.join(DEADLINE)
     with pytest.warns(UserWarning, match=r"points outside the image left out \(1 times\)"):
         served = serve(subject="upper13", keypoints=tmp_path / "detected.json")
     frames = json.loads(served.ask("GET", "state.json")[1])["frames"]
@@ -305,15 +303,12 @@ def test_landmarks_make_a_stick_figure() -> None:
 
 
 def test_ctrl_c_ends_it_with_one_line(clip: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "kinemode", "annotate", str(clip), "--out", str(tmp_path / "c.json")]
-    process = subprocess.Popen(
-        [*command, "--no-browser"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    )
+    process = kinemode_process(["annotate", clip, "--out", tmp_path / "c.json", "--no-browser"], cwd=tmp_path)
     assert process.stdout is not None
     assert process.stdout.readline().startswith("http://127.0.0.1:")
     process.send_signal(signal.SIGINT)
-    out, errors = process.communicate(timeout=30)
-    assert process.returncode == front.INTERRUPTED
+    code, out, errors = ended(process)
+    assert code == front.INTERRUPTED
     assert out == ""
     lines = [line for line in errors.splitlines() if not line.startswith("note:")]
     assert lines == ["interrupted; nothing was saved"]
@@ -328,7 +323,7 @@ def test_the_command_says_what_comes_next(
 
     def post(address: str) -> None:
         host, path = address.removeprefix("http://").split("/", 1)
-        connection = http.client.HTTPConnection(host, timeout=10)
+        connection = http.client.HTTPConnection(host, timeout=DEADLINE)
         connection.request(
             "POST", f"/{path}save", '{"frames": {}, "close": true}', {"Content-Type": "application/json"}
         )
@@ -357,14 +352,16 @@ class Person:
 
     def find(self, colour: tuple[int, int, int]) -> tuple[int, int]:
         """Middle of the square of one colour in the window, waited for."""
-        end = time.monotonic() + 10.0
-        while time.monotonic() < end:
+        found: list[np.ndarray] = []
+
+        def look() -> bool:
             picture = cv2.imdecode(np.frombuffer(self.driver.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
-            y, x = np.nonzero((picture == colour).all(axis=2))
-            if x.size:
-                return round(float(x.min() + x.max()) / 2.0), round(float(y.min() + y.max()) / 2.0)
-            time.sleep(0.05)
-        raise AssertionError(f"no {colour} in the window")
+            found[:] = np.nonzero((picture == colour).all(axis=2))
+            return bool(found[0].size)
+
+        until(look, f"a place of the colour {colour} in the window")
+        y, x = (round(float(places.min() + places.max()) / 2.0) for places in found)
+        return x, y
 
     def pointer(self, *steps: tuple[str, Any]) -> None:
         actions = self._builder(self.driver, duration=20)
@@ -389,10 +386,7 @@ class Person:
         actions.perform()
 
     def says(self, text: str) -> None:
-        end = time.monotonic() + 10.0
-        while text not in self.driver.find_element("tag name", "body").text:
-            assert time.monotonic() < end, self.driver.find_element("tag name", "body").text
-            time.sleep(0.02)
+        until(lambda: text in self.driver.find_element("tag name", "body").text, f"{text!r} on the page")
 
 
 @pytest.fixture(scope="module")
@@ -418,7 +412,7 @@ def test_clicks_in_a_browser_are_the_pixels_in_the_file(serve: Serve, person: Pe
     person.wheel(PINK, -900)
     person.click(PINK)  # wrist, enlarged
     person.keys("0")
-    assert person.find(YELLOW) == before
+    until(lambda: person.find(YELLOW) == before, "the whole frame again")
     person.click(GREEN)  # index
     person.says("3 of 7 placed here")
     person.click(GREEN, button=2)  # no index
@@ -436,7 +430,7 @@ def test_clicks_in_a_browser_are_the_pixels_in_the_file(serve: Serve, person: Pe
     person.keys("p\ue017")  # back to the shoulder, and delete it
     person.driver.find_element("id", "close").click()
     person.says("kinemode track")
-    served.thread.join(10)
+    served.thread.join(DEADLINE)
     assert served.server.closed
     check_clicks(served.out, {(0, "left_shoulder"): YELLOW, (0, "left_wrist"): PINK})
     assert person.driver.get_log("browser") == []  # nothing was refused or went wrong unseen

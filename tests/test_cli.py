@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import tomli_w
 
 import kinemode
 from estimator.cameras.camera import Camera
@@ -21,13 +22,15 @@ from kinemode import cli, jobs
 from kinemode.inputs.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
+from tests.tiny_clip import QUICK
+from tests.waiting import DEADLINE
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
     "trackers", "cues", "view", "report", "overlay", "plot", "samples", "explain", "export", "evaluate", "gait",
     "train-index", "train-templates", "version",
 )  # fmt: skip
-FRAMES = 6
+FRAMES = 4
 
 
 def camera(name: str, x: float) -> Camera:
@@ -63,23 +66,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     (made / "cameras.json").write_text(json.dumps({"cameras": entries}))
     (made / "empty.json").write_text("")
+    (made / "quick.toml").write_text(tomli_w.dumps({"css": QUICK["css"]}))
     (made / "clip").mkdir()
     return made
+
+
+def track_line(folder: Path, out: Path) -> list[str]:
+    """A command line that tracks both cameras."""
+    keypoints = ["--keypoints", str(folder / "left.json"), str(folder / "right.json")]
+    how = ["--cameras", str(folder / "cameras.json"), "--settings", str(folder / "quick.toml"), "--fit", "off"]
+    return ["track", *keypoints, *how, "--out", str(out)]
 
 
 @pytest.fixture(scope="module")
 def tracked(folder: Path) -> Path:
     """A run of both cameras."""
     out = folder / "both.run"
-    keypoints = ["--keypoints", str(folder / "left.json"), str(folder / "right.json")]
-    arguments = ["track", *keypoints, "--cameras", str(folder / "cameras.json"), "--modes", "2", "--fit", "off"]
-    assert front.main([*arguments, "--out", str(out)]) == 0
+    assert front.main(track_line(folder, out)) == 0
     return out
 
 
 def run_process(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "kinemode", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=DEADLINE)
 
 
 def test_help_names_every_command_and_imports_nothing_heavy() -> None:
@@ -87,7 +96,9 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
         "import sys; from kinemode.__main__ import main; code = main(['--help']);"
         "sys.exit(code or str([m for m in ('pinocchio', 'numba', 'cv2', 'numpy') if m in sys.modules] or ''))"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=DEADLINE
+    )
     assert done.stderr.strip() == ""
     assert re.findall(r"^│ ([a-z][\w-]*) ", done.stdout, re.MULTILINE) == sorted(COMMANDS)
 
@@ -201,14 +212,12 @@ def test_an_interrupted_run_goes_on_to_the_same_result(
     folder: Path, tracked: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = folder / "stopped.run"
-    keypoints = ["--keypoints", str(folder / "left.json"), str(folder / "right.json")]
-    arguments = ["track", *keypoints, "--cameras", str(folder / "cameras.json"), "--modes", "2", "--fit", "off"]
-    arguments += ["--out", str(out)]
+    arguments = track_line(folder, out)
     original = jobs.run_into
 
     def stopping(*args: object, **kwargs: object) -> None:
         def stop(done: int, total: int) -> None:
-            if done == 3:
+            if done == 2:
                 raise KeyboardInterrupt
 
         original(*args, **{**kwargs, "progress": stop})  # type: ignore[arg-type]
@@ -216,7 +225,7 @@ def test_an_interrupted_run_goes_on_to_the_same_result(
     monkeypatch.setattr(jobs, "run_into", stopping)
     assert front.main([*arguments, "--overwrite"]) == front.INTERRUPTED
     assert capsys.readouterr().err.rstrip().endswith("--resume")
-    assert len(kinemode.open_run(out)) == 3
+    assert len(kinemode.open_run(out)) == 2
     monkeypatch.undo()
     assert front.main([*arguments, "--resume"]) == 0
     whole, resumed = kinemode.open_run(tracked), kinemode.open_run(out)

@@ -10,7 +10,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +21,7 @@ from numba.core.caching import IndexDataCacheFile
 from humanoid.support import compiled, compiled_folder
 from humanoid.support.compiled_folder import KEPT, cache_roots, source_folder
 from humanoid.support.compiled_sources import PACKAGES, imported_files, imported_names, sources_digest
+from tests.waiting import DEADLINE
 
 ROOT = Path(__file__).parent.parent
 KERNEL = """
@@ -50,8 +50,8 @@ class Toy:
         file = self.folder / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text)
-        at = time.time_ns() + int(1e9) * len(text)  # another time than before, whatever the file system can tell
-        os.utime(file, ns=(at, at))
+        at = len(text)  # another time [s] than before, whatever the file system can tell
+        os.utime(file, (at, at))
 
     def kernel(self) -> ModuleType:
         """The kernel's module as a new process would import it."""
@@ -120,14 +120,29 @@ def test_every_import_of_ours_is_seen() -> None:
 
 
 def test_processes_that_save_at_once_do_not_mix_their_code(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both read the index before either has written it, unless they wait for each other."""
-    load = IndexDataCacheFile._load_index
+    """Both read the index before either has written it, unless the one has to wait for the other."""
+    load, lock, meeting, met = IndexDataCacheFile._load_index, fcntl.flock, threading.Barrier(2), set()
     saved: list[tuple[Any, ...]] = []
+
+    def meet() -> None:
+        """Each once: when it has read the index, or when it has to wait."""
+        if threading.get_ident() not in met:
+            met.add(threading.get_ident())
+            meeting.wait(DEADLINE)
+
+    def flock(handle: int, how: int) -> None:
+        try:
+            lock(handle, how | fcntl.LOCK_NB)
+        except BlockingIOError:
+            meet()
+            lock(handle, how)
+
     with monkeypatch.context() as patched:
         patched.setattr(compiled._SharedCache, "save_overload", lambda *args: saved.append(args))
         assert (toy.kernel().scaled(3), toy.kernel().scaled(0.5)) == (6.0, 1.0)
     with monkeypatch.context() as patched:
-        patched.setattr(IndexDataCacheFile, "_load_index", lambda self: (load(self), time.sleep(0.2))[0])
+        patched.setattr(IndexDataCacheFile, "_load_index", lambda self: (load(self), meet())[0])
+        patched.setattr(fcntl, "flock", flock)
         threads = [threading.Thread(target=cache.save_overload, args=rest) for cache, *rest in saved]
         for thread in threads:
             thread.start()
@@ -213,7 +228,7 @@ def test_a_folder_in_use_is_marked_for_other_processes(tmp_path: Path) -> None:
     folder = tmp_path / "m-d"
     compiled_folder._remove(folder)
     assert folder.is_dir()
-    child.communicate()
+    child.communicate(timeout=DEADLINE)
     with (folder / "in-use").open("r+") as mark:
         fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
     compiled_folder._remove(folder)

@@ -6,6 +6,8 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,6 @@ import pytest
 
 from benchmarks import fuzz_judge, fuzz_readers
 from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
-from benchmarks.fuzz_judge import judge
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
 from estimator.cues.silhouette.foreground import silhouette_of
 from estimator.formats.keypoints import load_keypoints
@@ -27,6 +28,8 @@ from humanoid.subject.subject import load_subject
 from kinemode.energy_parts import Case, energy_parts
 from tests.builders import body_of, observe
 from tests.changed_json import changed
+
+judge = partial(fuzz_judge.judge, most_seconds=inf)
 
 
 def refused(reader: str, name: str, content: bytes, folder: Path, **others: bytes) -> str:

@@ -8,6 +8,8 @@ import sqlite3
 import struct
 import zlib
 from collections.abc import Callable, Mapping
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +17,15 @@ import numpy as np
 import pytest
 
 import kinemode as km
+from benchmarks import fuzz_judge
 from benchmarks.fuzz_corpus import Files
-from benchmarks.fuzz_judge import judge
 from benchmarks.fuzz_readers import CORPUS_OF
 from estimator.formats.packing import pack, unpack
 from estimator.results.run_file import RunWriter
 from humanoid.support.errors import InputError
 from tests.changed_json import changed
+
+judge = partial(fuzz_judge.judge, most_seconds=inf)
 
 
 def altered(run: bytes, folder: Path, *statements: str, **rows: Callable[[dict[str, np.ndarray]], Any]) -> Path:

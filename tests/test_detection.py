@@ -6,9 +6,11 @@ from __future__ import annotations
 import json
 import os
 import stat
+import subprocess
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +25,9 @@ from estimator.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from kinemode.detection import detectors, environment, pythons
-from kinemode.detection.detectors import SCRIPTS, About, Wanted
+from kinemode.detection.detectors import SCRIPTS, About, Patience, Wanted
 from kinemode.detection.people import People, Search, shared
+from kinemode.detection.process import DetectorProcess
 from kinemode.detection.requirements import read_requirements
 from kinemode.detection.scripts.mediapipe_pose import steadied, turned_square
 from kinemode.detection.scripts.onnx_pose import decoded, window
@@ -32,6 +35,7 @@ from kinemode.inputs.files import InputFiles
 from kinemode.public.detection import with_detected
 from tests.test_door import STANDARD, imported
 from tests.tiny_onnx import constant_boxes, two_colours
+from tests.waiting import DEADLINE
 
 FAKE = """
 # /// script
@@ -82,6 +86,9 @@ chmod +x "$last/bin/python"
 """
 
 
+PATIENCE = Patience(answer=DEADLINE, end=DEADLINE, python=DEADLINE, installation=DEADLINE)
+
+
 class Fake:
     """The detector "fake", an `uv` that logs what it is asked for, and a cache of its own."""
 
@@ -91,9 +98,12 @@ class Fake:
         self.uv.parent.mkdir()
         patch.setenv("PATH", f"{self.uv.parent}{os.pathsep}{os.environ['PATH']}")
         patch.setenv("KINEMODE_CACHE", str(self.cache))
-        patch.setitem(detectors.DETECTORS, "fake", About(str(self.script), False))
+        self.waits(patch, PATIENCE)
         self.needs("squares==1.0")
         self.answers("true")
+
+    def waits(self, patch: pytest.MonkeyPatch, patience: Patience) -> None:
+        patch.setitem(detectors.DETECTORS, "fake", About(str(self.script), False, patience))
 
     def needs(self, package: str) -> None:
         self.script.write_text(FAKE.format(package=package, scripts=str(SCRIPTS)).lstrip())
@@ -110,12 +120,30 @@ class Fake:
     def python(self) -> Path:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", km.InputWarning)
-            return environment.python_for("fake", self.script)
+            return environment.python_for("fake", self.script, patience=PATIENCE)
 
 
 @pytest.fixture
 def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
     return Fake(tmp_path, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DetectorProcess]:
+    """A process of it, which remembers nothing from one clip to the next."""
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", km.InputWarning)
+        Fake(tmp_path_factory.mktemp("running"), patch)
+        process = DetectorProcess(Wanted("fake"))
+    with process:
+        yield process
+
+
+@pytest.fixture
+def started(fake: Fake, running: DetectorProcess, monkeypatch: pytest.MonkeyPatch) -> Fake:
+    """The detector, whose process runs already."""
+    monkeypatch.setattr("kinemode.detection.clip.DetectorProcess", lambda wanted: nullcontext(running))
+    return fake
 
 
 def places(count: int) -> np.ndarray:
@@ -165,7 +193,7 @@ def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
 
 def test_without_uv_and_a_fitting_python_the_remedy_is_said(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     fake.uv.unlink()
-    monkeypatch.setattr(environment, "fitting_python", lambda needed: None)
+    monkeypatch.setattr(environment, "fitting_python", lambda *_: None)
     monkeypatch.setattr(environment.shutil, "which", lambda name: None)
     with pytest.raises(InputError, match=r"fake: needs a CPython 3\.10 to 3\.98 .*\(install one, or uv"):
         fake.python()
@@ -174,15 +202,15 @@ def test_without_uv_and_a_fitting_python_the_remedy_is_said(fake: Fake, monkeypa
 def test_a_python_that_is_named_fits_or_is_refused(fake: Fake, tmp_path: Path) -> None:
     needed = read_requirements(SCRIPTS / "mediapipe_pose.py")
     assert needed.span == "3.9 to 3.12"
-    ours = pythons.asked(Path(sys.executable))
+    ours = pythons.asked(Path(sys.executable), DEADLINE)
     assert ours is not None
     assert ours.version == sys.version_info[:2]
     assert ours.packages["numpy"] == np.__version__
     fake.needs(f"numpy=={np.__version__}")
-    assert environment.python_for("fake", fake.script, Path(sys.executable)) == Path(sys.executable)
+    assert environment.python_for("fake", fake.script, Path(sys.executable), PATIENCE) == Path(sys.executable)
     assert fake.calls == []  # it has the packages
     with pytest.raises(InputError, match="is no Python that answers"):
-        environment.python_for("fake", fake.script, tmp_path / "fake.py")
+        environment.python_for("fake", fake.script, tmp_path / "fake.py", PATIENCE)
 
 
 def test_what_leads_to_our_packages_is_kept_from_the_detector(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,7 +242,7 @@ def test_two_people_keep_their_numbers(fake: Fake, tmp_path: Path) -> None:
         np.testing.assert_allclose(track.pixels[:, [0, 4]].mean(axis=1), places(12)[:, number] - [0, 8], atol=0.01)
 
 
-def test_one_person_is_written_as_mediapipe_files_are(fake: Fake, tmp_path: Path) -> None:
+def test_one_person_is_written_as_mediapipe_files_are(started: Fake, tmp_path: Path) -> None:
     path = km.detect(drawn(tmp_path / "alone", squares=1), out=tmp_path / "out.json", detector="fake")["alone"]
     frames = json.loads(path.read_text())["frames"]
     assert {tuple(frame) for frame in frames} == {("keypoints",)}
@@ -226,7 +254,24 @@ def test_one_person_is_written_as_mediapipe_files_are(fake: Fake, tmp_path: Path
     assert not list(tmp_path.glob("none.json*"))
 
 
-def test_an_interrupted_detection_goes_on_to_the_same_bytes(fake: Fake, tmp_path: Path) -> None:
+def test_a_detector_that_neither_answers_nor_ends_is_killed(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
+    fake.waits(monkeypatch, Patience(answer=0.0, end=0.0))
+    fake.script.write_text(fake.script.read_text().partition("import sys")[0] + "import signal\nsignal.pause()\n")
+    monkeypatch.setattr("kinemode.detection.process.python_for", lambda *_: Path(sys.executable))
+    begun: list[subprocess.Popen[bytes]] = []
+
+    class Noted(subprocess.Popen):  # type: ignore[type-arg]
+        def __init__(self, *arguments: Any, **how: Any) -> None:
+            super().__init__(*arguments, **how)
+            begun.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Noted)
+    with pytest.raises(InputError, match=r"fake: has not answered for 0 s \(try again\)"):
+        DetectorProcess(Wanted("fake"))
+    assert [process.returncode for process in begun] == [-9]
+
+
+def test_an_interrupted_detection_goes_on_to_the_same_bytes(started: Fake, tmp_path: Path) -> None:
     """The confidence of the small detector tells how often it looked: its state is kept too."""
     clip, part = drawn(tmp_path / "squares"), tmp_path / "out.json.part"
     whole = km.detect(clip, out=tmp_path / "whole.json", detector="fake")["squares"]
@@ -261,22 +306,24 @@ def test_an_interrupted_detection_goes_on_to_the_same_bytes(fake: Fake, tmp_path
     assert not part.exists()
 
 
-def test_keypoints_beside_a_run_are_taken_until_something_changes(fake: Fake, tmp_path: Path) -> None:
+def test_keypoints_beside_a_run_are_taken_until_something_changes(started: Fake, tmp_path: Path) -> None:
     clip, out = drawn(tmp_path / "squares", squares=1), tmp_path / "walk.run"
     made = tmp_path / "walk.keypoints" / "squares.json"
 
-    def detected() -> int:
+    def made_anew(time: float) -> bool:
+        """Whether a file of a time is written again; times are set, for those of two files may be too near."""
+        if made.exists():
+            os.utime(made, (time, time))
         with with_detected(InputFiles(clip), "fake", out, None) as files:
             assert files.keypoints == [made]
-        return made.stat().st_mtime_ns
+        return made.stat().st_mtime != time
 
-    first = detected()
-    assert detected() == first
-    os.utime(clip)
-    second = detected()
-    assert second > first
-    fake.script.write_text(fake.script.read_text() + "# changed\n")
-    assert detected() > second
+    drawn_at = clip.stat().st_mtime
+    assert made_anew(0.0)
+    assert not made_anew(drawn_at + 1.0)
+    assert made_anew(drawn_at - 1.0)  # of another clip of that name
+    started.script.write_text(started.script.read_text() + "# changed\n")
+    assert made_anew(drawn_at + 1.0)
     with with_detected(InputFiles(clip, made), "fake", out, None) as files:
         assert files.keypoints == [made]  # what is given is not looked for
 
@@ -290,7 +337,7 @@ def test_keypoints_beside_a_run_are_taken_until_something_changes(fake: Fake, tm
     ],
 )
 def test_commands_detect_for_the_clips_without_keypoints(
-    words: str, work: str, made: str, fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, work: str, made: str, started: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[Any] = []
 
@@ -453,14 +500,18 @@ def test_models_are_asked_for_and_refused(tmp_path: Path) -> None:
             km.detect(clip, out=tmp_path / "a.json", **given)
 
 
-def made_or_skip(name: str) -> None:
+def made_or_skip(name: str, patch: pytest.MonkeyPatch) -> None:
+    about = detectors.DETECTORS[name]
+    patch.setitem(detectors.DETECTORS, name, About(about.script, about.needs_model, PATIENCE))
     wanted = Wanted(name)
     if not environment.is_made(name, wanted.script) and "KINEMODE_TEST_DETECTOR" not in os.environ:
         pytest.skip(f"the environment of {name} is not there; KINEMODE_TEST_DETECTOR=1 makes it (150 MB)")
 
 
-def test_mediapipe_finds_what_it_found_before(shared_data: Path, tmp_path: Path) -> None:
-    made_or_skip("mediapipe")
+def test_mediapipe_finds_what_it_found_before(
+    shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made_or_skip("mediapipe", monkeypatch)
     folder = shared_data / "beam4cam"
     clip = Clip.open(folder / "videos" / "cam01.mp4")
     (tmp_path / "first").mkdir()
@@ -474,9 +525,9 @@ def test_mediapipe_finds_what_it_found_before(shared_data: Path, tmp_path: Path)
     assert apart.max() < 3.0
 
 
-def test_an_onnx_model_finds_known_places(tmp_path: Path) -> None:
+def test_an_onnx_model_finds_known_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two people of two colours each, side by side: the model of boxes finds both, and a chair that is none."""
-    made_or_skip("onnx")
+    made_or_skip("onnx", monkeypatch)
     picture, size = np.zeros((160, 240, 3), np.uint8), (48, 64)
     where = [((20, 30), (60, 110)), ((150, 20), (190, 120))]  # upper left corners of red and of blue
     for red, blue in where:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 import kinemode as km
 from benchmarks.starting import FILE, LINES
 from kinemode import __main__ as front
+from tests.waiting import DEADLINE
 
 ROOT = Path(__file__).resolve().parent.parent
 HEAVY = {
@@ -24,10 +26,21 @@ STANDARD = set(sys.stdlib_module_names) | {"__future__"}
 ALLOWED = {"track, no such subject": {"coal", "numpy", "pinocchio"}}
 
 _LOADED = """
-import json, sys
-{code}
-print()
-print(json.dumps(sorted({{name.partition(".")[0] for name in sys.modules}})))
+import io, json, os, sys
+from contextlib import redirect_stderr, redirect_stdout
+from kinemode import cli  # what every command loads is loaded once
+for code in json.loads(sys.argv[1]):
+    child = os.fork()
+    if not child:
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            try:
+                exec(code)
+                loaded = sorted({name.partition(".")[0] for name in sys.modules})
+            except BaseException as error:
+                loaded = repr(error)
+        print(json.dumps(loaded), flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
 """
 _COMMAND = """
 from kinemode.__main__ import main
@@ -35,24 +48,36 @@ assert main({line!r}) == {expected}
 """
 
 
-def heavy_modules(code: str, folder: Path) -> set[str]:
-    """Heavy libraries that a program loads."""
+_HEAVY = "a heavy one"
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, set[str]]:
+    """Heavy libraries that each of LINES loads, and a program that has to, in processes of their own."""
+    folder = tmp_path_factory.mktemp("door")
+    (folder / FILE).write_text("{}")
+    codes = {
+        name: line[1] if line[0] == "-c" else _COMMAND.format(line=list(line), expected=0 if name == "--help" else 2)
+        for name, line in LINES.items()
+    }
+    codes[_HEAVY] = "import kinemode; kinemode.Body"
     done = subprocess.run(
-        [sys.executable, "-c", _LOADED.format(code=code)], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return HEAVY & set(json.loads(done.stdout.splitlines()[-1]))
+        [sys.executable, "-c", _LOADED, json.dumps(list(codes.values()))], cwd=folder, capture_output=True, text=True,
+        check=True, stdin=subprocess.DEVNULL, timeout=DEADLINE, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    modules = dict(zip(codes, map(json.loads, done.stdout.splitlines()), strict=True))
+    failed = {name: told for name, told in modules.items() if isinstance(told, str)}
+    assert not failed, failed
+    return {name: HEAVY & set(told) for name, told in modules.items()}
 
 
-def test_a_heavy_module_would_be_seen(tmp_path: Path) -> None:
-    assert {"numba", "numpy", "pinocchio"} <= heavy_modules("import kinemode; kinemode.Body", tmp_path)
+def test_a_heavy_module_would_be_seen(loaded: dict[str, set[str]]) -> None:
+    assert {"numba", "numpy", "pinocchio"} <= loaded[_HEAVY]
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_nothing_heavy_is_loaded_to_say_that_a_file_is_missing(name: str, tmp_path: Path) -> None:
-    (tmp_path / FILE).write_text("{}")
-    line = LINES[name]
-    code = line[1] if line[0] == "-c" else _COMMAND.format(line=list(line), expected=0 if line == ("--help",) else 2)
-    assert heavy_modules(code, tmp_path) <= ALLOWED.get(name, set())
+def test_nothing_heavy_is_loaded_to_say_that_a_file_is_missing(name: str, loaded: dict[str, set[str]]) -> None:
+    assert loaded[name] <= ALLOWED.get(name, set())
 
 
 def test_every_public_name_is_there() -> None:

@@ -303,7 +303,7 @@ def depth_frames(clip: RenderedClip, count: int) -> Iterator[Observation]:
 
 @pytest.mark.parametrize("name", BY_DEPTH)
 def test_trackers_by_depth_keep_the_contract(name: str, clip: RenderedClip, file: Path) -> None:
-    settings = settings_for(name, changes={"search": {"index": str(file)}, "elmo": {"neighbours": 6}})
+    settings = settings_for(name, changes={"search": {"index": str(file)}, "elmo": {"neighbours": 6, "rounds": 2}})
     body = Body(load_subject(clip.subject))
     check_tracker(lambda: make_tracker(name, body, settings), list(depth_frames(clip, 3)), seed=1, continues=(0,))
 

@@ -29,6 +29,7 @@ from kinemode.rendering.files import RenderedClip
 from tests.conftest import ROOT
 from tests.test_run_file import header, state_of, walk
 from tests.tiny_clip import QUICK
+from tests.waiting import DEADLINE
 
 FULL = "cannot be written: File too large (make room, or name a file on another disk)"
 
@@ -197,7 +198,7 @@ def test_a_small_disk(tmp_path: Path) -> None:
         or subprocess.run([*command[:4], "true"], check=False, capture_output=True).returncode
     ):
         pytest.skip("needs Linux and user namespaces to mount a small disk")
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=DEADLINE, cwd=ROOT)
     assert done.stderr == ""
     remedy = "(make room, or name a file on another disk)"
     files = [tmp_path / name for name in ("a.mp4", "a.gif", "a.png", "a.txt")]

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Mapping
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks import fuzz, fuzz_commands
+from benchmarks.fuzz_cases import MOST_SECONDS, Verdict
 from benchmarks.fuzz_cases import Case as Damaged
 from benchmarks.fuzz_corpus import Files
-from benchmarks.fuzz_judge import judged_message, prepare
+from benchmarks.fuzz_judge import judge, judged_message, prepare, timed, write
 from benchmarks.fuzz_readers import CORPUS_OF, READERS
 from benchmarks.fuzz_workers import verdicts
 from humanoid.support.errors import LONGEST, InputError, shown
 from tests.fuzz_faults import judge as faulty
-from tests.fuzz_faults import judge_undamaged
+from tests.waiting import DEADLINE
 
-_SLICE = 300  # damaged files in the test, of the 100,000 of the measure
+_SLICE = 150  # damaged files in the test, of the 100,000 of the measure
 
 
 # --- what is said ---
@@ -75,14 +78,24 @@ def test_bad_messages_are_recognised(tmp_path: Path) -> None:
     assert judged(1, "internal error: KeyError: 'q'")[0] == "exit code 1"
     assert judged(0, "note: " + "x" * 600)[0] == "long message"
     assert judged(0, "note: overflow encountered in multiply")[0] == "warned"
+    assert timed("read", "", MOST_SECONDS).outcome == "read"
+    assert timed("read", "", MOST_SECONDS + 0.1).outcome == "slow"
 
 
-def test_workers_outlive_what_damaged_files_do_to_them() -> None:
+def test_workers_outlive_what_damaged_files_do_to_them(tmp_path: Path) -> None:
     cases = [Damaged(name, 0, i) for i, name in enumerate(("good", "crash", "good", "print", "hang", "good"))]
-    by_number = {case.number: verdict for case, verdict in verdicts(faulty, "corpus", cases, 1, batch=6, patience=0.5)}
+    by_number: dict[int, Verdict] = {}
+    granted = iter([0.0])
+
+    def clock() -> float:
+        """It stands still until the worker has been given the time for the case that hangs, then leaps once."""
+        return next(granted, 2.0 * DEADLINE) if 3 in by_number else 0.0
+
+    for case, verdict in verdicts(faulty, tmp_path, cases, 1, batch=6, patience=DEADLINE, clock=clock):
+        by_number[case.number] = verdict
     outcomes = [by_number[i].outcome for i in range(len(cases))]
     assert outcomes == ["read", "crash", "read", "printed", "hang", "read"]
-    assert by_number[0].said == "corpus"
+    assert by_number[0].said == tmp_path.name
     assert "3" in by_number[1].said
     assert "libfoo" in by_number[3].said
 
@@ -96,18 +109,21 @@ def test_equal_seeds_make_equal_damage(valid: Mapping[str, list[Files]], tmp_pat
         assert contents[0] == contents[1]
 
 
-def test_valid_files_are_read(valid: Mapping[str, list[Files]]) -> None:
+def test_valid_files_are_read(
+    valid: Mapping[str, list[Files]], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Or the damage would be found in what was damaged before."""
-    corpora = {name: valid[CORPUS_OF.get(name, name)] for name in READERS}
-    cases = [Damaged(name, 0, i) for name, seeds in corpora.items() for i in range(len(seeds))]
-    judged = list(verdicts(judge_undamaged, dict(valid), cases, jobs=1))
-    assert len(judged) == len(cases)
-    assert not [(str(case), verdict) for case, verdict in judged if verdict.outcome != "read"]
+    for name in READERS:
+        for number, files in enumerate(valid[CORPUS_OF.get(name, name)]):
+            write(files, tmp_path / "case")
+            verdict = judge(name, tmp_path / "case" / next(iter(files)), most_seconds=inf)
+            assert verdict.outcome == "read", (name, number, verdict)
+            assert capfd.readouterr() == ("", ""), (name, number)
 
 
 def test_damaged_files_give_a_result_or_one_line(valid: Mapping[str, list[Files]]) -> None:
     cases = fuzz.cases(_SLICE, 7)
-    judged = list(verdicts(fuzz.judge_case, dict(valid), cases, jobs=1))
+    judged = list(verdicts(partial(fuzz.judge_case, most_seconds=inf), dict(valid), cases, 1, patience=DEADLINE))
     assert len(judged) == len(cases)
     assert {case.reader for case in cases} == set(READERS)
     assert not [(str(case), verdict) for case, verdict in judged if not verdict.good]

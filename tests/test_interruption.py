@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,26 +32,21 @@ from kinemode.target import check_folder
 from kinemode.terminal import program, report
 from kinemode.terminal.interruption import interrupted_by_signals, kept_if_interrupted
 from kinemode.terminal.progress import unreported
+from tests.waiting import DEADLINE
 
-
-def wait_for_ever(*_: Any, **__: Any) -> None:
-    while True:
-        time.sleep(0.01)
-
-
-def sent_soon(number: int) -> None:
-    threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+pytestmark = pytest.mark.usefixtures("default_signals")
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_signals_end_a_command_with_one_line(
     number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if signal.getsignal(number) is signal.SIG_IGN:
-        pytest.skip(f"{number.name} is ignored here, as under nohup, and then does not end a command")
-    monkeypatch.setattr(cli, "run_command", wait_for_ever)
+    def signalled(*_: Any, **__: Any) -> None:
+        signal.raise_signal(number)
+        pytest.fail(f"{number.name} has not ended the command")
+
+    monkeypatch.setattr(cli, "run_command", signalled)
     before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    sent_soon(number)
     assert front.main(["subjects"]) == code
     assert capsys.readouterr().err == "interrupted\n"
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
@@ -107,31 +103,49 @@ def test_a_signal_is_not_lost_where_nothing_can_be_raised() -> None:
 
     def lose_one() -> None:
         Finalised()
-        time.sleep(10.0)
+        threading.Event().wait(DEADLINE)
 
-    began = time.monotonic()
     with interrupted_by_signals() as came, pytest.raises(KeyboardInterrupt):
         lose_one()
-    assert time.monotonic() - began < 5.0
     assert came[0] == signal.SIGTERM
 
 
 @pytest.mark.parametrize("send", [signal.raise_signal, lambda n: os.kill(os.getpid(), n)])
 def test_a_signal_waits_while_a_process_is_started(send: Callable[[int], None]) -> None:
     """Between its start and its being known, an exception would leave it to nobody. Another thread can take it."""
-    reached = []
+    started, reached = threading.Event(), []
+
+    def other() -> None:
+        started.wait(DEADLINE)
+        send(signal.SIGINT)
 
     def start() -> None:
+        thread = threading.Thread(target=other)  # before the block, or it would not get the signals either
+        thread.start()
         with uninterrupted():
-            thread = threading.Thread(target=send, args=(signal.SIGINT,))
-            thread.start()
+            started.set()
             thread.join()
+            assert received.recv(1) == bytes([signal.SIGINT])  # whichever thread it was that took it
             signal.raise_signal(signal.SIGINT)
-            reached.append(time.sleep(0.01))
+            reached.append(True)
 
-    with pytest.raises(KeyboardInterrupt):
+    with woken_by_signals() as received, pytest.raises(KeyboardInterrupt):
         start()
     assert reached
+
+
+@contextmanager
+def woken_by_signals() -> Iterator[socket.socket]:
+    """Where the number of each signal that has come can be read, one byte each."""
+    received, written = socket.socketpair()
+    with received, written:
+        received.settimeout(DEADLINE)
+        written.setblocking(False)
+        before = signal.set_wakeup_fd(written.fileno())
+        try:
+            yield received
+        finally:
+            signal.set_wakeup_fd(before)
 
 
 @pytest.fixture(scope="module")
@@ -242,7 +256,7 @@ def test_what_is_suggested_can_be_pasted(
     folder = tmp_path / "a folder" / "b"
     with pytest.raises(InputError) as raised:
         check_folder(folder / "a.run")
-    subprocess.run(raised.value.remedy, shell=True, check=True)
+    subprocess.run(raised.value.remedy, shell=True, check=True, timeout=DEADLINE)
     assert folder.is_dir()
 
 

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
-import subprocess
-import sys
 import threading
-import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from queue import Queue
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from builders import bent, body_of, camera_at
-from tiny_clip import QUICK, tiny_clip
+from tiny_clip import QUICK
 
 import kinemode as km
 from estimator.media.clip import Clip
+from estimator.media.film import write_film
 from estimator.results.run_file import RunWriter
 from estimator.trackers.frame_result import FrameResult
 from kinemode.detection.detectors import Wanted
@@ -30,30 +29,28 @@ from kinemode.rendering.files import RenderedClip
 from kinemode.streams import detecting
 from kinemode.streams.capture import FileCamera, Newest, Shot
 from kinemode.streams.session import run_session
+from tests.waiting import DEADLINE, ended, kinemode_process, until
 from viz.preview.moving import Moment, MovingPreview
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")
-ROOT = Path(__file__).resolve().parent.parent
 PICTURE = np.zeros((4, 6, 3), np.uint8)
-FRAMES, FPS = 5, 5.0
+FRAMES, FPS = 5, 5.0  # of the fixture `clip`
 
 
-def shots(count: int, pause: float = 0.0) -> Iterator[Shot]:
+def shots(count: int) -> Iterator[Shot]:
     for i in range(count):
-        time.sleep(pause)
         yield Shot(i, 0.1 * i, PICTURE)
 
 
-class Slow:
-    """In place of a stepper: takes its time."""
+class Steps:
+    """In place of a stepper: notes the times of the pictures that it is given, or is interrupted at one of them."""
 
     cues = ()
 
-    def __init__(self, seconds: float, fails_at: int | None = None) -> None:
-        self.seconds, self.fails_at, self.times = seconds, fails_at, list[float]()
+    def __init__(self, fails_at: int | None = None) -> None:
+        self.fails_at, self.times = fails_at, list[float]()
 
     def step(self, keypoints: Any, picture: Any, time_: float) -> Any:
-        time.sleep(self.seconds)
         self.times.append(time_)
         if len(self.times) == self.fails_at:
             raise KeyboardInterrupt
@@ -63,34 +60,78 @@ class Slow:
         return []
 
 
-def session_of(stepper: Any, pictures: Any, *, every: bool) -> Any:
-    seen: list[tuple[int, int]] = []
+class Turns(Steps):
+    """A stepper with its camera, which takes a picture when it is told to.
+
+    during: how many pictures are taken in the course of each step. waits: a step ends after these are there; else it
+    ends at once, and the next picture finds the tracker waiting or not, as it happens.
+    """
+
+    def __init__(self, during: Sequence[int], *, waits: bool = True) -> None:
+        super().__init__()
+        self.during, self.waits = iter(during), waits
+        self.told, self.there = threading.Semaphore(1), threading.Semaphore(0)
+
+    def shots(self, count: int) -> Iterator[Shot]:
+        for shot in shots(count):
+            assert self.told.acquire(timeout=DEADLINE)
+            yield shot
+            if shot.number:  # who takes it has stored it; the first is awaited by the one who is given it
+                self.there.release()
+
+    def step(self, keypoints: Any, picture: Any, time_: float) -> Any:
+        for _ in range(next(self.during)):
+            self.told.release()
+            assert not self.waits or self.there.acquire(timeout=DEADLINE)
+        return super().step(keypoints, picture, time_)
+
+
+def session_of(stepper: Any, pictures: Any, *, every: bool) -> tuple[Any, list[int]]:
+    """The session, and how many pictures were dropped by each step."""
+    seen, lost = list[tuple[int, int]](), list[int]()
 
     def show(step: Any, shot: Shot, dropped: int) -> None:
         seen.append((step.index, shot.number))
+        lost.append(dropped)
 
     session = run_session(pictures, lambda picture, time: None, stepper, show, every=every)
     assert seen == list(enumerate(session.pictures))[: len(seen)]
-    return session
+    return session, lost
 
 
 def test_a_slow_tracker_gets_the_newest_picture_and_the_others_are_counted() -> None:
-    session = session_of(Slow(0.05), shots(40, 0.01), every=False)
-    assert len(session.pictures) + session.dropped == 40
-    assert 5 <= len(session.pictures) <= 15  # 0.4 s of pictures, a twentieth each
-    assert session.pictures[-1] == 39  # never more than one behind
-    assert (np.diff(session.pictures) > 0).all()
-    assert f"{session.dropped} dropped: {session.frames} tracked" in session.summary()
+    slow = Turns([4, 3, 1, 5, 0])
+    session, lost = session_of(slow, slow.shots(14), every=False)
+    assert session.pictures == [0, 4, 7, 8, 13]
+    assert lost == [0, 3, 5, 5, 9]
+    assert session.dropped == 9
+    assert slow.times == pytest.approx(0.1 * np.array(session.pictures))
+    assert "9 dropped: 5 tracked" in session.summary()
 
 
-def test_a_fast_tracker_gets_all_and_so_does_one_that_is_waited_for() -> None:
-    assert session_of(Slow(0.0), shots(10, 0.02), every=False).dropped == 0
-    session = session_of(Slow(0.01), shots(10), every=True)
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_fast_tracker_gets_all(waits: bool) -> None:
+    """Whether the next picture comes before the step has ended or after that."""
+    fast = Turns([*[1] * 9, 0], waits=waits)
+    session, _ = session_of(fast, fast.shots(10), every=False)
     assert (session.pictures, session.dropped) == (list(range(10)), 0)
 
 
+def test_a_tracker_that_is_waited_for_gets_all() -> None:
+    """No picture is taken before the step of the one before has ended."""
+    steps = Steps()
+
+    def taken() -> Iterator[Shot]:
+        for shot in shots(4):
+            assert len(steps.times) == shot.number
+            yield shot
+
+    session, _ = session_of(steps, taken(), every=True)
+    assert (session.pictures, session.dropped) == (list(range(4)), 0)
+
+
 def test_ctrl_c_ends_it_and_what_was_tracked_stays() -> None:
-    session = session_of(Slow(0.0, fails_at=3), shots(10), every=True)
+    session, _ = session_of(Steps(fails_at=3), shots(10), every=True)
     assert session.interrupted
     assert session.frames == 2
 
@@ -101,9 +142,24 @@ def test_what_goes_wrong_in_the_camera_is_told() -> None:
         raise km.InputError("camera 0", "was unplugged")
 
     with pytest.raises(km.InputError, match="unplugged"):
-        session_of(Slow(0.0), broken(), every=False)
-    with Newest(shots(10**9)) as newest:  # one that never ends is left
+        session_of(Steps(), broken(), every=False)
+
+
+def test_a_camera_is_left_at_its_next_picture_or_when_it_gives_none() -> None:
+    with Newest(shots(10**9), patience=DEADLINE) as newest:
         next(iter(newest))
+    assert not newest._thread.is_alive()
+    goes_on = threading.Event()
+
+    def hanging() -> Iterator[Shot]:
+        yield from shots(1)
+        goes_on.wait(DEADLINE)
+
+    with Newest(hanging(), patience=0.0) as newest:
+        next(iter(newest))
+    assert newest._thread.is_alive()
+    goes_on.set()
+    newest._thread.join(DEADLINE)
     assert not newest._thread.is_alive()
 
 
@@ -111,33 +167,23 @@ def test_a_file_is_played_at_its_own_rate(clip: RenderedClip) -> None:
     (video,) = clip.videos.values()
     now = iter(np.arange(100) * 0.0)  # a clock that stands still, so that all waiting is asked for
     waited: list[float] = []
-    camera = FileCamera(video, paced=True, clock=lambda: float(next(now)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("kinemode.streams.capture.time.sleep", waited.append)
-        taken = list(camera.shots())
-    np.testing.assert_allclose(waited, np.arange(len(taken)) / camera.rate)
+    taken = list(FileCamera(video, paced=True, clock=lambda: float(next(now)), pause=waited.append).shots())
+    np.testing.assert_allclose(waited, np.arange(len(taken)) / FPS)
     assert [shot.time for shot in taken] == waited
     assert np.array_equal(taken[1].picture, Clip.open(video).frame(1))
 
 
-@pytest.fixture(scope="module")
-def live_clip(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
-    return tiny_clip(tmp_path_factory.mktemp("live"), frames=FRAMES, fps=FPS)
-
-
-def test_every_picture_of_a_file_gives_the_run_of_a_tracker(live_clip: RenderedClip, tmp_path: Path) -> None:
-    ((name, video),) = live_clip.videos.items()
+def test_every_picture_of_a_file_gives_the_run_of_a_tracker(clip: RenderedClip, tmp_path: Path) -> None:
+    ((name, video),) = clip.videos.items()
     out = tmp_path / "live.run"
-    given: dict[str, Any] = {"cameras": live_clip.cameras, "cues": "edges,flow", "settings": QUICK}
-    keypoints = live_clip.keypoints[name]
-    session = km.live(
-        video, keypoints=keypoints, subject=live_clip.subject, realtime=False, show=False, out=out, **given
-    )
+    given: dict[str, Any] = {"cameras": clip.cameras, "cues": "edges,flow", "settings": QUICK}
+    keypoints = clip.keypoints[name]
+    session = km.live(video, keypoints=keypoints, subject=clip.subject, realtime=False, show=False, out=out, **given)
     assert session.pictures == list(range(FRAMES))
     run, seen = km.open_run(out), km.load_keypoints(keypoints)
-    tracker = km.Tracker(live_clip.subject, layout=seen.layout, **given)
+    tracker = km.Tracker(clip.subject, layout=seen.layout, **given)
     assert (run.complete, run.planned_count) == (True, FRAMES)
-    for i, picture in enumerate(Clip.open(video).frames()):
+    for i, picture in zip(range(3), Clip.open(video).frames(), strict=False):
         points = np.concatenate([seen.pixels[i], seen.confidence[i][:, None]], axis=1)
         step = tracker.step(points, picture, time=i / FPS)
         assert step is not None
@@ -148,66 +194,77 @@ def test_every_picture_of_a_file_gives_the_run_of_a_tracker(live_clip: RenderedC
         km.live(video, keypoints=keypoints, out=out)
 
 
-def test_a_run_of_some_pictures_knows_which(live_clip: RenderedClip, tmp_path: Path) -> None:
-    """With keypoints from a function, which finds nobody at first."""
-    ((name, video),) = live_clip.videos.items()
-    seen = km.load_keypoints(live_clip.keypoints[name])
+def test_a_run_of_some_pictures_knows_which(
+    clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With keypoints from a function, which finds nobody at first, and meanwhile two pictures are taken."""
+    ((name, video),) = clip.videos.items()
+    seen = km.load_keypoints(clip.keypoints[name])
     asked: list[float] = []
+    told, waits = threading.Semaphore(1), threading.Semaphore(0)
+
+    def pause(seconds: float) -> None:
+        """The camera's before each picture, when those before it are handed over."""
+        waits.release()
+        assert told.acquire(timeout=DEADLINE)
 
     def finder(picture: np.ndarray, at: float) -> np.ndarray | None:
         asked.append(at)
-        time.sleep(0.5)  # longer than the pictures are apart
         frame = round(at * FPS)
-        return (
-            None if len(asked) == 1 else np.concatenate([seen.pixels[frame], seen.confidence[frame][:, None]], axis=1)
-        )
+        told.release(2 if frame == 0 else 1)
+        if frame == 0:  # when the camera waits for the fourth, the third is the newest
+            assert all(waits.acquire(timeout=DEADLINE) for _ in range(4))
+        points = np.concatenate([seen.pixels[frame], seen.confidence[frame][:, None]], axis=1)
+        return None if len(asked) == 1 else points
 
+    monkeypatch.setattr("kinemode.streams.job.FileCamera", partial(FileCamera, pause=pause))
     session = km.live(
-        video, keypoints=finder, layout=seen.layout, subject=live_clip.subject, cameras=live_clip.cameras, show=False,
+        video, keypoints=finder, layout=seen.layout, subject=clip.subject, cameras=clip.cameras, show=False,
         settings=QUICK, out=tmp_path / "some.run",
     )  # fmt: skip
     run = km.open_run(tmp_path / "some.run")
-    assert session.dropped > 0
+    assert (session.pictures, session.dropped) == ([0, 2, 3, 4], 1)
     assert run.header.frames_of(name).tolist() == session.pictures
     assert run.time.tolist() == asked == pytest.approx(np.array(session.pictures) / FPS)
     assert run.status[0] == "unobserved"
     assert callable(km.live)  # no module has taken its name
 
 
-def test_a_terminal_that_interrupts_leaves_a_whole_run(live_clip: RenderedClip, tmp_path: Path) -> None:
-    ((name, video),) = live_clip.videos.items()
-    pictures, out = tmp_path / name, tmp_path / "cut.run"
-    pictures.mkdir()
-    for i, picture in enumerate(list(Clip.open(video).frames()) * 400):
-        if i < FRAMES:
-            km_write(pictures / f"{i}.png", picture)
-        else:
-            os.link(pictures / f"{i % FRAMES}.png", pictures / f"{i}.png")
-    line = ["live", pictures, "--keypoints", live_clip.keypoints[name], "--cameras", live_clip.cameras, "--no-browser",
-            "--no-realtime", "--out", out]  # fmt: skip
-    process = subprocess.Popen(
-        [sys.executable, "-m", "kinemode", *map(str, line)], env=os.environ | {"PYTHONPATH": str(ROOT)}, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+def test_a_terminal_that_interrupts_leaves_a_whole_run(clip: RenderedClip, tmp_path: Path) -> None:
+    """Of a film that lasts longer than anything is waited for, and does not move."""
+    ((name, video),) = clip.videos.items()
+    seconds = round(DEADLINE) + 60
+    slow, out = tmp_path / f"{name}.mp4", tmp_path / "cut.run"
+    write_film(slow, [Clip.open(video).frame(0)] * seconds, 1.0)
+    still = json.loads(clip.keypoints[name].read_text()) | {"fps": 1.0}
+    still["frames"] = still["frames"][:1] * seconds
+    keypoints = tmp_path / "still.json"
+    keypoints.write_text(json.dumps(still))
+    process = kinemode_process(
+        ["live", slow, "--keypoints", keypoints, "--cameras", clip.cameras, "--no-browser", "--out", out]
+    )
     assert process.stdout is not None
-    assert "Ctrl-C ends it" in process.stdout.readline()
-    time.sleep(3.0)
+    address, said = process.stdout.readline().split(maxsplit=1)
+    assert "Ctrl-C ends it" in said
+    with urllib.request.urlopen(f"{address}frames", timeout=DEADLINE) as sent:
+        event = next(json.loads(line[6:]) for line in sent if line.startswith(b"data: {"))
+    assert event["status"] == "tracked"
     process.send_signal(signal.SIGINT)
-    printed, told = process.communicate(timeout=60)
-    assert process.returncode == 0, told
-    assert "0 dropped" in printed
+    code, printed, told = ended(process)
+    assert code == 0, told
+    assert " tracked" in printed
     run = km.open_run(out)
     assert run.complete
-    assert len(run) == run.planned_count
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, "cut.run"])
+    assert 0 < len(run) == run.planned_count < seconds
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in (slow, keypoints, out))
 
 
 @pytest.mark.parametrize("half", [False, True])
 def test_an_interruption_while_a_frame_is_stored_leaves_a_whole_run(
-    live_clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
+    clip: RenderedClip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half: bool
 ) -> None:
     """When it is stored and not yet counted, or half stored."""
-    ((name, video),) = live_clip.videos.items()
+    ((name, video),) = clip.videos.items()
     append = RunWriter.append
 
     def interrupted(writer: RunWriter, result: FrameResult, state: Any) -> None:
@@ -223,19 +280,13 @@ def test_an_interruption_while_a_frame_is_stored_leaves_a_whole_run(
 
     monkeypatch.setattr(RunWriter, "append", interrupted)
     session = km.live(
-        video, keypoints=live_clip.keypoints[name], subject=live_clip.subject, cameras=live_clip.cameras, show=False,
+        video, keypoints=clip.keypoints[name], subject=clip.subject, cameras=clip.cameras, show=False,
         realtime=False, settings=QUICK, out=tmp_path / "cut.run",
     )  # fmt: skip
     assert session.interrupted
     run = km.open_run(tmp_path / "cut.run")
     assert (len(run), run.planned_count, run.complete) == (2 if half else 3, 2 if half else 3, True)
     assert np.isfinite(run.q).all()
-
-
-def km_write(path: Path, picture: np.ndarray) -> None:
-    import cv2
-
-    assert cv2.imwrite(str(path), picture)
 
 
 @pytest.mark.parametrize(
@@ -266,22 +317,73 @@ def moment(index: int, q: np.ndarray, other: np.ndarray) -> Moment:
     return Moment(index, 0.1 * index, "tracked", q, modes, np.array([0.75, 0.25]), (colour,), "2 dropped")
 
 
-def test_a_page_is_sent_every_frame_or_the_newest_and_the_end(preview: MovingPreview) -> None:
+def followed(preview: MovingPreview, send: Any) -> threading.Thread:
+    thread = threading.Thread(target=preview.follow, args=(send,), daemon=True)
+    thread.start()
+    return thread
+
+
+def test_a_page_is_sent_every_frame_and_has_heard_of_the_end() -> None:
+    body, sent = body_of("human34"), Queue[tuple[str, str]]()
+    with MovingPreview(body, (camera_at(0.0),), 3, patience=DEADLINE, farewell=DEADLINE) as preview:
+        assert b"waiting for a person" in urllib.request.urlopen(preview.address).read()
+        page = followed(preview, lambda kind, text: sent.put((kind, text)))
+        for i in range(3):
+            preview.show(moment(i, body.neutral, body.neutral))
+            kind, text = sent.get(timeout=DEADLINE)
+            frame = json.loads(text)
+            assert (kind, frame["index"], frame["weight"]) == ("message", i, [0.75, 0.25, None])
+        preview.end("ended")
+        assert sent.get_nowait() == ("end", "ended")
+        page.join(DEADLINE)
+        assert b"<title>human34" in urllib.request.urlopen(preview.address).read()
+
+
+def test_a_page_that_waits_is_asked_whether_it_is_still_there() -> None:
+    told, left = list[str](), list[int]()
+    with MovingPreview(body_of("arm8"), (camera_at(0.0),), 3, patience=0.0, farewell=0.0) as preview:
+
+        def send(kind: str, text: str) -> None:
+            told.append(kind)
+            if len(told) == 2:
+                raise BrokenPipeError
+            if len(told) == 4:
+                preview.end("ended")
+
+        def two() -> None:
+            with pytest.raises(BrokenPipeError):  # it is not
+                preview.follow(send)
+            left.append(preview._listeners)
+            preview.follow(send)
+
+        pages = threading.Thread(target=two, daemon=True)
+        pages.start()
+        pages.join(DEADLINE)
+    assert told == ["still"] * 4 + ["end"]
+    assert left == [0]
+
+
+def test_a_page_that_is_too_slow_is_sent_the_newest_frame(preview: MovingPreview) -> None:
     body, sent = body_of("human34"), list[tuple[str, str]]()
-    assert b"waiting for a person" in urllib.request.urlopen(preview.address).read()
-    follower = threading.Thread(target=preview.follow, args=(lambda kind, text: sent.append((kind, text)),))
-    follower.start()
-    for i in range(3):
+    begun, two_more = threading.Semaphore(0), threading.Event()
+
+    def send(kind: str, text: str) -> None:
+        sent.append((kind, text))
+        if kind == "message":
+            begun.release()
+            assert two_more.wait(DEADLINE)
+
+    page = followed(preview, send)
+    preview.show(moment(0, body.neutral, body.neutral))
+    assert begun.acquire(timeout=DEADLINE)
+    for i in (1, 2):
         preview.show(moment(i, body.neutral, body.neutral))
-        time.sleep(0.1)
+    two_more.set()
+    assert begun.acquire(timeout=DEADLINE)
     preview.end("ended")
-    follower.join(timeout=5.0)
-    frames = [json.loads(text) for kind, text in sent if kind == "message"]
-    assert frames[-1]["index"] == 2
-    assert [f["index"] for f in frames] == sorted({f["index"] for f in frames})
+    page.join(DEADLINE)
+    assert [json.loads(text)["index"] for kind, text in sent if kind == "message"] == [0, 2]
     assert sent[-1] == ("end", "ended")
-    assert frames[-1]["weight"] == [0.75, 0.25, None]
-    assert b"<title>human34" in urllib.request.urlopen(preview.address).read()
 
 
 def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPreview) -> None:
@@ -290,12 +392,10 @@ def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPrevie
     first, second = body.neutral.copy(), bent(body, left_knee_flexion=0.5)
     second[:3] += (0.3, 0.2, 0.1)
     preview.show(moment(1, first, second))
+    browser.set_window_size(500, 400)  # fewer pixels are drawn sooner
     browser.get(preview.address)
     preview.show(moment(2, second, first))
-    for _ in range(200):
-        if browser.execute_script("return typeof data === 'object' && data.index[0] === 2"):
-            break
-        time.sleep(0.05)
+    until(lambda: browser.execute_script("return typeof data === 'object' && data.index[0] === 2"), "the second frame")
     script = """const places = {}; for (const name of ["body", "hypothesis_1"])
       places[name] = Object.fromEntries(node(name).children.map(c => [c.name, c.position.toArray()]));
       const pixel = document.createElement("canvas").getContext("2d");
@@ -316,10 +416,10 @@ def test_the_page_moves_with_what_it_is_sent(browser: Any, preview: MovingPrevie
     assert "frame 2" in shown["clock"]
     assert "2 dropped" in shown["clock"]
     preview.end("ended")
-    time.sleep(0.3)
-    assert "ended" in browser.execute_script("return $('clock').textContent")
+    until(lambda: "ended" in browser.execute_script("return $('clock').textContent"), "the end on the page")
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
     browser.get("about:blank")
+    browser.set_window_size(1200, 800)
 
 
 def test_the_person_who_was_largest_stays_the_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,13 @@ import socket
 import struct
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import pytest
 
 from humanoid.support.errors import InputError
 from tests.test_viz import moving_scene
+from tests.waiting import DEADLINE
 from viz.local_server import LocalServer
 from viz.preview import live
 
@@ -22,19 +23,24 @@ PAGE = b"<!DOCTYPE html>" + b"x" * 40_000_000  # more than any socket takes at o
 
 @contextmanager
 def serving(page: bytes = b"<!DOCTYPE html>") -> Iterator[LocalServer]:
-    with live.PreviewServer(lambda: page) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            yield server
-        finally:
-            server.shutdown()
-            thread.join(10)
-            assert not thread.is_alive()
+    with live.PreviewServer(lambda: page) as server, answering(server):
+        yield server
+
+
+@contextmanager
+def answering(server: LocalServer) -> Iterator[None]:
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        thread.join(DEADLINE)
+        assert not thread.is_alive()
 
 
 def ask(server: LocalServer, route: str, method: str = "GET", **headers: str) -> tuple[int, dict[str, str], bytes]:
-    connection = http.client.HTTPConnection(*server.server_address[:2], timeout=10)
+    connection = http.client.HTTPConnection(*server.server_address[:2], timeout=DEADLINE)
     connection.request(method, route, headers=headers)
     answer = connection.getresponse()
     return answer.status, dict(answer.headers), answer.read()
@@ -60,18 +66,21 @@ def test_head_has_no_body_and_an_icon_is_not_missed() -> None:
         status, headers, body = ask(server, f"/{server.token}/", "HEAD")
         assert (status, headers["Content-Length"], body) == (200, "15", b"")
         assert ask(server, "/favicon.ico")[::2] == (204, b"")
-        raw = socket.create_connection(server.server_address[:2], timeout=10)
+        raw = socket.create_connection(server.server_address[:2], timeout=DEADLINE)
         raw.sendall(f"HEAD /{server.token}/ HTTP/1.1\r\nHost: {server.hosts[0]}\r\n\r\n".encode())
         assert b"".join(iter(lambda: raw.recv(4096), b"")).endswith(b"\r\n\r\n")
 
 
-def test_who_says_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(live._Handler, "timeout", 0.1)
-    with serving() as server:
-        for said in (b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost"):
-            silent = socket.create_connection(server.server_address[:2], timeout=5)
-            silent.sendall(said)
-            assert silent.recv(100) == b""
+def test_who_says_nothing_is_hung_up_on(capfd: pytest.CaptureFixture[str]) -> None:
+    with ExitStack() as stack:
+        server = stack.enter_context(live.PreviewServer(lambda: b"<!DOCTYPE html>"))
+        usual, server.silence = server.silence, 0.05
+        silent = [socket.create_connection(server.server_address[:2], timeout=DEADLINE) for _ in range(3)]
+        for connection, said in zip(silent, (b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost"), strict=True):
+            connection.sendall(said)  # before anybody listens: what is said is there when the silence begins
+        stack.enter_context(answering(server))
+        assert [connection.recv(100) for connection in silent] == [b""] * 3
+        server.silence = usual
         assert ask(server, f"/{server.token}/")[0] == 200
     assert capfd.readouterr() == ("", "")
 
@@ -80,7 +89,7 @@ def test_a_browser_that_leaves_prints_nothing(capfd: pytest.CaptureFixture[str])
     with serving(PAGE) as server:
         before = threading.active_count()
         for reset in (True, False):
-            leaving = socket.create_connection(server.server_address[:2], timeout=10)
+            leaving = socket.create_connection(server.server_address[:2], timeout=DEADLINE)
             if reset:  # close by RST instead of FIN
                 leaving.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             leaving.sendall(f"GET /{server.token}/ HTTP/1.1\r\nHost: {server.hosts[0]}\r\n\r\n".encode())
@@ -88,7 +97,7 @@ def test_a_browser_that_leaves_prints_nothing(capfd: pytest.CaptureFixture[str])
             leaving.close()
         for thread in threading.enumerate():
             if "process_request" in thread.name:
-                thread.join(10)
+                thread.join(DEADLINE)
         assert threading.active_count() <= before
     assert capfd.readouterr() == ("", "")
 
@@ -104,20 +113,25 @@ def test_what_cannot_be_shown_is_said_to_the_browser() -> None:
         assert b"walk.run: there is no such file" in body
 
 
+@pytest.mark.usefixtures("default_signals")
 def test_an_interrupt_ends_the_view_and_frees_its_port(capfd: pytest.CaptureFixture[str]) -> None:
-    places: list[tuple[str, int]] = []
+    scene = moving_scene(1, modes=1, with_frames=False)
+    places, answers = list[tuple[str, int]](), list[int]()
 
     def ready(server: LocalServer, address: str) -> None:
         places.append(server.server_address[:2])
-        threading.Timer(0.2, signal.raise_signal, [signal.SIGINT]).start()
+        threading.Thread(target=visit, args=(server,), daemon=True).start()
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job begins with it ignored
-    try:
-        live.serve(moving_scene(2), open_browser=False, ready=ready)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    def visit(server: LocalServer) -> None:
+        try:
+            answers.append(ask(server, "/favicon.ico")[0])
+        finally:
+            signal.raise_signal(signal.SIGINT)
+
+    live.serve(scene, open_browser=False, ready=ready)
+    assert answers == [204]  # it served when the signal came
     with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(places[0], timeout=5)
+        socket.create_connection(places[0], timeout=DEADLINE)
     assert capfd.readouterr() == ("", "")
     with pytest.raises(InputError, match="port: 70000 cannot be used"):
-        live.serve(moving_scene(2), open_browser=False, port=70000)
+        live.serve(scene, open_browser=False, port=70000)

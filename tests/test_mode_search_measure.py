@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -65,8 +66,10 @@ def test_a_robust_group_halved_and_squared_is_its_potential() -> None:
 
 
 def test_near_the_truth_both_find_the_same_minimum() -> None:
-    rng = np.random.default_rng(1)
-    duels = [CONTEST.duel(CONTEST.random_start(0.02, rng), rng) for _ in range(5)]
+    """On a clock that every reading of it moves on."""
+    rng, ticks = np.random.default_rng(1), count()
+    contest = Contest(lambda: float(next(ticks)))
+    duels = [contest.duel(contest.random_start(0.02, rng), rng) for _ in range(5)]
     assert all(d.converged and d.in_a_tenth <= d.ours for d in duels)
     assert sum(d.ours == pytest.approx(d.theirs, rel=1e-5) for d in duels) >= 4
     assert all(0.0 < d.their_ms <= d.full_ms and 0.0 < d.residual_ms < d.full_ms for d in duels)

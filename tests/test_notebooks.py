@@ -11,10 +11,12 @@ from typing import Any
 import pytest
 
 from benchmarks.common import ROOT
+from tests.waiting import DEADLINE
 
 FOLDER = ROOT / "examples" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
-TIMEOUT = 600.0  # s of a cell: the first may compile, which takes minutes on a machine that is busy
+PATIENCE = dict.fromkeys(("timeout", "startup_timeout", "iopub_timeout"), round(DEADLINE))
+"""With the kernel's start, a cell (the first may compile), and what a cell has printed, which comes after its end."""
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
@@ -51,7 +53,7 @@ def executed(notebook: Any, folder: Path) -> Any:
     parsed = nbformat.reads(json.dumps(notebook), as_version=4)
     nbformat.validate(parsed)
     resources = {"metadata": {"path": str(work)}}
-    return nbclient.NotebookClient(parsed, km=kernel, timeout=TIMEOUT, resources=resources).execute()
+    return nbclient.NotebookClient(parsed, km=kernel, resources=resources, **PATIENCE).execute()
 
 
 def one_cell(code: str) -> dict[str, Any]:

@@ -2,59 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import pytest
 
 from estimator.trackers.spec import Spec
-from estimator.tracking.registry import TRACKERS, settings_for
+from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
+from humanoid.support import plugins
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE, Registry
+from kinemode import __main__ as front
+from kinemode.settings import choose
+from tests.command_lines import Told, ran, told
 
 ROOT = Path(__file__).resolve().parent.parent
-TOY = Path(__file__).with_name("toy_plugin.py")
-
-
-def ran(code: str, *arguments: str, plugins: str, path: Path = TOY.parent) -> str:
-    """What a process prints that finds plugins in a folder of their own."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(path)]), VARIABLE: plugins}
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=environment, check=False
-    )
-    assert done.stderr == ""
-    return done.stdout
-
-
-class Told(NamedTuple):
-    """How a command line ended."""
-
-    code: int
-    out: str
-    error: str
-
-
-COMMANDS = """
-import contextlib, io, json, sys
-from kinemode.__main__ import main
-for line in json.loads(sys.argv[1]):
-    out, error = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        code = main(line)
-    print(json.dumps([code, out.getvalue(), error.getvalue()]))
-"""
-
-
-def told(*lines: list[str], plugins: str = "toy_plugin", path: Path = TOY.parent) -> list[Told]:
-    """Command lines, all in one process: importing takes longer than they."""
-    printed = ran(COMMANDS, json.dumps(lines), plugins=plugins, path=path)
-    return [Told(*json.loads(line)) for line in printed.splitlines()]
+HERE: dict[str, Any] = {"plugins": "toy_plugin", "path": Path(__file__).parent}
 
 
 LAZY = ["--tracker", "lazy"]
@@ -78,7 +45,7 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Told]:
         file = folder / f"{name}.toml"
         file.write_text(text)
         lines[name] = ["track", str(clip), *tracker, "--settings", str(file), "--out", str(folder / "a.run")]
-    return dict(zip(lines, told(*lines.values()), strict=True))
+    return dict(zip(lines, told(*lines.values(), **HERE), strict=True))
 
 
 def test_a_plugin_is_listed_and_its_settings_are_told(commands: Mapping[str, Told]) -> None:
@@ -96,26 +63,38 @@ def test_a_plugin_is_listed_and_its_settings_are_told(commands: Mapping[str, Tol
     assert "enabled = false" in written.partition("[smooth]")[2]
 
 
-ASKED = """
-import sys
-from estimator.tracking.registry import make_tracker
-from kinemode.settings import choose
-chosen = choose("lazy", sys.argv[1])
-chosen.check(fits=False)
-made = make_tracker("lazy", "a body", chosen.settings)
-assert type(made).__name__ == "Lazy" and made.body == "a body" and made.settings is chosen.settings.own
-print(chosen.settings.to_dict()["lazy"], chosen.settings.cost.nu, *chosen.notes(cues=None, cameras=1, fits=False))
-"""
+@contextmanager
+def plugins_here(names: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Within it this process finds plugins, as one does that has just begun."""
+    with TRACKERS.restored(), monkeypatch.context() as patched:
+        modules = set(sys.modules)
+        patched.setattr(plugins, "_plugins", plugins._Plugins())
+        patched.setenv(VARIABLE, names)
+        patched.syspath_prepend(str(folder))
+        yield
+        for name in names.split(","):
+            if name not in modules:
+                sys.modules.pop(name, None)
 
 
 def test_its_settings_are_taken_from_a_file_and_made_into_a_tracker(
-    commands: Mapping[str, Told], tmp_path: Path
+    commands: Mapping[str, Told], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "lazy.toml"
     path.write_text(commands["settings"].out.replace("naps = 2", "naps = 5").replace("depth = 0.5", "deepness = 2"))
     former = "the setting lazy.deepness is called lazy.depth now"
-    printed = ran(ASKED, str(path), plugins="toy_plugin")
-    assert printed.strip() == "{'naps': 5, 'depth': 2.0, 'bed': 'sofa'} 8.0 " + former
+    with plugins_here(HERE["plugins"], HERE["path"], monkeypatch):
+        chosen = choose("lazy", path)
+        chosen.check(fits=False)
+        body: Any = "a body"
+        made: Any = make_tracker("lazy", body, chosen.settings)
+        assert type(made).__name__ == "Lazy"
+        assert made.body == body
+        assert made.settings is chosen.settings.own
+        assert chosen.settings.to_dict()["lazy"] == {"naps": 5, "depth": 2.0, "bed": "sofa"}
+        assert chosen.settings.cost.nu == 8.0
+        assert list(chosen.notes(cues=None, cameras=1, fits=False)) == [former]
+    assert "lazy" not in TRACKERS
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -125,10 +104,9 @@ def test_what_is_wrong_in_its_table_is_refused(name: str, commands: Mapping[str,
     assert f"/{name}.toml: {REFUSED[name][2]}" in commands[name].error
 
 
-def test_without_the_variable_there_is_none() -> None:
-    (answer,) = told(["settings", *LAZY], plugins="")
-    assert answer.code == 2
-    assert "no tracker 'lazy' (one of css, css-paper" in answer.error
+def test_without_the_variable_there_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert front.main(["settings", *LAZY]) == front.BAD_INPUT
+    assert "no tracker 'lazy' (one of css, css-paper" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -169,13 +147,17 @@ def test_modules_of_installed_packages_are_imported_too(tmp_path: Path) -> None:
     )
 
 
-def test_a_name_that_is_taken_is_refused(tmp_path: Path) -> None:
+def test_a_name_that_is_taken_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "twin.py").write_text(
         "from estimator.tracking.registry import TRACKERS, register\nregister(TRACKERS['css'])\n"
     )
-    (answer,) = told(["trackers"], plugins="twin", path=tmp_path)
-    assert (answer.code, answer.out) == (2, "")
-    assert "module twin cannot be imported: tracker: there is already one named css" in answer.error
+    with plugins_here("twin", tmp_path, monkeypatch):
+        assert front.main(["trackers"]) == front.BAD_INPUT
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "module twin cannot be imported: tracker: there is already one named css" in said.err
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 import kinemode as km
 from benchmarks.resume import Pace, differences, moments
-from benchmarks.resume_kills import BEFORE_THE_FILE, SOON, Moment, command, finish, frames_in, kill_at
-from estimator.fitting.person import fit_person
+from benchmarks.resume_kills import BEFORE_THE_FILE, Moment, frames_in
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
@@ -20,33 +20,37 @@ from kinemode import demo
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.terminal.progress import unreported
+from tests.command_lines import killed_at, printed_by, track_line
+from tests.tiny_clip import QUICK
 
-FRAMES = 24
-KILLS = (Moment(3), Moment(12, 0.01, signal.SIGTERM, to_all=True))  # far from the end: machines stall
+FRAMES = 6
+KILLS = ((Moment(2), 1, -9), (Moment(4, number=signal.SIGTERM, to_all=True), 2, 143))
+"""With how many workers, and the exit codes."""
 
 
 @pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 def test_killed_twice(tmp_path: Path) -> None:
-    """Without warning, and asked to end: with a helper, which ends too and holds no pipe open."""
+    """Without warning; and asked to end, with a helper, which ends too and holds no pipe open."""
     clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
-    keypoints, out = clip.keypoints[demo.CAMERA], tmp_path / "killed.run"
-    arguments = command(["--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"], out)
+    keypoints, out, settings = clip.keypoints[demo.CAMERA], tmp_path / "killed.run", tmp_path / "quick.toml"
+    settings.write_text(tomli_w.dumps(QUICK))
+    how = ["--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off", "--settings", settings]
     kept = 0
-    for moment, code in zip(KILLS, (-9, 143), strict=True):
-        killed = kill_at([*arguments, "--workers", "2"], out, moment)
+    for moment, workers, code in KILLS:
+        killed = killed_at(moment, [*track_line(how, out), "--workers", str(workers)], out)
         assert killed.resumed_from == kept
         assert killed.code == code
         assert killed.lost == 0
         assert killed.left == ()
-        assert killed.lingered < SOON
-        assert moment.wanted <= killed.after < FRAMES
+        assert killed.after == moment.wanted
         assert not km.open_run(out).complete
         kept = killed.after
-    finish(arguments)
+    printed_by(track_line(how, out))
     assert frames_in(out) == FRAMES
     undisturbed = km.track(
-        "human34", None, cameras=clip.cameras, keypoints=keypoints, fit="off", out=tmp_path / "undisturbed.run"
-    )
+        "human34", None, cameras=clip.cameras, keypoints=keypoints, fit="off", out=tmp_path / "undisturbed.run",
+        settings=QUICK,
+    )  # fmt: skip
     resumed = km.open_run(out)
     assert differences(undisturbed, resumed) == []
     resumed.mode_q[-1, 0, 7] = np.nextafter(resumed.mode_q[-1, 0, 7], np.inf)
@@ -66,11 +70,10 @@ def test_kills_are_spread_over_the_whole_life_of_a_run() -> None:
 
 def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     """A new tracker goes on from the stored state of any frame as the old one did: nothing else is remembered."""
-    clip = demo.make_clip(tmp_path, videos=False, progress=unreported)
-    subject = load_subject("human34")
+    clip = demo.make_clip(tmp_path, frames=FRAMES, videos=False, progress=unreported)
+    body = Body(load_subject("human34"))
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
-    observations = load_inputs(Body(subject), InputFiles(None, keypoints, clip.cameras)).observations
-    body = Body(fit_person(subject, observations).subject)
+    observations = load_inputs(body, InputFiles(None, keypoints, clip.cameras)).observations
     states = [state for _, state in run(make_tracker("css", body), observations, 0)]
     for first in range(1, len(observations)):
         before = states[first - 1]

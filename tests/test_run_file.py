@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
+from tests.waiting import DEADLINE
 
 
 def header(frames: int, **changes: object) -> RunHeader:
@@ -305,49 +306,66 @@ def test_foreign_and_damaged_files(tmp_path: Path, body: Body) -> None:
         Run.open(tmp_path / "other.run")
 
 
-WRITER = """
-import sys
-sys.path[:0] = {path!r}
+WRITERS = """
+import os, sys
+sys.path[:0] = sys.argv[3:]
 from test_run_file import *
-body = Body(load_subject("human34"))
-results = walk(body, {frames})
-if {start}:
-    writer, state, position = RunWriter.resume(Path({file!r}), header({frames}))
-else:
-    writer, position = RunWriter.create(Path({file!r}), header({frames})), 0
-print("ready", flush=True)
-for i in range(position, {frames}):
-    writer.append(results[i], state_of(results[i]))
-    print(i, flush=True)
-writer.finish()
+
+file, frames = Path(sys.argv[1]), int(sys.argv[2])
+results = walk(Body(load_subject("human34")), frames)
+
+
+def write(wanted, blocks):
+    def block(statement):
+        if statement.startswith(blocks):
+            print(position, os.getpid(), flush=True)
+            while True:
+                signal.pause()
+
+    writer, position = RunWriter.resume(file, header(frames))[::2] if file.exists() else (
+        RunWriter.create(file, header(frames)), 0)
+    for result in results[position:]:
+        if position == wanted:
+            writer._connection.set_trace_callback(block)  # called before each statement
+        writer.append(result, state_of(result))
+        position += 1
+
+
+for line in sys.stdin:
+    child = os.fork()  # what is imported takes longer than all else
+    if not child:
+        wanted, _, blocks = line.strip().partition(" ")
+        try:
+            write(int(wanted), blocks)
+        finally:
+            os._exit(1)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
 def test_killed_writer_loses_nothing(tmp_path: Path, body: Body) -> None:
-    frames, file = 400, tmp_path / "a.run"
+    """Between two frames, and in the middle of one: all of those before it are there, and nothing of it."""
+    frames, file, root = 20, tmp_path / "a.run", Path(__file__).parent
     results = walk(body, frames)
-    acknowledged, rng = -1, np.random.default_rng(1)
-    for attempt in range(3):
-        root = Path(__file__).parent
-        code = WRITER.format(path=[str(root), str(root.parent)], frames=frames, start=attempt, file=str(file))
-        child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-        assert child.stdout is not None
-        assert child.stdout.readline() == "ready\n"
-        time.sleep(float(rng.uniform(0.01, 0.05)))
-        child.send_signal(signal.SIGKILL)
-        told = [int(line) for line in child.stdout.read().split()]
-        child.wait()
-        assert not told or told[0] == acknowledged + 1 or told[0] == acknowledged + 2  # killed before it could say so
-        acknowledged = max([acknowledged, *told])
-        run = Run.open(file)
-        assert run.frame_count in (acknowledged + 1, acknowledged + 2)
-        acknowledged = run.frame_count - 1
-        assert_same(run.result(-1), results[acknowledged])
+    arguments = [sys.executable, "-c", WRITERS, file, str(frames), root, root.parent]
+    with subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdin is not None
+        assert parent.stdout is not None
+        for wanted, blocks in ((7, "BEGIN"), (7, "INSERT INTO frame"), (9, "COMMIT")):
+            parent.stdin.write(f"{wanted} {blocks}\n")
+            parent.stdin.flush()
+            position, child = map(int, parent.stdout.readline().split())
+            os.kill(child, signal.SIGKILL)
+            assert (position, int(parent.stdout.readline())) == (wanted, -signal.SIGKILL)
+            run = Run.open(file)
+            assert run.frame_count == wanted
+            assert_same(run.result(-1), results[wanted - 1])
+        parent.communicate(timeout=DEADLINE)
     writer, state, position = RunWriter.resume(file, header(frames))
-    assert position == acknowledged + 1
+    assert position == wanted
     assert state is not None
-    np.testing.assert_array_equal(state["covariance"], results[acknowledged].covariance)
+    np.testing.assert_array_equal(state["covariance"], results[wanted - 1].covariance)
     for result in results[position:]:
         writer.append(result, state_of(result))
     writer.finish()

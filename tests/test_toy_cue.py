@@ -15,10 +15,9 @@ import pytest
 import kinemode
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from benchmarks.resume_kills import command, finish
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.camera_pictures import CameraPictures
-from estimator.likelihood.registry import CUES
+from estimator.likelihood.registry import CUES, register
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
@@ -26,7 +25,7 @@ from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
 from kinemode.rendering.files import RenderedClip
 from kinemode.testing import check_cue
-from tests.command_lines import check_written, killed_after, printed_by, readers
+from tests.command_lines import check_written, killed_after, printed_by, said_by_readers, told, track_line
 from tests.tiny_clip import tiny_clip
 
 with CUES.restored():  # the tests of all cues are not to know it
@@ -50,8 +49,9 @@ enabled = false
 
 @dataclass(frozen=True)
 class Runs:
-    """The same track of a clip: at one go; with a helper, killed after two frames, and resumed; without the cue. And
-    what was said of the first by the commands that read one, by their names."""
+    """The same track of a clip: at one go; killed after two frames in a process that found the cue by itself and had a
+    helper, and resumed; without the cue. And what was said of the first by the commands that read one, by their
+    names."""
 
     clip: RenderedClip
     whole: Path
@@ -70,13 +70,16 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     (video,), (keypoints,) = clip.videos.values(), clip.keypoints.values()
     files = [video, "--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"]
     how = [*files, "--settings", settings, "--cues", "toy,edges"]
+    plainly = ["track", *files, "--settings", plain, "--cues", "edges"]
     whole, killed, without = (folder / f"{name}.run" for name in ("whole", "killed", "without"))
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, CUES.restored():
         patch.setenv(VARIABLE, "tests.toy_cue")
-        finish(command(how, whole))
-        finish(killed_after(2, [*how, "--workers", "2"], killed))
-        plainly = ["track", *files, "--settings", plain, "--cues", "edges", "--out", without]
-        return Runs(clip, whole, killed, without, printed_by({"track": plainly, **readers(whole, frame=2)}))
+        killed_after(2, [*how, "--workers", "2"], killed)
+        register(Toy())
+        for path in (whole, killed):
+            printed_by(track_line(how, path))
+        printed_by([*plainly, "--out", without])
+        return Runs(clip, whole, killed, without, said_by_readers(whole, frame=2))
 
 
 def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_killed(runs: Runs) -> None:
@@ -117,18 +120,17 @@ def energy_of(name: str, table: str) -> float:
     return float(row.removeprefix(name).split()[0])
 
 
-def test_it_is_listed_and_its_settings_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = {"cues": ["cues"], "settings": ["settings"]}
-    listed = printed_by({"cues": ["cues"]})["cues"]
+def test_it_is_listed_and_its_settings_are_told() -> None:
+    listed = printed_by(["cues"])
     assert "silhouette" in listed
     assert "toy" not in listed
-    monkeypatch.setenv(VARIABLE, "tests.toy_cue")
-    told = printed_by(lines)
-    assert "where the picture is bright" in told["cues"]
-    assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in told["settings"]
-    assert "use_toy = true" in told["settings"]
-    with pytest.raises(AssertionError, match="edges, flow, silhouette, depth, toy"):
-        printed_by({"refused": ["track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run"]})
+    wrong = ["track", "--keypoints", __file__, "--cues", "taste", "--out", "none.run"]
+    cues, settings, refused = told(["cues"], ["settings"], wrong, plugins="tests.toy_cue")
+    assert "where the picture is bright" in cues.out
+    assert "[cues.toy]\n# landmark: its number\nlandmark = 1" in settings.out
+    assert "use_toy = true" in settings.out
+    assert refused.code == 2
+    assert "edges, flow, silhouette, depth, toy" in refused.error
 
 
 def test_nothing_else_names_it() -> None:

@@ -15,7 +15,6 @@ import pytest
 import kinemode as km
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from benchmarks.resume_kills import command, finish
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.observation import Observation
 from estimator.likelihood.reader import CueReader
@@ -33,13 +32,13 @@ from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 from kinemode.testing import check_tracker
 from tests.builders import body_of, camera_at, observe
-from tests.command_lines import check_written, killed_after, printed_by, readers
+from tests.command_lines import check_written, killed_after, printed_by, said_by_readers, track_line
 from tests.tiny_clip import tiny_clip
 
 with TRACKERS.restored():  # the tests of all trackers are not to know it
     from tests.toy_tracker import NOISE, SPEC, Middle, ToyTracker
 
-NAME, FRAMES, SHORT = "toy", 40, 5
+NAME, FRAMES, SHORT = "toy", 8, 5
 
 
 @pytest.fixture(scope="module")
@@ -73,11 +72,13 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
     (camera, video), (masks,) = *clip.videos.items(), clip.masks.values()
     how = [video, "--cameras", clip.cameras, "--mask", f"{camera}={masks}", "--tracker", NAME, "--seed", "3"]
     whole, killed = folder / "whole.run", folder / "killed.run"
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, TRACKERS.restored():
         patch.setenv(VARIABLE, "tests.toy_tracker")
-        finish(command(how, whole))
-        finish(killed_after(3, how, killed))
-        return Tracked(clip, whole, killed, printed_by(readers(whole, frame=2)))
+        killed_after(3, how, killed)
+        register(SPEC)
+        for path in (whole, killed):
+            printed_by(track_line(how, path))
+        return Tracked(clip, whole, killed, said_by_readers(whole, frame=2))
 
 
 def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:

@@ -19,7 +19,7 @@ from kinemode.testing import ContractError, check_tracker
 FEW: dict[str, dict[str, object]] = {
     "css": {"samples": 4, "budget": {"searches": 12}},
     "single_mode": {},
-    "condensation": {"particles": 150},
+    "condensation": {"particles": 60},
     "annealed": {"layers": 4, "particles": 40},
     "multiple_hypothesis": {"starts": 4},
     "elmo": {"rounds": 2},

@@ -6,9 +6,8 @@ import base64
 import json
 import os
 import re
-import shutil
+import socket
 import subprocess
-import sys
 import threading
 import urllib.request
 from dataclasses import replace
@@ -79,7 +78,7 @@ def moving_scene(instants: int = 12, modes: int = 3, with_frames: bool = True) -
 
 
 def test_the_silhouette_lands_where_the_camera_projects_the_surface() -> None:
-    scene = moving_scene()
+    scene = moving_scene(4)
     painter = BodyPainter(scene.body)
     for longest in (640, 320):
         view = camera_view(scene.cameras[0], longest)
@@ -138,7 +137,7 @@ def test_sides_are_read_from_names(name: str, side: str) -> None:
 
 
 def test_overlay_has_every_frame_at_the_reduced_size(tmp_path: Path) -> None:
-    scene = moving_scene()
+    scene = moving_scene(3)
     wide = replace(scene.cameras[0], name="wide", image_size=(1280, 960))
     two = replace(
         scene, cameras=(scene.cameras[0], wide), frames=(scene.frames[0], None),
@@ -170,7 +169,7 @@ def test_pictures_follow_the_instants_even_where_the_clip_ends_early() -> None:
 
 
 def test_sheet_is_written(tmp_path: Path) -> None:
-    scene = moving_scene(with_frames=False)
+    scene = moving_scene(4, with_frames=False)
     image = cv2.imread(str(write_sheet(scene, tmp_path / "sheet.png", frames=3)))
     assert image is not None
     assert image.shape[1] > image.shape[0]
@@ -212,18 +211,16 @@ def test_long_runs_are_thinned() -> None:
     assert evenly(1000, 3) == [0, 500, 999]
 
 
-def test_preview_starts_no_process(tmp_path: Path) -> None:
-    program = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import subprocess, socket\n"
-        "def never(*a, **k): raise AssertionError('started something')\n"
-        "subprocess.Popen.__init__ = never; socket.socket.bind = never\n"
-        "from test_viz import moving_scene; from viz.preview.page import write_html\n"
-        "write_html(moving_scene(4), sys.argv[2])\n"
-    )
-    root = Path(__file__).parent
-    environment = {**os.environ, "PYTHONPATH": str(root.parent)}
-    target = tmp_path / "p.html"
-    subprocess.run([sys.executable, "-c", program, str(root), str(target)], check=True, env=environment)
+def test_preview_starts_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor a server, as MeshCat's own viewer does."""
+
+    def never(*_: Any, **__: Any) -> None:
+        pytest.fail("started something")
+
+    monkeypatch.setattr(subprocess.Popen, "__init__", never)
+    monkeypatch.setattr(socket.socket, "bind", never)
+    monkeypatch.setattr(os, "fork", never)
+    target = write_html(moving_scene(4), tmp_path / "p.html")
     assert target.stat().st_size > 500_000
 
 
@@ -260,30 +257,30 @@ def result(scene: Scene, t: int) -> FrameResult:
 
 
 def test_pictures_are_made_from_an_unfinished_run_file(tmp_path: Path) -> None:
-    scene = moving_scene()
-    run = Run.open(saved(scene, tmp_path, 8))
+    scene = moving_scene(6)
+    run = Run.open(saved(scene, tmp_path, 5))
     read = as_scene(run)
-    assert len(read) == 8
+    assert len(read) == 5
     assert not read.has_body(3)
-    assert np.allclose(read.q[7], scene.q[7])
-    assert np.allclose(read.pixels, scene.pixels[:8])
+    assert np.allclose(read.q[4], scene.q[4])
+    assert np.allclose(read.pixels, scene.pixels[:5])
     (first,) = read.images(0, [0])
     assert first is not None
     assert (first == 90).all()
-    for path in (write_overlay(run, tmp_path / "o.mp4"), write_sheet(run, tmp_path / "s.png", frames=8)):
+    for path in (write_overlay(run, tmp_path / "o.mp4"), write_sheet(run, tmp_path / "s.png", frames=5)):
         assert path.stat().st_size > 10_000
-    assert '"best": [0, 0, 0, -1, 0, 0, 0, 0]' in page(run)
+    assert '"best": [0, 0, 0, -1, 0]' in page(run)
 
 
 def test_a_run_without_frames_is_refused(tmp_path: Path) -> None:
-    run = Run.open(saved(moving_scene(), tmp_path, 0))
+    run = Run.open(saved(moving_scene(1), tmp_path, 0))
     with pytest.raises(InputError, match="no tracked frame"):
         page(run)
 
 
 def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None:
-    scene = moving_scene()
-    path = saved(scene, tmp_path, 5)
+    scene = moving_scene(2)
+    path = saved(scene, tmp_path, 1)
     run = Run.open(path)
     counts: list[int] = []
 
@@ -298,7 +295,7 @@ def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None
                 load()
                 writer, _, _ = RunWriter.resume(path, run.header)
                 with writer:
-                    writer.append(result(scene, 5), {})
+                    writer.append(result(scene, 1), {})
                 load()
             finally:
                 server.shutdown()
@@ -306,49 +303,4 @@ def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None
         threading.Thread(target=run_through).start()
 
     serve(run, open_browser=False, ready=visit)
-    assert counts == [5, 6]
-
-
-def test_page_draws_in_a_browser(tmp_path: Path) -> None:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("needs chromium to draw the page")
-    scene = moving_scene()
-    target = write_html(scene, tmp_path / "p.html")
-    shots = [screenshot(chromium, target, tmp_path, place) for place in ("t=0", "t=11", "t=11&view=front")]
-    assert all(colourful(shot) for shot in shots)
-    assert np.abs(shots[0].astype(int) - shots[1]).mean() > 0.3
-    # seen from the camera, the body covers what Camera.project says: the page is as high as the picture
-    size = (800, 600)
-    full = scene.cameras[0].project(BodyPainter(scene.body).vertices(scene.body.at(scene.q[11])))
-    blue, red = shots[2][..., 0].astype(int), shots[2][..., 2].astype(int)
-    coloured = np.abs(blue - red) > 70
-    coloured[:150, :250] = coloured[-100:] = False  # the panels
-    rows, columns = np.nonzero(coloured)
-    K = scene.cameras[0].K
-    expected = (full - [K[0, 2], K[1, 2]]) * size[1] / 480.0 + [(size[0] - 1) / 2, (size[1] - 1) / 2]
-    low, high = expected.min(axis=0), expected.max(axis=0)
-    assert columns.min() > low[0] - 12
-    assert columns.max() < high[0] + 12
-    assert rows.max() < high[1] + 12
-    assert rows.max() > high[1] - 40
-
-
-def screenshot(chromium: str, page_file: Path, folder: Path, place: str) -> np.ndarray:
-    out = folder / "shot.png"
-    options = [
-        "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-        "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-        "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--window-size=800,600", "--hide-scrollbars",
-        "--virtual-time-budget=1500", f"--screenshot={out}",
-    ]  # fmt: skip
-    subprocess.run([chromium, *options, f"{page_file.as_uri()}#{place}"], check=True, capture_output=True, timeout=60)
-    image = cv2.imread(str(out))
-    assert image is not None
-    return image
-
-
-def colourful(image: np.ndarray) -> bool:
-    """Both sides of the body are there, in their colours."""
-    blue, red = image[100:-80, 200:, 0].astype(int), image[100:-80, 200:, 2].astype(int)
-    return bool(((blue - red) > 70).sum() > 500 and ((red - blue) > 70).sum() > 500)
+    assert counts == [1, 2]

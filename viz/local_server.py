@@ -14,7 +14,6 @@ from typing import Any
 from humanoid.support.errors import InputError
 
 HOST = "127.0.0.1"
-SILENCE = 60.0  # a connection that says nothing for so long is closed, so that it keeps no thread busy [s]
 _HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -32,9 +31,11 @@ class LocalServer(ThreadingHTTPServer):
     Attributes
     ----------
     address: where the page is. hosts: the names it may be asked under. token: the secret part of the address.
+    silence: a connection that says nothing for so long is closed, so that it keeps no thread busy [s].
     """
 
     daemon_threads = True
+    silence = 60.0
 
     def __init__(self, handler: type[LocalHandler], port: int = 0) -> None:
         try:
@@ -60,7 +61,11 @@ class LocalHandler(BaseHTTPRequestHandler):
     """Answers those who know the address; `get` says with what."""
 
     server: LocalServer
-    timeout = SILENCE
+
+    def setup(self) -> None:
+        """Take the connection, with the server's patience."""
+        super().setup()
+        self.connection.settimeout(self.server.silence)
 
     def get(self, route: str) -> None:
         """Answer GET and HEAD of a route below the secret address, by `send` or `refuse`."""

@@ -59,10 +59,11 @@ class Worker:
             self._lost()
         return _checked(answer)
 
-    def close(self) -> None:
-        """Let it end: at once if it waits, after what it is at if it does not, by force if that takes long."""
+    def close(self, parting: float = PARTING) -> None:
+        """Let it end: at once if it waits, after what it is at if it does not, by force if that takes longer than
+        `parting` [s]."""
         self.connection.close()
-        self._process.join(PARTING)
+        self._process.join(parting)
         if self._process.exitcode is None:
             self._process.kill()
             self._process.join()

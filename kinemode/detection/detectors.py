@@ -14,6 +14,21 @@ SCRIPTS = Path(__file__).parent / "scripts"
 
 
 @dataclass(frozen=True)
+class Patience:
+    """How long a detector is waited for [s].
+
+    answer: until it must have said something, at its start and of each picture. end: that it may take to end. python:
+    until a Python has said what it is. installation: that making the environment may take, some 150 MB over a slow
+    line.
+    """
+
+    answer: float = 120.0
+    end: float = 5.0
+    python: float = 30.0
+    installation: float = 1800.0
+
+
+@dataclass(frozen=True)
 class Wanted:
     """A detector as the user asks for it.
 
@@ -44,6 +59,11 @@ class Wanted:
         return self.people if not DETECTORS[self.name].needs_model or self.boxes is not None else 1
 
     @property
+    def patience(self) -> Patience:
+        """How long it is waited for."""
+        return DETECTORS[self.name].patience
+
+    @property
     def identity(self) -> str:
         """The same for detectors that find the same in the same picture: name, and digest of programs and models."""
         digest = hashlib.sha256(json.dumps(self.most).encode())
@@ -67,10 +87,11 @@ class Wanted:
 
 @dataclass(frozen=True)
 class About:
-    """What is known of a detector: its program, and whether the user gives the model."""
+    """What is known of a detector: its program, whether the user gives the model, and how long it is waited for."""
 
     script: str
     needs_model: bool
+    patience: Patience = Patience()
 
 
 DETECTORS = {"mediapipe": About("mediapipe_pose.py", False), "onnx": About("onnx_pose.py", True)}

@@ -14,16 +14,17 @@ from pathlib import Path
 from humanoid.support.atomic import replacing
 from humanoid.support.compiled_folder import cache_roots, locked
 from humanoid.support.errors import InputError
+from kinemode.detection.detectors import Patience
 from kinemode.detection.pythons import Python, alone, clean_environment, fitting_python, named_python
 from kinemode.detection.requirements import Requirements, read_requirements
 from kinemode.notices import InputWarning
 from kinemode.target import cache_folder
 
 STAMP = "ready.json"
-_MINUTES = 30.0  # that an installation may take: some 150 MB over a slow line
+PATIENCE = Patience()
 
 
-def python_for(detector: str, script: Path, given: Path | None = None) -> Path:
+def python_for(detector: str, script: Path, given: Path | None = None, patience: Patience = PATIENCE) -> Path:
     """The Python that runs a detector's program: of the environment in the cache, which is made where it is not there.
 
     given: a Python to make it with; one that has the packages itself is taken as it is.
@@ -33,7 +34,7 @@ def python_for(detector: str, script: Path, given: Path | None = None) -> Path:
     InputError: no Python that fits, or packages that cannot be had; with what to do about it.
     """
     needed = read_requirements(script)
-    base = None if given is None else named_python(given, needed, detector)
+    base = None if given is None else named_python(given, needed, detector, patience.python)
     if base is not None and base.has(needed):
         return base.path
     name = f"detector-{detector}-{needed.digest}"
@@ -44,7 +45,7 @@ def python_for(detector: str, script: Path, given: Path | None = None) -> Path:
     try:
         with locked(folder.with_suffix(".lock")):
             if not _is_ready(folder, needed):  # another process may have made it meanwhile
-                _make(folder, detector, needed, base)
+                _make(folder, detector, needed, base, patience)
     except OSError as error:
         raise InputError(folder, f"cannot be made: {error.strerror}", remedy="KINEMODE_CACHE names another") from None
     return _python_of(folder)
@@ -68,10 +69,10 @@ def _is_ready(folder: Path, needed: Requirements) -> bool:
     return False
 
 
-def _make(folder: Path, detector: str, needed: Requirements, base: Python | None) -> None:
+def _make(folder: Path, detector: str, needed: Requirements, base: Python | None, patience: Patience) -> None:
     """Make the environment; what an interrupted attempt has left goes first, and the stamp comes last."""
     uv = shutil.which("uv")
-    python = base or (None if uv else fitting_python(needed))
+    python = base or (None if uv else fitting_python(needed, patience.python))
     if uv is None and python is None:
         problem = f"needs a CPython {needed.span} (with venv), and there is none here"
         remedy = "install one, or uv, which fetches it; --python PATH names one elsewhere"
@@ -87,23 +88,23 @@ def _make(folder: Path, detector: str, needed: Requirements, base: Python | None
         made = alone(Path(wanted), "-m", "venv", str(folder))
         filled = alone(_python_of(folder), "-m", "pip", "install", "--quiet", "--no-deps", "--no-input")
         filled += ["--disable-pip-version-check"]
-    _run(made, detector, needed)
-    _run([*filled, *needed.packages], detector, needed)
+    for words in (made, [*filled, *needed.packages]):
+        _run(words, detector, needed, patience.installation)
     with replacing(folder / STAMP) as temporary:
         temporary.write_text(json.dumps({"packages": needed.packages, "made_with": wanted}), encoding="utf-8")
 
 
-def _run(words: Sequence[str], detector: str, needed: Requirements) -> None:
-    """One step of making it; raises InputError with the last thing that the installer said."""
+def _run(words: Sequence[str], detector: str, needed: Requirements, seconds: float) -> None:
+    """One step of making it, in so many seconds; raises InputError with the last thing that the installer said."""
     first = needed.packages[0]
     offline = f"it takes a network, once; or --python PATH: a CPython {needed.span} that has {first} and what it needs"
     try:
         subprocess.run(
-            words, check=True, capture_output=True, text=True, timeout=60.0 * _MINUTES, env=clean_environment(),
+            words, check=True, capture_output=True, text=True, timeout=seconds, env=clean_environment(),
             stdin=subprocess.DEVNULL,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        raise InputError(detector, f"was not installed within {_MINUTES:.0f} minutes", remedy=offline) from None
+        raise InputError(detector, f"was not installed within {seconds / 60:.0f} minutes", remedy=offline) from None
     except subprocess.CalledProcessError as error:
         raise InputError(detector, f"cannot be installed: {_last_error(error)}", remedy=offline) from None
 

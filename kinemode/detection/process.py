@@ -20,9 +20,6 @@ from kinemode.detection.environment import python_for
 from kinemode.detection.people import Search, State
 from kinemode.detection.pythons import alone, clean_environment
 
-_START, _ANSWER = 120.0, 120.0  # s until it must have said something
-_END = 5.0  # s that it may take to end
-
 
 class DetectorProcess:
     """A running detector; a context manager, which ends it.
@@ -31,9 +28,9 @@ class DetectorProcess:
     """
 
     def __init__(self, wanted: Wanted) -> None:
-        self._name = wanted.name
+        self._name, self._patience = wanted.name, wanted.patience
         self._said = tempfile.TemporaryFile()  # noqa: SIM115, closed by `close`
-        python = python_for(wanted.name, wanted.script, wanted.python)
+        python = python_for(wanted.name, wanted.script, wanted.python, self._patience)
         # in a session of its own Ctrl-C does not reach it: it ends when we do, with its standard input
         self._child = subprocess.Popen(
             alone(python, str(wanted.script), json.dumps(wanted.options)),
@@ -44,7 +41,7 @@ class DetectorProcess:
         self._lines: queue.Queue[bytes] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
         try:
-            about = self._answer(_START)
+            about = self._answer()
         except BaseException:
             self.close()
             raise
@@ -75,14 +72,14 @@ class DetectorProcess:
             stream.flush()
         except BrokenPipeError:
             pass  # it has ended: what it said is read below
-        return self._answer(_ANSWER)
+        return self._answer()
 
     def close(self) -> None:
         """End it."""
         with suppress(OSError):
             cast("IO[bytes]", self._child.stdin).close()
         try:
-            self._child.wait(_END)
+            self._child.wait(self._patience.end)
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()
@@ -93,7 +90,8 @@ class DetectorProcess:
             self._lines.put(line)
         self._lines.put(b"")
 
-    def _answer(self, seconds: float) -> dict[str, Any]:
+    def _answer(self) -> dict[str, Any]:
+        seconds = self._patience.answer
         try:
             line = self._lines.get(timeout=seconds)
         except queue.Empty:

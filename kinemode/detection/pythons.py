@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid.support.errors import InputError
+from kinemode.detection.detectors import Patience
 from kinemode.detection.requirements import Requirements, Version
 
 _ASKED = """
@@ -25,7 +26,6 @@ print(json.dumps({
     "packages": packages,
 }))
 """
-_SECONDS = 30.0  # until a Python has answered
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,12 @@ def clean_environment() -> dict[str, str]:
     return {name: v for name, v in os.environ.items() if name not in ours and not name.startswith("PYTHON")}
 
 
-def asked(path: Path) -> Python | None:
-    """What an interpreter says of itself, None where it does not answer."""
+def asked(path: Path, patience: float = Patience.python) -> Python | None:
+    """What an interpreter says of itself, None where it does not answer within so many seconds."""
     try:
         done = subprocess.run(
             alone(path, "-c", _ASKED),
-            capture_output=True, text=True, timeout=_SECONDS, check=True, env=clean_environment(), cwd=os.sep,
+            capture_output=True, text=True, timeout=patience, check=True, env=clean_environment(), cwd=os.sep,
         )  # fmt: skip
         told = json.loads(done.stdout)
         major, minor = told["version"]
@@ -74,10 +74,13 @@ def asked(path: Path) -> Python | None:
         return None
 
 
-def named_python(path: Path, needed: Requirements, detector: str) -> Python:
-    """The Python that a user names; raises InputError where it is none, or of a version without the packages."""
+def named_python(path: Path, needed: Requirements, detector: str, patience: float = Patience.python) -> Python:
+    """The Python that a user names; raises InputError where it is none, or of a version without the packages.
+
+    patience: see `asked`.
+    """
     given = Path(shutil.which(path) or path)
-    python = asked(given.absolute()) if given.exists() else None
+    python = asked(given.absolute(), patience) if given.exists() else None
     if python is None:
         raise InputError(path, "is no Python that answers", remedy=f"name the file of a CPython {needed.span}")
     if not python.fits(needed):
@@ -86,9 +89,12 @@ def named_python(path: Path, needed: Requirements, detector: str) -> Python:
     return python
 
 
-def fitting_python(needed: Requirements) -> Python | None:
-    """A Python of this machine that an environment can be made with, None where there is none."""
-    answers = map(asked, dict.fromkeys(_candidates(needed)))
+def fitting_python(needed: Requirements, patience: float = Patience.python) -> Python | None:
+    """A Python of this machine that an environment can be made with, None where there is none.
+
+    patience: see `asked`.
+    """
+    answers = (asked(path, patience) for path in dict.fromkeys(_candidates(needed)))
     return next((python for python in answers if python and python.venv and python.fits(needed)), None)
 
 

@@ -18,6 +18,7 @@ from estimator.media.clip import Clip
 from humanoid.support.errors import InputError
 
 Clock = Callable[[], float]
+Pause = Callable[[float], None]
 _AGAIN = 0.2  # s, how often a reader who waits looks whether it was interrupted
 
 
@@ -45,11 +46,11 @@ class Camera(Protocol):
 class FileCamera:
     """A clip, played at its own rate, or as fast as it can be read where it is not `paced`.
 
-    Raises InputError where it cannot be opened.
+    clock, pause: what time it is [s], and what waits for so many seconds. Raises InputError where it cannot be opened.
     """
 
-    def __init__(self, path: Path, *, paced: bool, clock: Clock = time.monotonic) -> None:
-        self.path, self._paced, self._clock = path, paced, clock
+    def __init__(self, path: Path, *, paced: bool, clock: Clock = time.monotonic, pause: Pause = time.sleep) -> None:
+        self.path, self._paced, self._clock, self._pause = path, paced, clock, pause
         with closing(Clip.open(path)) as clip:
             self.image_size, self.rate = clip.image_size, clip.fps
         self.name = path.name if path.is_dir() else path.stem
@@ -61,7 +62,7 @@ class FileCamera:
             for i, picture in enumerate(clip.frames()):
                 at = i / self.rate
                 if self._paced:
-                    time.sleep(max(0.0, begun + at - self._clock()))
+                    self._pause(max(0.0, begun + at - self._clock()))
                 yield Shot(i, at, picture)
 
 
@@ -97,13 +98,15 @@ class Newest:
 
     A context manager: the thread ends with it, at the next picture.
 
+    patience [s]: how long that picture is waited for.
+
     Attributes
     ----------
     dropped: how many were overtaken.
     """
 
-    def __init__(self, shots: Iterable[Shot]) -> None:
-        self._shots = shots
+    def __init__(self, shots: Iterable[Shot], *, patience: float = 1.0) -> None:
+        self._shots, self._patience = shots, patience
         self._news = threading.Condition()
         self._waiting: Shot | None = None
         self._over = self._left = False
@@ -120,7 +123,7 @@ class Newest:
     ) -> None:
         with self._news:
             self._left = True
-        self._thread.join(timeout=1.0)
+        self._thread.join(timeout=self._patience)
 
     def __iter__(self) -> Iterator[Shot]:
         """The newest picture each time, waiting for one that was not handed out; raises what went wrong."""

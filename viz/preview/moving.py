@@ -28,8 +28,6 @@ from viz.scene import Scene
 from viz.solids.body_solids import body_solids
 from viz.solids.solid import merged
 
-_PATIENCE = 1.0  # how long a page waits for a frame before it is asked whether it is still there [s]
-_FAREWELL = 1.0  # how long open pages are given to hear of the end [s]
 _WAITING = (
     b'<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="0.5"><title>kinemode</title>'
     b'<body style="background:#14161c;color:#eceef2;font:15px system-ui,sans-serif;margin:40px">waiting for a person'
@@ -54,14 +52,26 @@ class Moment:
 class MovingPreview:
     """Serves the page on 127.0.0.1 from `__enter__` to `__exit__`, in threads of its own.
 
-    hypotheses: how many there are at most. port: 0 takes a free one. Raises InputError where it cannot be used.
+    hypotheses: how many there are at most. port: 0 takes a free one. patience [s]: how long a page waits for a frame
+    before it is asked whether it is still there. farewell [s]: how long open pages are given to hear of the end. Raises
+    InputError where the port cannot be used.
 
     Attributes
     ----------
     address: where the page is.
     """
 
-    def __init__(self, body: Body, cameras: tuple[Camera, ...], hypotheses: int, *, port: int = 0) -> None:
+    def __init__(
+        self,
+        body: Body,
+        cameras: tuple[Camera, ...],
+        hypotheses: int,
+        *,
+        port: int = 0,
+        patience: float = 1.0,
+        farewell: float = 1.0,
+    ) -> None:
+        self._patience, self._farewell = patience, farewell
         self._body, self._cameras, self._count = body, cameras, hypotheses
         self._names = (node_names(merged(body_solids(body))), node_names(merged(body_solids(body, coarse=True))))
         self._news = threading.Condition()
@@ -85,7 +95,7 @@ class MovingPreview:
         with self._news:
             self._end = note
             self._news.notify_all()
-            self._news.wait_for(lambda: self._listeners == 0, _FAREWELL)
+            self._news.wait_for(lambda: self._listeners == 0, self._farewell)
 
     def open_browser(self) -> None:
         """Open the page in the user's browser."""
@@ -104,7 +114,10 @@ class MovingPreview:
         try:
             while True:
                 with self._news:
-                    self._news.wait_for(lambda: self._end is not None or self._is_after(number), _PATIENCE)  # noqa: B023
+                    self._news.wait_for(
+                        lambda: self._end is not None or self._is_after(number),  # noqa: B023
+                        self._patience,
+                    )
                     newest, end = self._newest, self._end
                 if newest is not None and newest[0] > number:
                     number = newest[0]
