@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import sys
 
 # as `kinemode.track` does: on matrices of this size threads of the linear algebra cost several times what they bring
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
+if sys.__stdin__ is None:  # started with it closed, which IPython, that meshcat imports, cannot do with
+    sys.stdin = sys.__stdin__ = open(os.devnull)  # type: ignore[misc]  # noqa: SIM115
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 LONGEST = (
-    "start_by_index", "elmo", "tracker_contract", "toy_cue", "toy_tracker", "resume", "loose_limbed", "eigen_templates",
+    "start_by_index", "elmo", "tracker_contract", "resume", "loose_limbed", "eigen_templates",
     "trackers", "calibrate", "pose_chain", "guide", "preview_page", "viz", "live", "workers",
 )  # fmt: skip
 """Test files with the longest tests or fixtures: they begin, so that no process is left with one at the end."""

@@ -352,15 +352,15 @@ class Person:
 
     def find(self, colour: tuple[int, int, int]) -> tuple[int, int]:
         """Middle of the square of one colour in the window, waited for."""
-        found: list[np.ndarray] = []
+        place: list[np.ndarray] = []
 
         def look() -> bool:
             picture = cv2.imdecode(np.frombuffer(self.driver.get_screenshot_as_png(), np.uint8), cv2.IMREAD_COLOR)
-            found[:] = np.nonzero((picture == colour).all(axis=2))
-            return bool(found[0].size)
+            place[:] = np.nonzero((picture == colour).all(axis=2))
+            return bool(place[0].size)
 
         until(look, f"a place of the colour {colour} in the window")
-        y, x = (round(float(places.min() + places.max()) / 2.0) for places in found)
+        y, x = (round(float(places.min() + places.max()) / 2.0) for places in place)
         return x, y
 
     def pointer(self, *steps: tuple[str, Any]) -> None:

@@ -103,8 +103,8 @@ def test_the_density_is_by_finite_differences_of_place_depth_and_swivel(name: st
 
 def length(ik: LimbIK, origin: np.ndarray, way: np.ndarray, body: Body) -> float:
     """What of a line is in the shell of the limb's reach [m], by a fine ruler, the neutral body's trunk given."""
-    depth = np.linspace(-6.0, 6.0, 2_400_001)
     off = origin - ik.points[0] @ parent_of(ik, body)[:, :9].reshape(3, 3) - parent_of(ik, body)[0, 9:]
+    depth = np.linspace(-ik.far, ik.far, 200_001) - off @ way
     square = off @ off + 2.0 * depth * (off @ way) + depth**2
     return float(((square > ik.near**2) & (square < ik.far**2)).sum() * (depth[1] - depth[0]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import sys
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 
+import kinemode as km
 from benchmarks.common import ROOT
 from tests.waiting import DEADLINE
 
@@ -65,6 +67,7 @@ def test_there_are_two() -> None:
     assert [path.stem for path in NOTEBOOKS] == ["first_clip", "uncertainty"]
 
 
+@pytest.mark.paper
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
     """Its cells assert what it says."""
@@ -76,6 +79,16 @@ def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
     assert "image/png" in shown
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_a_notebook_calls_is_there(path: Path) -> None:
+    cells = [cell for cell in read(path)["cells"] if cell["cell_type"] == "code"]
+    nodes = [node for cell in cells for node in ast.walk(ast.parse("".join(cell["source"])))]
+    asked = {n.attr for n in nodes if isinstance(n, ast.Attribute) and getattr(n.value, "id", "") == "km"}
+    assert len(asked) > 4
+    assert [name for name in sorted(asked) if not hasattr(km, name)] == []
+
+
+@pytest.mark.paper
 def test_a_kernel_is_of_this_interpreter_and_checkout(tmp_path: Path) -> None:
     done = executed(
         one_cell("import os, sys, kinemode\nprint([sys.executable, kinemode.__file__, os.getcwd()])"), tmp_path
@@ -84,6 +97,7 @@ def test_a_kernel_is_of_this_interpreter_and_checkout(tmp_path: Path) -> None:
     assert told.strip() == str([sys.executable, str(ROOT / "kinemode" / "__init__.py"), str(tmp_path / "work")])
 
 
+@pytest.mark.paper
 def test_a_cell_that_raises_fails(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="AssertionError"):
         executed(one_cell("assert 1 + 1 == 3"), tmp_path)

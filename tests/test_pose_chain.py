@@ -113,7 +113,7 @@ def test_the_posterior_is_that_of_weighing_the_past(by_past: float, lost: float)
     made = chain(np.random.default_rng(0), settings)
     prior = made.predict(crowd(made.body), 0.04)
     message = told(made)
-    x, weight = plainly_weighed(made, prior, message, 80_000)
+    x, weight = plainly_weighed(made, prior, message, 200_000)
     mean = weight @ x
     std = np.sqrt(weight @ np.square(x - mean))
     unsure = std * np.sqrt(np.square(weight).sum())  # is the plain mean

@@ -352,7 +352,8 @@ def test_killed_writer_loses_nothing(tmp_path: Path, body: Body) -> None:
     with subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdin is not None
         assert parent.stdout is not None
-        for wanted, blocks in ((7, "BEGIN"), (7, "INSERT INTO frame"), (9, "COMMIT")):
+        moments = ((7, "BEGIN"), (7, "INSERT INTO frame"), (9, "INSERT OR REPLACE INTO state"), (9, "COMMIT"))
+        for wanted, blocks in moments:
             parent.stdin.write(f"{wanted} {blocks}\n")
             parent.stdin.flush()
             position, child = map(int, parent.stdout.readline().split())

@@ -32,7 +32,7 @@ FEW: dict[str, dict[str, object]] = {
         },
         "start_kernels": 16,
         "start_samples": 12,
-        "start_iterations": 3,
+        "start_iterations": 2,
         "shout": {"keypoints": {"depths": 3}},
     },
 }

@@ -120,7 +120,8 @@ class _TrackerCheck:
         tracker = self.make()
         again = self.track(self.frames, of=tracker)
         self.same(whole, again, self.frames, "equal seeds give equal tracks")
-        twice = self.track(self.frames, of=tracker)
+        begin = self.frames if getattr(tracker, "frames_ahead", 0) else self.frames[:2]
+        twice = self.track(begin, of=tracker)
         self.same(whole, twice, self.frames, "a tracker that has tracked tracks the same again")
 
     def states_are_plain_arrays(self, whole: Sequence[Told]) -> None:
