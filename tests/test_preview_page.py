@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -222,23 +223,25 @@ def test_without_pictures_it_opens_on_the_free_view(browser: Any, show: Open) ->
     assert browser.execute_script("return view") == -1
 
 
+@cache
+def page_of(subject: str) -> tuple[Body, str]:
+    """A body at rest for two instants, and its page."""
+    body, scene = Body(load_subject(subject)), moving_scene(2)
+    q = np.tile(body.neutral, (2, 1))
+    modes = {"q": q, "mode_q": q[:, None], "mode_weight": np.ones((2, 1)), "path": np.zeros(2, dtype=int)}
+    return body, page(replace(scene, body=body, frames=(None,), **modes))
+
+
 def test_the_legend_fits_who_is_shown() -> None:
     def legend(subject: str) -> str:
-        body = Body(load_subject(subject))
-        q = np.tile(body.neutral, (2, 1))
-        modes = {"q": q, "mode_q": q[:, None], "mode_weight": np.ones((2, 1)), "path": np.zeros(2, dtype=int)}
-        return page(replace(scene, body=body, frames=(None,), **modes)).split('"legend": ')[1].split(', "nothing')[0]
+        return page_of(subject)[1].split('"legend": ')[1].split(', "nothing')[0]
 
-    scene = moving_scene(2)
     assert legend("example-robot-data:panda") == '[["body in its own colours", null]]'
     assert [name in legend("arm8") for name in ("left", "right", "trunk", "body")] == [True, False, True, False]
 
 
 def test_a_hypothesis_has_a_node_per_joint_whatever_its_colours(tmp_path: Path) -> None:
-    scene = moving_scene(2)
-    body = Body(load_subject("example-robot-data:panda"))
-    q = np.tile(body.neutral, (2, 1))
-    html = page(replace(scene, body=body, q=q, mode_q=q[:, None], mode_weight=np.ones((2, 1)), path=np.zeros(2, int)))
+    body, html = page_of("example-robot-data:panda")
     (animation,) = [c for c in commands(html) if c["type"] == "set_animation"]
     moved = [clip["path"] for clip in animation["animations"] if clip["path"].startswith("/meshcat/body/")]
     assert len(moved) == body.njoints  # the base included

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.signal import butter, find_peaks, sosfiltfilt
 
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")
@@ -73,6 +72,8 @@ def low_passed(points: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     """Points (T, 3) at `rate` [1/s] without what is faster than `cutoff` [Hz]; unchanged where the rate is too low."""
     if cutoff >= 0.45 * rate:
         return points
+    from scipy.signal import butter, sosfiltfilt  # takes long to import, and every command would
+
     sections = butter(2, cutoff, fs=rate, output="sos")  # forth and back: of fourth order
     reach = min(len(points) - 1, int(np.ceil(3.0 * rate / cutoff)))
     return np.asarray(sosfiltfilt(sections, points, axis=0, padlen=reach))
@@ -88,6 +89,8 @@ def walking_direction(feet: Feet) -> tuple[np.ndarray, np.ndarray]:
 def gait_events(feet: Feet) -> list[Event]:
     """Strikes and toe-offs of filtered feet in order of time, where the pelvis moves on; none is told in the clip's
     first and last frames, where a foot may still have gone farther."""
+    from scipy.signal import find_peaks  # takes long to import, and every command would
+
     direction, speed = walking_direction(feet)
     rate = feet.rate
     events = []
