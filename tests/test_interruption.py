@@ -37,12 +37,18 @@ from tests.waiting import DEADLINE
 pytestmark = pytest.mark.usefixtures("default_signals")
 
 
+def send_here(number: signal.Signals) -> None:
+    """Send this process a signal. AssertionError where nobody takes it, as it would end the suite without a word."""
+    assert signal.getsignal(number) is not signal.SIG_DFL, f"{number.name} is not taken"
+    signal.raise_signal(number)
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_signals_end_a_command_with_one_line(
     number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def signalled(*_: Any, **__: Any) -> None:
-        signal.raise_signal(number)
+        send_here(number)
         pytest.fail(f"{number.name} has not ended the command")
 
     monkeypatch.setattr(cli, "run_command", signalled)
@@ -81,8 +87,8 @@ def test_only_the_first_signal_counts_but_ctrl_c_always_does() -> None:
     with interrupted_by_signals() as came:
         for number in (signal.SIGTERM, signal.SIGINT):
             with pytest.raises(KeyboardInterrupt):
-                signal.raise_signal(number)
-            signal.raise_signal(signal.SIGTERM)
+                send_here(number)
+            send_here(signal.SIGTERM)
     assert came == [signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGTERM]
 
 
@@ -99,9 +105,10 @@ def test_an_ignored_signal_stays_ignored() -> None:
 def test_a_signal_is_not_lost_where_nothing_can_be_raised() -> None:
     class Finalised:
         def __del__(self) -> None:
-            signal.raise_signal(signal.SIGTERM)
+            send_here(signal.SIGTERM)
 
     def lose_one() -> None:
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL  # the other assertion goes unheard
         Finalised()
         threading.Event().wait(DEADLINE)
 
