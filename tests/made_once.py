@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -28,6 +29,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
     with locked(kept.with_name(f"{name}.lock")):
         answer = kept / "answer.pickle"
         if not answer.exists():
+            shutil.rmtree(kept, ignore_errors=True)  # what another process could not make
             kept.mkdir()
             made = make(kept)
             with answer.with_suffix(".part").open("wb") as file:

@@ -23,7 +23,7 @@ from kinemode.inputs.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
 from tests.tiny_clip import QUICK
-from tests.waiting import DEADLINE
+from tests.waiting import DEADLINE, ended, kinemode_process
 
 COMMANDS = (
     "demo", "annotate", "detect", "render", "track", "compare", "fit", "live", "calibrate", "settings", "subjects",
@@ -87,8 +87,8 @@ def tracked(folder: Path) -> Path:
 
 
 def run_process(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "kinemode", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=DEADLINE)
+    process = kinemode_process(arguments)
+    return subprocess.CompletedProcess(process.args, *ended(process))
 
 
 def test_help_names_every_command_and_imports_nothing_heavy() -> None:
