@@ -131,6 +131,25 @@ def test_c3d(run: Run, tmp_path: Path) -> None:
         np.testing.assert_allclose(angle[seen], run.q[seen, run.body.q_names.index(name)], atol=1e-6)
 
 
+def test_sliding_joints_are_scalars_in_millimetres(tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
+    (tmp_path / "machine.urdf").write_text(MACHINE)
+    subject = load_subject(tmp_path / "machine.urdf")
+    body = Body(subject)
+    told = header(3, subject_urdf=subject.urdf, subject_source=subject.name, subject_base=subject.base)
+    with RunWriter.create(tmp_path / "a.run", told) as writer:
+        for result in walk(body, 3):
+            writer.append(result, state_of(result))
+    run = Run.open(tmp_path / "a.run")
+    file = ezc3d.c3d(str(export(run, tmp_path / "a.c3d")))
+    point, data = file["parameters"]["POINT"], file["data"]["points"]
+    assert point["SCALAR_UNITS"]["value"] == ["mm"]
+    assert set(point["SCALARS"]["value"]) == {"slide", "reach"}
+    for name in ("slide", "reach"):
+        place = 1e-3 * data[0, point["LABELS"]["value"].index(name)]
+        np.testing.assert_allclose(place, run.q[:, body.q_names.index(name)], atol=1e-6)
+
+
 @pytest.mark.parametrize(("module", "ending", "extra"), [("ezc3d", "c3d", "c3d"), ("rerun", "rrd", "rerun")])
 def test_a_missing_library_is_one_line(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, ending: str, extra: str
