@@ -7,6 +7,7 @@ import errno
 import fcntl
 import importlib
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -83,6 +84,19 @@ def test_a_constant_of_another_file_is_not_served_stale(toy: Toy) -> None:
     assert toy.run(3.0) == (21.0, 0)
     toy.write("apart.py", "SCALE = 'somebody else'\n")
     assert toy.run(3.0) == (21.0, 1)
+
+
+def test_another_checkout_of_the_same_sources_is_served(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert toy.run(3.0) == (6.0, 0)
+    elsewhere = toy.folder.parent / "elsewhere"
+    shutil.copytree(toy.folder, elsewhere / "toy")
+    os.utime(elsewhere / "toy" / "kernel.py")  # written at another time
+    monkeypatch.setenv("NUMBA_CACHE_LOCATOR_CLASSES", "InTreeCacheLocator")
+    monkeypatch.syspath_prepend(str(elsewhere))
+    kernel = toy.kernel()
+    assert Path(kernel.__file__ or "").is_relative_to(elsewhere)
+    assert toy.run(3.0) == (6.0, 1)
+    assert not list(elsewhere.rglob("*.nbi"))
 
 
 def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:

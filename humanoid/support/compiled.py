@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
 
 from humanoid.support.compiled_folder import cache_roots, locked, source_folder
@@ -23,7 +23,7 @@ from humanoid.support.compiled_sources import sources_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_settings = threading.Lock()  # numba's are everybody's
+_entering = threading.Lock()  # one thread at a time
 _digests: dict[str, tuple[object, str]] = {}
 
 
@@ -48,18 +48,10 @@ def _cache(function: Callable[..., Any]) -> FunctionCache | None:
         digest = _digest(function)
     except (OSError, TypeError):  # typed in at a prompt
         return None
-    config = cast(Any, numba.config)
     for root in cache_roots():
-        with suppress(OSError, RuntimeError), _settings:  # RuntimeError: "cannot cache function: no locator available"
+        with suppress(OSError), _entering:
             folder = source_folder(root, function.__module__, digest)
-            before = config.CACHE_DIR
-            config.CACHE_DIR = str(folder)  # read while the cache is made, so that no other functions move
-            try:
-                cache = _SharedCache(function)
-            finally:
-                config.CACHE_DIR = before
-            if Path(cache.cache_path).is_relative_to(folder):  # numba goes beside the source where the folder fails
-                return cache
+            return _SharedCache(function, folder)
     return None
 
 
@@ -73,12 +65,49 @@ def _digest(function: Callable[..., Any]) -> str:
     return known[1]
 
 
+class _Locator(_CacheLocator):
+    """Says that a function's code is in one folder, wherever its source file is and whenever that was written: the
+    folder is named by what the sources say, so every checkout and environment with these sources shares it."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._py_file = inspect.getfile(function)  # numba names it in a warning
+        self._line = function.__code__.co_firstlineno
+        self._folder = str(folder)
+        self.ensure_cache_path()  # OSError where it cannot be written to
+
+    def from_function(self, function: object, file: object) -> _Locator:  # type: ignore[override]  # one, no class
+        """This one."""
+        return self
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return self._folder
+
+    def get_source_stamp(self) -> str:
+        """Nothing more than the folder's name says."""
+        return ""
+
+    def get_disambiguator(self) -> str:
+        """The line, as numba does."""
+        return str(self._line)
+
+
 class _SharedCache(FunctionCache):
     """Numba's cache of one function, for several processes that compile at once, and for full or failing disks.
 
     Numba reads the index, adds to it and writes it back. Of two processes that do so at once for different types of
     arguments, both can choose the same file for their code, and the one is then served the other's.
     """
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        where = _Locator(function, folder)
+
+        class At(CompileResultCacheImpl):  # numba asks classes, one after the other, for a locator
+            _locator_classes: Any = (where,)
+            locator = where  # whatever NUMBA_CACHE_LOCATOR_CLASSES says
+
+        self._impl_class = At
+        super().__init__(function)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Code for a signature, None where there is none or it cannot be read."""
