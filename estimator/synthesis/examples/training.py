@@ -97,10 +97,10 @@ class Gallery:
 
     @one_thread()
     def pairs(self, piece: int) -> dict[str, np.ndarray]:
-        """Pictures of `PAIRS_AT_ONCE` poses, a, and of similar ones, b: `a` and `b` (P, bins), `landmarks` (P, L, 3) of
-        the former."""
+        """Pictures of at most `PAIRS_AT_ONCE` poses, a, and of similar ones, b: `a` and `b` (P, bins), `landmarks`
+        (P, L, 3) of the former."""
         rng, made = self._rng(_PAIRS, piece), []
-        for _ in range(PAIRS_AT_ONCE):
+        for _ in range(_count(self._recipe.pairs, PAIRS_AT_ONCE, piece)):
             q = self._poses.draw(rng)
             made.append((self._painter.example(q, rng), self._similar(q, rng)))
         a, b = (np.array([pair[k].description for pair in made]) for k in (0, 1))
@@ -108,9 +108,9 @@ class Gallery:
 
     @one_thread()
     def examples(self, piece: int, bits: Bits) -> dict[str, np.ndarray]:
-        """`EXAMPLES_AT_ONCE` poses `q` (N, nq) as they are kept, with the codes (N, W) of their bits."""
-        rng = self._rng(_EXAMPLES, piece)
-        made = [self._painter.example(self._poses.draw(rng), rng) for _ in range(EXAMPLES_AT_ONCE)]
+        """At most `EXAMPLES_AT_ONCE` poses `q` (N, nq) as they are kept, with the codes (N, W) of their bits."""
+        rng, count = self._rng(_EXAMPLES, piece), _count(self._recipe.examples, EXAMPLES_AT_ONCE, piece)
+        made = [self._painter.example(self._poses.draw(rng), rng) for _ in range(count)]
         values = bits.of(np.array([example.description for example in made]))
         return {"q": np.array([example.q for example in made], dtype=np.float32), "codes": packed(values)}
 
@@ -119,6 +119,11 @@ class Gallery:
 
     def _rng(self, purpose: int, piece: int) -> np.random.Generator:
         return np.random.default_rng((self._recipe.seed, purpose, piece))
+
+
+def _count(total: int, at_once: int, piece: int) -> int:
+    """Of a piece: the last one has what is left."""
+    return min(at_once, total - piece * at_once)
 
 
 @dataclass(frozen=True)
