@@ -34,14 +34,21 @@ def imported_files(file: Path, module: str) -> set[Path]:
     roots = dict.fromkeys(PACKAGES, Path(__file__).parent.parent.parent)
     top, *inner = module.split(".")
     roots.setdefault(top, file.parents[len(inner) + (file.name == "__init__.py")])
+    folders = tuple(roots.items())
     seen, waiting = set(), [file]
     while waiting:
         path = waiting.pop()
         if path not in seen:
             seen.add(path)
-            for name in _read(path, path.stat().st_mtime_ns)[1]:
-                waiting += _files(*_placed(name, path, roots))
+            waiting += _direct(path, path.stat().st_mtime_ns, folders)
     return seen
+
+
+@functools.lru_cache(maxsize=1024)
+def _direct(path: Path, changed: int, folders: tuple[tuple[str, Path], ...]) -> tuple[Path, ...]:
+    """The files that a file imports itself. folders: of top-level packages, by name."""
+    roots = dict(folders)
+    return tuple(file for name in _read(path, changed)[1] for file in _files(*_placed(name, path, roots)))
 
 
 @functools.lru_cache(maxsize=1024)
