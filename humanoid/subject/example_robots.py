@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -29,6 +30,7 @@ ROBOTS = {
 }
 
 
+@cache  # a distribution's list of files takes ten milliseconds to read
 def share_folder() -> Path | None:
     """The folder its package:// names start in, None where example-robot-data is not installed.
 

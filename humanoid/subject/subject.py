@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -237,21 +238,33 @@ def load_subject(
         raise misplaced("subject", source, "a built-in name, or the path of a URDF")
     _check_choice("base", base, ("auto", "free", "fixed"))
     _check_choice("meshes", meshes, ("require", "ignore"))
-    name, packages, landmark_file = str(source), [Path(p) for p in package_dirs], None
+    name, packages = str(source), [Path(p) for p in package_dirs]
+    if name in BUILT_IN and base == "auto" and landmarks is None and not lock:
+        return _built_in(name)
+    return _loaded(name, base, None if landmarks is None else Path(landmarks), lock, meshes, packages)
+
+
+@cache  # they cannot change, and one object for all lets what is worked out of it be kept with it
+def _built_in(name: str) -> Subject:
+    return _loaded(name, "auto", None, (), "require", [])
+
+
+def _loaded(
+    name: str, base: Base, landmark_file: Path | None, lock: Sequence[str], meshes: Meshes, packages: list[Path]
+) -> Subject:
+    """See `load_subject`."""
     whole, locked = _LOCKED.get(name, (name, ()))
-    path = URDF_FOLDER / f"{whole}.urdf" if name in BUILT_IN else Path(source)
+    path = URDF_FOLDER / f"{whole}.urdf" if name in BUILT_IN else Path(name)
+    packages, own_landmarks = list(packages), None
     if name.startswith(example_robots.PREFIX):
-        path, share, landmark_file = example_robots.find(name)
+        path, share, own_landmarks = example_robots.find(name)
         packages.append(share)
     document = read_document(read_bytes(path, remedy=_known_names(name)), name)
     check_urdf(document)
     read = urdf_elements.read_elements(document)  # faults are told with the file's lines, before it is changed
     if name not in BUILT_IN:
         check_with_yourdfpy(read.plain_urdf, name)
-    if landmarks is not None:
-        landmark_file = Path(landmarks)
-    elif landmark_file is None:
-        landmark_file = _beside(document, path)
+    landmark_file = landmark_file or own_landmarks or _beside(document, path)
     notes = resolve_meshes(document, path.resolve().parent, packages, meshes)
     if landmark_file is not None:
         merge_landmark_file(document, landmark_file)
