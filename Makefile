@@ -15,6 +15,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := .
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# The tests start hundreds of processes, which would compile every source again where bytecode is not kept.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test test-all check docs format lock clean
 

@@ -26,7 +26,6 @@ from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.subject.example_robots import installed
-from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 
 CAMERAS = tuple(camera_at(azimuth) for azimuth in (20.0, 110.0))
@@ -130,7 +129,7 @@ def test_exact_beliefs_are_put_together_from_nothing(name: str) -> None:
 def test_g1_is_put_together() -> None:
     if "g1" not in installed():
         pytest.skip("robot descriptions are not installed")
-    body = Body(load_subject("example-robot-data:g1"))
+    body = body_of("example-robot-data:g1")
     graph, search = limb_graph(body), ModeSearch(CostModel(body))
     rng = np.random.default_rng(1)
     q = random_pose(body, rng, share=0.4)
@@ -243,7 +242,7 @@ def test_noise_of_single_limbs_is_lowered() -> None:
     """Limbs 30 mm and 0.2 rad off, each by itself: the joints tell more than any of them."""
     rng, name = np.random.default_rng(9), "human34"
     std, raw, put = np.repeat([0.03, 0.2], 3), [], []
-    for _ in range(8):
+    for _ in range(5):
         q = quiet_pose(name, rng)
         points = points_at(name, q)
         off = PLACEMENTS.moved(points, std * rng.normal(size=(len(points), 6)))

@@ -187,7 +187,7 @@ def test_products_of_placements(method: str) -> None:
     targets = [(0, 1, 2), (0, 2)]
     truth = candidates(rng, factors, targets, 20_000, 1)
     settings = ProductSettings(method, sweeps=8, exact_below=600 if method == "exact" else 0)
-    for target, draws in zip(targets, draw_products(rng, factors, targets, [1500, 1500], settings), strict=True):
+    for target, draws in zip(targets, draw_products(rng, factors, targets, [500, 500], settings), strict=True):
         weights = truth.weights(target)[0]
         assert effective_count(weights) > 1000.0
         mean, _ = mean_and_covariance(PLACEMENTS, truth.points, weights)

@@ -34,7 +34,7 @@ from tests.tiny_clip import QUICK, named
 from viz.pictures.plot import COLOURS, Curve, Panel, Plot, first_losses, write_plot
 
 NAMES = ("single-mode", "css", "gaussian-single-mode")
-SETTINGS = {"css": QUICK["css"], "cues": QUICK["cues"], "smooth": {"enabled": False}}
+SETTINGS = {**QUICK, "smooth": {"enabled": False}}
 
 
 def detected(clip: RenderedClip) -> dict[str, Any]:

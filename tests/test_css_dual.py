@@ -21,6 +21,7 @@ from estimator.trackers.single_mode import SingleMode
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
+from tests.tiny_clip import FEW_STARTS
 
 FRAMES, GAP, FPS = 12, range(5, 12), 30.0
 FEW = {"samples": 4, "budget": {"searches": 12}}
@@ -51,7 +52,7 @@ def gapped(cameras: int = 1) -> list[Observation]:
 
 
 def dual(**beside: object) -> PointsBeside:
-    settings = settings_for("css-dual", changes={"css_dual": {**FEW, "beside": beside}})
+    settings = settings_for("css-dual", changes={"css_dual": {**FEW, "beside": beside}, "search": FEW_STARTS})
     tracker = make_tracker("css-dual", body_of("human34"), settings)
     assert isinstance(tracker, PointsBeside)
     return tracker
@@ -79,7 +80,7 @@ def spreads(tracker: PointsBeside, seen: list[Observation], name: str) -> list[f
 @pytest.mark.parametrize("cameras", [1, 2])
 def test_with_nothing_missing_it_is_css_to_the_bit(cameras: int) -> None:
     seen = list(clip(cameras))[:4]
-    css = make_tracker("css", body_of("human34"), settings_for("css", changes={"css": FEW}))
+    css = make_tracker("css", body_of("human34"), settings_for("css", changes={"css": FEW, "search": FEW_STARTS}))
     for (_, ours), (_, theirs) in zip(tracked(dual(), seen), tracked(css, seen), strict=True):
         np.testing.assert_array_equal(ours.q, theirs.q)  # type: ignore[attr-defined]
 
@@ -115,7 +116,7 @@ def test_in_a_gap_nobody_confirms_it() -> None:
 
 def test_who_is_told_nothing_misses_what_is_missing() -> None:
     seen = gapped()
-    css = make_tracker("css", body_of("human34"), settings_for("css", changes={"css": FEW}))
+    css = make_tracker("css", body_of("human34"), settings_for("css", changes={"css": FEW, "search": FEW_STARTS}))
     for (_, ours), (_, theirs) in zip(tracked(dual(exchange=APART), seen), tracked(css, seen), strict=True):
         np.testing.assert_array_equal(ours.q, theirs.q)  # type: ignore[attr-defined]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks.css_tables_minima import WITHIN, RowTask, Rule, Searches, distin
 from benchmarks.css_tables_problem import SEARCH
 from benchmarks.css_tables_proposals import TRIED, tempered
 from benchmarks.css_tables_regimes import TRACKERS, TrialTask, counted
+from benchmarks.figure_file import write_figure
 from estimator.optimise.seek import Seeker
 
 FEW = 60
@@ -99,7 +101,29 @@ def test_gains_count_the_same_minima() -> None:
     assert np.isnan(compared(base, other)["gain_to_as_many"])
 
 
-def test_plots(rows: dict[str, Searches], tmp_path: Path) -> None:
+def test_plots(rows: dict[str, Searches], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every panel of every figure has curves or bars. One figure is painted too: to lay them out takes longest."""
+    figures: dict[str, Any] = {}
+    monkeypatch.setattr("benchmarks.css_figures.write_figure", lambda path, figure: figures.update({path.stem: figure}))
+    draw_all(tmp_path, 0, rows, points=9)
+    panels = {name: figure.axes for name, figure in figures.items()}
+    assert {name: len(axes) for name, axes in panels.items()} == {
+        "figure05": 1,
+        "figure07": 4,
+        "figure08": 4,
+        "figure13": 6,
+    }
+    for panel in (panel for axes in panels.values() for panel in axes):
+        assert panel.has_data()
+        assert panel.get_xlabel()
+    write_figure(tmp_path / "figure05.png", figures["figure05"])
+    picture = cv2.imread(str(tmp_path / "figure05.png"))
+    assert picture is not None
+    assert picture.std() > 5.0
+
+
+@pytest.mark.paper
+def test_plots_are_small_files(rows: dict[str, Searches], tmp_path: Path) -> None:
     draw_all(tmp_path, 0, rows, points=9)
     for name in ("figure05", "figure07", "figure08", "figure13"):
         picture = cv2.imread(str(tmp_path / f"{name}.png"))

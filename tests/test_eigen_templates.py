@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,12 +31,23 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 
 SIDE = 8
+SIZE = (320, 240)
+BLACK = np.zeros(SIZE[::-1], np.uint8)
+BODIES = 2
+"""People who are painted; to make each takes as long as to paint many poses."""
 
 
 def rig(count: int = 3, about: float = 1.2) -> tuple[Camera, ...]:
     """Cameras around a block of `about` m on each side of the middle."""
     corners = about * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    return framing_cameras(corners[None], ViewSettings(count, 20.0, 10.0, 0.8))
+    return framing_cameras(corners[None], ViewSettings(count, 20.0, 10.0, 0.8, SIZE))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_bodies() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("estimator.synthesis.examples.limb_templates._VARIANTS", BODIES)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +64,7 @@ def templates() -> LimbTemplates:
 def example(graph: LimbGraph) -> RigExample:
     """The first pose that the templates are trained by, and its pictures."""
     subject = load_subject("human34")
-    bodies = variants(subject, 16, np.random.default_rng((0, 1)))
+    bodies = variants(subject, BODIES, np.random.default_rng((0, 1)))
     box = common_box(rig(), 12.0, 0.0)
     painter = RigPainter(PoseSampler(Body(subject), legs=True), graph, rig(), bodies, box)
     return painter.example(np.random.default_rng((0, 0, 0)))
@@ -134,11 +146,11 @@ def test_places_are_foreground_in_every_view() -> None:
     away = np.linalg.norm(places - centre, axis=1)
     assert away.max() < 0.5
     as_asked = 4.0 / 3.0 * np.pi * 0.25**3 / 0.05**3
-    assert as_asked < (away < 0.25).sum() < 2.0 * as_asked  # rays are whole pixels apart, nearer rather than farther
+    assert as_asked < (away < 0.25).sum() < 2.5 * as_asked  # rays are whole pixels apart, nearer rather than farther
     outside = centre + 0.4 * cameras[0].R_camera_world[2]  # on the first view's ray, not in the others' foreground
     assert seen_by_all(views[:1], outside[None]).all()
     assert not seen_by_all(views, outside[None]).any()
-    nothing = [*views[:2], patch_view(cameras[2], np.zeros((480, 640), np.uint8), np.zeros((480, 640), bool))]
+    nothing = [*views[:2], patch_view(cameras[2], BLACK, BLACK > 0)]
     assert len(ray_places(nothing, box, 0.05)) == 0
 
 
@@ -179,7 +191,7 @@ def test_the_head_is_heard_where_it_is_and_both_sides_alike(
 
 
 def test_an_empty_picture_says_nothing(templates: LimbTemplates, graph: LimbGraph) -> None:
-    black = [patch_view(c, np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), bool)) for c in rig()]
+    black = [patch_view(c, np.dstack([BLACK] * 3), BLACK > 0) for c in rig()]
     assert all(len(shout.points) == 0 for shout in template_shouts(templates, graph, black))
 
 
@@ -217,12 +229,12 @@ def test_a_file_gives_the_same_shouts(
 
 def test_another_rig_or_body_is_refused(templates: LimbTemplates, graph: LimbGraph) -> None:
     cameras = rig()
-    templates.check_rig([replace(c, image_size=(320, 240), K=np.diag([0.5, 0.5, 1.0]) @ c.K) for c in cameras])
+    templates.check_rig([replace(c, image_size=(160, 120), K=np.diag([0.5, 0.5, 1.0]) @ c.K) for c in cameras])
     moved = replace(cameras[1], t_camera_world=cameras[1].t_camera_world + np.array([0.0, 0.0, 0.3]))
     for other in (cameras[:2], (cameras[1], cameras[0], cameras[2]), (cameras[0], moved, cameras[2])):
         with pytest.raises(InputError, match=r"rig.* train-templates CAMERAS"):
             templates.check_rig(other)
-    views = [patch_view(c, np.zeros((480, 640), np.uint8), np.zeros((480, 640), bool)) for c in reversed(cameras)]
+    views = [patch_view(c, BLACK, BLACK > 0) for c in reversed(cameras)]
     with pytest.raises(InputError, match="another rig"):
         template_shouts(templates, graph, views)
     with pytest.raises(InputError, match=r"another graph: it has no"):

@@ -19,9 +19,12 @@ from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.subject.subject import Subject
+from tests.tiny_clip import FEW_STARTS
 
 AROUND = tuple(camera_at(a, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95)) for a in (20, 110, 200, 290))
-TRACK = settings_for("css", modes=2, changes={"css": {"samples": 2}, "cost": {"keypoint_noise": 0.01}})
+TRACK = settings_for(
+    "css", modes=2, changes={"css": {"samples": 2}, "search": FEW_STARTS, "cost": {"keypoint_noise": 0.01}}
+)
 FEW = FitSettings(frames=8, rounds=2)
 
 

@@ -21,6 +21,7 @@ from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import load_subject
+from tests.tiny_clip import FEW_STARTS
 
 FPS, FRAMES, LAG = 25.0, 12, 4
 FEW = {"samples": 4, "budget": {"searches": 12}}
@@ -48,7 +49,9 @@ def tracked(body: Body, truth: np.ndarray, cameras: Sequence[int], changes: dict
     rng = np.random.default_rng(3)
     views = [camera_at(a, distance=3.5, height=1.0, aim=(0.0, 0.0, 0.9)) for a in cameras]
     seen = [observe(body, q, views, noise=3.0, rng=rng, index=i, time=i / FPS) for i, q in enumerate(truth)]
-    tracker = make_tracker("css", body, settings_for("css", modes=3, changes={"css": FEW, **changes}))
+    tracker = make_tracker(
+        "css", body, settings_for("css", modes=3, changes={"css": FEW, "search": FEW_STARTS, **changes})
+    )
     return Track(tracker.search, seen, [r for r, _ in run(tracker, seen, 0)], truth)
 
 
@@ -58,7 +61,7 @@ def track() -> Track:
     body = body_of("human34")
     whole = tracked(body, authored_motion(body, 0.4 + np.arange(FRAMES) / FPS), (15,), {})
     seen = [replace(o, confidence=0.0 * o.confidence) if o.index in GAP else o for o in whole.seen]
-    tracker = make_tracker("css", body, settings_for("css", modes=3, changes={"css": FEW}))
+    tracker = make_tracker("css", body, settings_for("css", modes=3, changes={"css": FEW, "search": FEW_STARTS}))
     return whole._replace(seen=seen, results=[r for r, _ in run(tracker, seen, 0)])
 
 

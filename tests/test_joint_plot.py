@@ -111,11 +111,10 @@ def test_files_are_what_their_endings_say(run: Run, tmp_path: Path) -> None:
     starts = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
     for kind, start in starts.items():
         path = km.plot(run, tmp_path / f"a.{kind}", joints=["bend"])
-        again = km.plot(run.file, tmp_path / f"b.{kind}", joints="bend")
+        again = tmp_path / f"b.{kind}"
+        assert main(["plot", str(run.file), "--joints", "bend", "--out", str(again)]) == 0
         assert path.read_bytes() == again.read_bytes()
         assert path.read_bytes().startswith(start)
-    assert main(["plot", str(run.file), "--joints", "bend", "--out", str(tmp_path / "c.png")]) == 0
-    assert (tmp_path / "c.png").read_bytes() == (tmp_path / "a.png").read_bytes()
     assert main(["plot", str(run.file), "--filter", "5", "--out", str(tmp_path / "d.png")]) == 0
     with pytest.raises(InputError, match=r"a.gif: is no picture .let it end in .png, .svg, .pdf"):
         km.plot(run, tmp_path / "a.gif")

@@ -193,7 +193,7 @@ def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
     """Better than what cannot be, and equal seeds give equal bits; poses are within limits."""
     if name.startswith("example") and "g1" not in installed():
         pytest.skip("example-robot-data is not installed")
-    body = body_of(name) if ":" not in name else Body(load_subject(name))
+    body = body_of(name)
     graph = limb_graph(body)
     rng, speed = np.random.default_rng(8), np.full(body.nv, 2.0)
     poses, others = (drawn_poses(body, graph, 80, (STEP,), speed, rng) for _ in range(2))

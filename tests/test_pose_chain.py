@@ -118,7 +118,7 @@ def test_the_posterior_is_that_of_weighing_the_past(by_past: float, lost: float)
     std = np.sqrt(weight @ np.square(x - mean))
     unsure = std * np.sqrt(np.square(weight).sum())  # is the plain mean
     tangents, counts = [], []
-    for seed in range(8):
+    for seed in range(5):
         again = chain(np.random.default_rng(100 + seed), settings)
         after, _ = again.update(replace_samples(again, prior), message)
         tangents.append(made.body.differences(prior.reference, after.q))
@@ -180,7 +180,7 @@ def test_equal_generators_equal_bits() -> None:
 
 def test_draws_from_the_past_alone_are_condensation() -> None:
     """Whole poses of the past, selected by their weights, with the mean weight as evidence."""
-    made = chain(np.random.default_rng(5), replace(SETTINGS, draws="past"))
+    made = chain(np.random.default_rng(5), replace(SETTINGS, draws="past", particles=500))
     prior = made.predict(crowd(made.body), 0.04)
     message = told(made, spread=15.0)
     after, log_mean = made.update(prior, message)
@@ -189,7 +189,7 @@ def test_draws_from_the_past_alone_are_condensation() -> None:
     weight = np.exp(log_weight - log_weight.max())
     x = made.body.differences(prior.reference, after.q)
     share = weight / weight.sum()
-    copies = (np.abs(x[:, None] - prior.samples[None]) < 1e-9).all(axis=2).sum(axis=0)
+    copies = np.array([np.count_nonzero(np.abs(x - sample).max(axis=1) < 1e-9) for sample in prior.samples])
     assert np.abs(copies - share * len(x)).max() < 1.0
     assert log_mean == pytest.approx(np.log(weight.mean()) + log_weight.max())
     assert made.told["effective_sample_size"] == pytest.approx(1.0 / np.square(share).sum())

@@ -15,6 +15,7 @@ import pytest
 import kinemode as km
 from estimator.media.clip import Clip
 from estimator.results.ranges import ranges_of_motion
+from estimator.synthesis import ViewSettings
 from humanoid.subject.subject import load_subject
 from kinemode.__main__ import main
 from kinemode.reporting import changed_settings, facts_of, fitted_lengths
@@ -61,7 +62,7 @@ class Reader(HTMLParser):
 def run(tmp_path_factory: pytest.TempPathFactory) -> km.Run:
     """An arm with a clip, unseen for a while."""
     folder = tmp_path_factory.mktemp("report")
-    clip = km.render(folder / "clip", "arm", fps=10, seconds=0.8)
+    clip = km.render(folder / "clip", "arm", view=ViewSettings(image_size=(160, 120)), fps=10, seconds=0.8)
     keypoints = {}
     for name, path in clip.keypoints.items():
         content = json.loads(Path(path).read_text())

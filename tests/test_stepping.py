@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
-from tiny_clip import QUICK, tiny_clip
+from tiny_clip import FEW_STARTS, QUICK, tiny_clip
 
 import kinemode as km
 from estimator.cameras.camera import Camera
@@ -19,9 +19,14 @@ from estimator.tracking.registry import make_tracker, settings_for
 from kinemode.streams.step import Step
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")
-FPS, FRAMES, LAG = 25.0, 15, 3
+FPS, FRAMES, LAG = 25.0, 11, 3
 BLIND = (0, 6)  # nobody is seen in these frames
-FEW: dict[str, Any] = {"css": {"samples": 4, "budget": {"searches": 12}, "modes": 3}}
+FILTERED = {"smooth": {"enabled": False}}  # what is compared is not smoothed
+FEW: dict[str, Any] = {
+    "css": {"samples": 4, "budget": {"searches": 12}, "modes": 3},
+    "search": FEW_STARTS,
+    **FILTERED,
+}
 
 
 class Seen(NamedTuple):
@@ -130,7 +135,12 @@ def test_with_pictures_they_are_the_runs_too(tmp_path: Path, cues: str) -> None:
     clip = tiny_clip(tmp_path, frames=4)
     ((name, video),) = clip.videos.items()
     plate = clip.plates if "silhouette" in cues else None
-    given: dict[str, Any] = {"cameras": clip.cameras, "cues": cues, "background": plate, "settings": QUICK}
+    given: dict[str, Any] = {
+        "cameras": clip.cameras,
+        "cues": cues,
+        "background": plate,
+        "settings": {**QUICK, **FILTERED},
+    }
     run = km.track(clip.subject, clip.videos, keypoints=clip.keypoints, fit="off", **given)
     seen = km.load_keypoints(clip.keypoints[name])
     points = np.concatenate([seen.pixels, seen.confidence[..., None]], axis=2)

@@ -144,7 +144,7 @@ def test_urdf_geometry_is_covered_by_its_hull() -> None:
     assert area == pytest.approx(2 * np.pi * 0.1 * (0.5 + 0.1), rel=0.05)
 
 
-@pytest.mark.parametrize("name", ["human", "talos", "panda"])
+@pytest.mark.parametrize("name", [*(pytest.param(n, marks=pytest.mark.paper) for n in ("human", "talos")), "panda"])
 def test_example_robots_have_surfaces(name: str) -> None:
     try:
         body = Body(load_subject(f"example-robot-data:{name}"))

@@ -15,6 +15,7 @@ from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from kinemode.testing import ContractError, check_tracker
+from tests.tiny_clip import FEW_STARTS
 
 FEW: dict[str, dict[str, object]] = {
     "css": {"samples": 4, "budget": {"searches": 12}},
@@ -76,7 +77,7 @@ OF_LIMBS = ("dual-chain", "likelihood-sampling")
 )
 def test_trackers_keep_the_contract(name: str, subject: str) -> None:
     spec = TRACKERS[name]
-    settings = settings_for(name, changes={spec.group: FEW[spec.group]})
+    settings = settings_for(name, changes={spec.group: FEW[spec.group], "search": FEW_STARTS})
     check_tracker(
         lambda: make_tracker(name, body_of(subject), settings),
         CLIPS[subject](),

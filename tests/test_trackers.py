@@ -26,6 +26,7 @@ from estimator.tracking.settings import Settings
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError
+from tests.tiny_clip import FEW_STARTS
 
 CAMERA = camera_at(30.0, distance=3.5, focal=660.0, height=1.2, aim=(0.0, 0.0, 0.95))
 FRAMES, FPS, MISSING, SEED = 10, 30.0, 6, 5
@@ -64,7 +65,8 @@ UNCONSTRAINED = ("gaussian-single-mode", "robust-single-mode", "gaussian-multipl
 def small(name: str) -> Settings:
     """The tracker's own settings, with few samples."""
     spec = TRACKERS[name]
-    return settings_for(name, modes=MODES if spec.keeps_several else None, changes={spec.group: FEW[spec.group]})
+    changes = {spec.group: FEW[spec.group], "search": FEW_STARTS}
+    return settings_for(name, modes=MODES if spec.keeps_several else None, changes=changes)
 
 
 def tracker(name: str) -> Tracker[Any]:

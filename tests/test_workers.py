@@ -35,6 +35,7 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.rendering.clip import RenderedClip
 from tests.builders import body_of, camera_at, observe
+from tests.tiny_clip import FEW_STARTS
 from tests.waiting import DEADLINE
 
 FRAMES = 3
@@ -72,7 +73,7 @@ def equal_bits(a: list[FrameResult], b: list[FrameResult]) -> bool:
 def test_equal_bits_with_any_number_of_workers(clip: RenderedClip, monkeypatch: pytest.MonkeyPatch) -> None:
     """One process, two that take what they get, and a worker that is left all the pieces. The steps that are told are
     all that one process alone has solved; this process has solved none where the worker solves them."""
-    importance = {"search": {"weigh": "importance", "weigh_samples": 5}}
+    importance = {"search": {**FEW_STARTS, "weigh": "importance", "weigh_samples": 5}}
     alone: list[StepCounts] = []
     whole = tracked(clip, 1, importance, alone)
     assert equal_bits(whole, tracked(clip, 2, importance))
@@ -85,7 +86,7 @@ def test_equal_bits_with_any_number_of_workers(clip: RenderedClip, monkeypatch: 
         assert solved.proxqp > 0
     took: list[int] = []
     monkeypatch.setattr(pool, "taken", lambda *_: took.append(1) or ())
-    volume = {"search": {"weigh": "volume"}}
+    volume = {"search": {**FEW_STARTS, "weigh": "volume"}}
     left: list[StepCounts] = []
     assert equal_bits(tracked(clip, 1, volume), tracked(clip, 2, volume, left))
     assert sum(left[-1]) == 0

@@ -9,7 +9,13 @@ import kinemode as km
 from estimator.synthesis import DetectorSettings, ViewSettings
 from kinemode.rendering.files import RenderedClip
 
-QUICK: dict[str, Any] = {"css": {"samples": 2, "jumps": 0, "modes": 2}, "cues": {"working_size": 160}}
+FEW_STARTS: dict[str, Any] = {"start_samples": 2}
+"""Changes to the settings of the search, which make a first frame short."""
+QUICK: dict[str, Any] = {
+    "css": {"samples": 2, "jumps": 0, "modes": 2},
+    "search": FEW_STARTS,
+    "cues": {"working_size": 160},
+}
 """Changes to the settings that make a search short."""
 
 
