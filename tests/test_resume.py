@@ -12,7 +12,7 @@ import tomli_w
 import kinemode as km
 from benchmarks.resume import Pace, differences, moments
 from benchmarks.resume_kills import BEFORE_THE_FILE, Moment, frames_in
-from estimator.tracking.registry import make_tracker
+from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -21,7 +21,7 @@ from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.terminal.progress import unreported
 from tests.command_lines import killed_at, printed_by, track_line
-from tests.tiny_clip import QUICK
+from tests.tiny_clip import FEW_STARTS, QUICK
 
 FRAMES = 6
 KILLS = ((Moment(2), 1, -9), (Moment(4, number=signal.SIGTERM, to_all=True), 2, 143))
@@ -74,11 +74,12 @@ def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     body = Body(load_subject("human34"))
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
     observations = load_inputs(body, InputFiles(None, keypoints, clip.cameras)).observations
-    states = [state for _, state in run(make_tracker("css", body), observations, 0)]
+    settings = settings_for("css", changes={"css": QUICK["css"], "search": FEW_STARTS})
+    states = [state for _, state in run(make_tracker("css", body, settings), observations, 0)]
     for first in range(1, len(observations)):
         before = states[first - 1]
         assert before is not None
-        tracker = make_tracker("css", body)
+        tracker = make_tracker("css", body, settings)
         copied = tracker.state_from({name: array.copy() for name, array in before.arrays().items()})
         _, after = next(run(tracker, observations, 0, state=copied, first=first))
         expected = states[first]
