@@ -29,6 +29,7 @@ from estimator.search.examples.lookup import Looked, either_way
 from estimator.search.frame_search import FrameCase
 from estimator.search.from_examples import example_starts
 from estimator.search.hypothesis import Hypothesis
+from estimator.synthesis.examples import training
 from estimator.synthesis.examples.pictures import ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import PAIRS_AT_ONCE, train_index
@@ -150,6 +151,15 @@ def test_the_index_is_the_same_with_any_number_of_processes_and_after_an_interru
         (index.tables.chosen, again.tables.chosen),
     ):  # fmt: skip
         np.testing.assert_array_equal(a, b)
+
+
+def test_pieces_of_another_index_are_not_taken(tmp_path: Path) -> None:
+    own, other = (training._Kept(tmp_path, what) for what in ("one", "another"))
+    own.put("pairs", 0, {"a": np.arange(3)})
+    piece = own.of("pairs", 0)
+    assert piece is not None
+    np.testing.assert_array_equal(piece["a"], np.arange(3))
+    assert other.of("pairs", 0) is None
 
 
 def test_what_looks_alike_is_found(index: ExampleIndex) -> None:

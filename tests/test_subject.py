@@ -228,6 +228,14 @@ def test_the_30_dof_body_is_the_larger_one_with_its_clavicles_at_rest() -> None:
     assert same(subject_from_text(locked.urdf, source="run"), locked)
 
 
+def test_a_built_in_is_read_once_and_options_make_another() -> None:
+    plain = load_subject("arm8")
+    assert load_subject("arm8") is plain
+    assert (plain.base, load_subject("arm8", base="free").base) == ("fixed", "free")
+    assert load_subject("arm8", lock=["left_elbow_flexion"]).model.nv == plain.model.nv - 1
+    assert load_subject("arm8").model.nv == plain.model.nv
+
+
 def test_locked_joints_stay_at_their_rest() -> None:
     whole = load_subject("upper13")
     lock = ["left_elbow_flexion", "neck_flexion", "trunk_up", "left_shoulder_flexion"]
