@@ -255,10 +255,10 @@ def _loaded(
     """See `load_subject`."""
     whole, locked = _LOCKED.get(name, (name, ()))
     path = URDF_FOLDER / f"{whole}.urdf" if name in BUILT_IN else Path(name)
-    packages, own_landmarks = list(packages), None
+    own_landmarks = None
     if name.startswith(example_robots.PREFIX):
         path, share, own_landmarks = example_robots.find(name)
-        packages.append(share)
+        packages = [*packages, share]
     document = read_document(read_bytes(path, remedy=_known_names(name)), name)
     check_urdf(document)
     read = urdf_elements.read_elements(document)  # faults are told with the file's lines, before it is changed

@@ -11,6 +11,7 @@ import inspect
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -92,6 +93,20 @@ class _Locator(_CacheLocator):
         return str(self._line)
 
 
+class _Code(CompileResultCacheImpl):
+    """What numba writes of a function, in one folder."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._where = _Locator(function, folder)
+        self._locator_classes: Any = (self._where,)  # asked for a locator, one after the other
+        super().__init__(function)
+
+    @property
+    def locator(self) -> _Locator:
+        """The folder's, whatever NUMBA_CACHE_LOCATOR_CLASSES says."""
+        return self._where
+
+
 class _SharedCache(FunctionCache):
     """Numba's cache of one function, for several processes that compile at once, and for full or failing disks.
 
@@ -100,13 +115,7 @@ class _SharedCache(FunctionCache):
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        where = _Locator(function, folder)
-
-        class At(CompileResultCacheImpl):  # numba asks classes, one after the other, for a locator
-            _locator_classes: Any = (where,)
-            locator = where  # whatever NUMBA_CACHE_LOCATOR_CLASSES says
-
-        self._impl_class = At
+        cast(Any, self)._impl_class = partial(_Code, folder=folder)
         super().__init__(function)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

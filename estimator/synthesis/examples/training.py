@@ -122,7 +122,7 @@ class Gallery:
 
 
 def _count(total: int, at_once: int, piece: int) -> int:
-    """Of a piece: the last one has what is left."""
+    """Of a piece: the last one has what is left. (Pieces that were kept before it was so have more.)"""
     return min(at_once, total - piece * at_once)
 
 
