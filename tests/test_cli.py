@@ -22,7 +22,7 @@ from kinemode import cli, jobs
 from kinemode.inputs.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
-from tests.tiny_clip import FEW_STARTS, QUICK
+from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import DEADLINE, ended, kinemode_process
 
 COMMANDS = (
@@ -66,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     (made / "cameras.json").write_text(json.dumps({"cameras": entries}))
     (made / "empty.json").write_text("")
-    (made / "quick.toml").write_text(tomli_w.dumps({"css": QUICK["css"], "search": FEW_STARTS}))
+    (made / "quick.toml").write_text(tomli_w.dumps(QUICK_BY_KEYPOINTS))
     (made / "clip").mkdir()
     return made
 

@@ -27,7 +27,7 @@ from kinemode.__main__ import main
 from kinemode.findings import diagnosed, findings, status_meanings
 from kinemode.terminal import report
 from tests.builders import body_of, camera_at
-from tests.tiny_clip import FEW_STARTS, QUICK
+from tests.tiny_clip import QUICK_BY_KEYPOINTS
 
 FRAMES = 12
 CAMERAS = (camera_at(20.0), camera_at(110.0))
@@ -198,7 +198,7 @@ def track(folder: Path, subject: Subject, name: str) -> Run:
     files = {c.name: folder / f"{c.name}.json" for c in CAMERAS}
     return km.track(
         subject, (), keypoints=files, cameras=folder / "cameras.json",
-        settings={"css": QUICK["css"], "search": FEW_STARTS}, fit="off",
+        settings=QUICK_BY_KEYPOINTS, fit="off",
         out=folder / name, overwrite=True,
     )  # fmt: skip
 

@@ -37,10 +37,10 @@ BODIES = 2
 """People who are painted; to make each takes as long as to paint many poses."""
 
 
-def rig(count: int = 3, about: float = 1.2) -> tuple[Camera, ...]:
+def rig(count: int = 3, about: float = 1.2, size: tuple[int, int] = SIZE) -> tuple[Camera, ...]:
     """Cameras around a block of `about` m on each side of the middle."""
     corners = about * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
-    return framing_cameras(corners[None], ViewSettings(count, 20.0, 10.0, 0.8, SIZE))
+    return framing_cameras(corners[None], ViewSettings(count, 20.0, 10.0, 0.8, size))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -138,7 +138,7 @@ def test_light_and_contrast_change_no_patch() -> None:
 
 
 def test_places_are_foreground_in_every_view() -> None:
-    cameras, centre = rig(), np.array([0.2, -0.1, 0.3])
+    cameras, centre = rig(size=(640, 480)), np.array([0.2, -0.1, 0.3])
     views = [ball(camera, centre, 0.25) for camera in cameras]
     box = common_box(cameras, 12.0, 0.0)
     places = ray_places(views, box, 0.05)
@@ -146,11 +146,12 @@ def test_places_are_foreground_in_every_view() -> None:
     away = np.linalg.norm(places - centre, axis=1)
     assert away.max() < 0.5
     as_asked = 4.0 / 3.0 * np.pi * 0.25**3 / 0.05**3
-    assert as_asked < (away < 0.25).sum() < 2.5 * as_asked  # rays are whole pixels apart, nearer rather than farther
+    assert as_asked < (away < 0.25).sum() < 2.0 * as_asked  # rays are whole pixels apart, nearer rather than farther
     outside = centre + 0.4 * cameras[0].R_camera_world[2]  # on the first view's ray, not in the others' foreground
     assert seen_by_all(views[:1], outside[None]).all()
     assert not seen_by_all(views, outside[None]).any()
-    nothing = [*views[:2], patch_view(cameras[2], BLACK, BLACK > 0)]
+    black = np.zeros((480, 640), np.uint8)
+    nothing = [*views[:2], patch_view(cameras[2], black, black > 0)]
     assert len(ray_places(nothing, box, 0.05)) == 0
 
 

@@ -21,7 +21,7 @@ from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import load_inputs
 from kinemode.terminal.progress import unreported
 from tests.command_lines import killed_at, printed_by, track_line
-from tests.tiny_clip import FEW_STARTS, QUICK
+from tests.tiny_clip import QUICK, QUICK_BY_KEYPOINTS
 
 FRAMES = 6
 KILLS = ((Moment(2), 1, -9), (Moment(4, number=signal.SIGTERM, to_all=True), 2, 143))
@@ -74,7 +74,7 @@ def test_a_frame_depends_on_the_state_before_it_alone(tmp_path: Path) -> None:
     body = Body(load_subject("human34"))
     keypoints = {demo.CAMERA: clip.keypoints[demo.CAMERA]}
     observations = load_inputs(body, InputFiles(None, keypoints, clip.cameras)).observations
-    settings = settings_for("css", changes={"css": QUICK["css"], "search": FEW_STARTS})
+    settings = settings_for("css", changes=QUICK_BY_KEYPOINTS)
     states = [state for _, state in run(make_tracker("css", body, settings), observations, 0)]
     for first in range(1, len(observations)):
         before = states[first - 1]

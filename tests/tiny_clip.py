@@ -17,6 +17,8 @@ QUICK: dict[str, Any] = {
     "cues": {"working_size": 160},
 }
 """Changes to the settings that make a search short."""
+QUICK_BY_KEYPOINTS: dict[str, Any] = {name: QUICK[name] for name in ("css", "search")}
+"""Those where no pictures are looked at."""
 
 
 def tiny_clip(folder: Path, *, frames: int = 5, fps: float = 5.0) -> RenderedClip:
