@@ -14,9 +14,17 @@ QUICK := not paper and not browser
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := .
+TYPES := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/kinemode/types.tar
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The tests start hundreds of processes, which would compile every source again where bytecode is not kept.
 unexport PYTHONDONTWRITEBYTECODE
+
+# What is known of types is kept for all checkouts, as compiled kernels are: mypy goes by the digests of the sources. It is
+# one file put in its place at once, so that checkouts do not disturb each other; where it cannot be kept, it is not.
+KEPT_TYPES = [ -e .mypy_cache ] || { mkdir .mypy_kept && tar -xf "$(TYPES)" -C .mypy_kept && mv .mypy_kept/.mypy_cache . ; \
+	rm -rf .mypy_kept; } 2>/dev/null || true
+KEEP_TYPES = { mkdir -p "$(dir $(TYPES))" && tar -cf "$(TYPES).$$$$" .mypy_cache && mv -f "$(TYPES).$$$$" "$(TYPES)" \
+	|| rm -f "$(TYPES).$$$$"; } 2>/dev/null || true
 
 .PHONY: help demo test test-all check docs format lock clean
 
@@ -38,7 +46,9 @@ docs: $(STAMP)
 check: $(STAMP)
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
+	@$(KEPT_TYPES)
 	$(BIN)/mypy
+	@$(KEEP_TYPES)
 
 format: $(STAMP)
 	$(BIN)/ruff check --fix $(CODE)

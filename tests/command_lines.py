@@ -8,15 +8,18 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import pytest
 
 from benchmarks.common import ROOT
 from benchmarks.resume_kills import Kill, Moment, kill_at
 from estimator.results.run_file import Run
 from humanoid.support.plugins import VARIABLE
-from kinemode.__main__ import main
+from kinemode import jobs
+from kinemode.__main__ import INTERRUPTED, main
 from tests.waiting import DEADLINE, default_signals
 
 _BLOCKED = """
@@ -67,16 +70,35 @@ def killed_at(moment: Moment, line: Sequence[str], out: Path) -> Kill:
         return kill_at(arguments, out, moment, announced=True, patience=DEADLINE, soon=DEADLINE)
 
 
-def killed_after(frames: int, inputs: Sequence[object], out: Path) -> list[str]:
-    """Track into a run and kill the process, without warning, when it has so many frames; returns the command line that
-    goes on. AssertionError where it ended otherwise, left anything, or has lost a frame."""
-    line = track_line(inputs, out)
-    kill = killed_at(Moment(frames), line, out)
-    assert (kill.code, kill.lost, kill.left) == (-9, 0, ()), kill.fault
+@contextlib.contextmanager
+def interrupted_after(frames: int) -> Iterator[None]:
+    """Within it Ctrl-C comes when a run has stored so many frames."""
+    original = jobs.run_into
+
+    def interrupt(done: int, total: int) -> None:
+        if done == frames:
+            raise KeyboardInterrupt
+
+    def run_into(*arguments: Any, **how: Any) -> None:
+        original(*arguments, **{**how, "progress": interrupt})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs, "run_into", run_into)
+        yield
+
+
+def interrupt_after(frames: int, line: Sequence[object], out: Path) -> None:
+    """Track into a run and interrupt the command line, in this process, when it has so many frames. AssertionError
+    where it ended otherwise or has lost a frame."""
+    with (
+        interrupted_after(frames),
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):
+        assert main([*map(str, line)]) == INTERRUPTED
     run = Run.open(out)
     assert frames == len(run) < run.planned_count
     assert not run.complete
-    return line
 
 
 def ran(code: str, *arguments: str, plugins: str, path: Path = ROOT) -> str:

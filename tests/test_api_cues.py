@@ -21,6 +21,7 @@ from humanoid.support.errors import InputError
 from kinemode import jobs
 from kinemode.pictures import cue_choice
 from kinemode.rendering.clip import RenderedClip
+from tests.command_lines import interrupted_after
 from tests.tiny_clip import QUICK, named
 
 FRAMES = 5
@@ -40,20 +41,6 @@ def tracked(clip: RenderedClip, tmp_path_factory: pytest.TempPathFactory) -> Run
 def track(clip: RenderedClip, **changes: Any) -> Run:
     given = {"subject": "human34", "fit": "off", "settings": QUICK, **named(clip), **changes}
     return kinemode.track(**given)
-
-
-def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C once so many frames are done."""
-    original = jobs.run_into
-
-    def stopping(*args: Any, **kwargs: Any) -> None:
-        def stop(done: int, total: int) -> None:
-            if done == frames:
-                raise KeyboardInterrupt
-
-        original(*args, **{**kwargs, "progress": stop})
-
-    monkeypatch.setattr(jobs, "run_into", stopping)
 
 
 @pytest.mark.parametrize(
@@ -84,14 +71,10 @@ def test_one_frame_of_keypoints_and_the_pictures_carry_on(clip: RenderedClip, tr
     assert last < 0.6 * first  # the pose has followed the motion; one camera sees little of its depth
 
 
-def test_a_stopped_run_goes_on_to_the_same_bits(
-    clip: RenderedClip, tracked: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stopped_run_goes_on_to_the_same_bits(clip: RenderedClip, tracked: Run, tmp_path: Path) -> None:
     out = tmp_path / "b.run"
-    stop_after(2, monkeypatch)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), interrupted_after(2):
         track(clip, out=out, masks=clip.masks)
-    monkeypatch.undo()
     assert len(kinemode.open_run(out)) == 2
     resumed = track(clip, out=out, masks=clip.masks, resume=True)
     assert resumed.complete

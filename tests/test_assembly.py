@@ -126,6 +126,7 @@ def test_exact_beliefs_are_put_together_from_nothing(name: str) -> None:
         assert mixture.modes[0].origin.family is Family.LIMBS
 
 
+@pytest.mark.paper
 def test_g1_is_put_together() -> None:
     if "g1" not in installed():
         pytest.skip("robot descriptions are not installed")

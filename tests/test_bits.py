@@ -13,6 +13,7 @@ from benchmarks.bits_cases import CASES, INPUT, RESULT, SAME
 from humanoid.support.errors import InputError
 
 
+@pytest.mark.paper
 def test_a_second_run_is_equal_and_another_seed_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, arrays = tmp_path / "bits.json", tmp_path / "arrays"
     bits.main(write=file, keep=arrays, cases=("css",), frames=3)

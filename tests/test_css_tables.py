@@ -101,6 +101,7 @@ def test_gains_count_the_same_minima() -> None:
     assert np.isnan(compared(base, other)["gain_to_as_many"])
 
 
+@pytest.mark.paper
 def test_plots(rows: dict[str, Searches], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every panel of every figure has curves or bars. One figure is painted too: to lay them out takes longest."""
     figures: dict[str, Any] = {}

@@ -201,6 +201,7 @@ def test_the_true_pose_has_less_energy_and_agrees_more(pair: RenderedClip) -> No
     assert sum(likelihood.assigned_values(body.at(beside))) > 2.0 * true
 
 
+@pytest.mark.paper
 def test_a_body_is_tracked_by_depth_and_explained(clip: RenderedClip, tmp_path: Path) -> None:
     run = km.track(clip.subject, **named(clip), depth=clip.depths, cues="depth", settings=QUICK, out=tmp_path / "a.run")
     assert run.header.cues == ("depth",)

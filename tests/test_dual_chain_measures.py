@@ -23,6 +23,7 @@ from benchmarks.dual_chain_events import FIRST, LATER, figures, level
 from humanoid.collision.self_collision import SelfCollision
 
 
+@pytest.mark.paper
 def test_levels_are_even_where_the_density_is_right() -> None:
     """But for the width of the kernels, which adds a seventh to variances; and all high where it is too narrow."""
     rng = np.random.default_rng(0)

@@ -273,6 +273,7 @@ def tracked(clip: RenderedClip, **how: Any) -> km.Run:
     return km.track(clip.subject, **{**given, **how})
 
 
+@pytest.mark.paper
 def test_elmo_needs_no_keypoints_and_resumes_to_the_same_bits(clip: RenderedClip, file: Path, tmp_path: Path) -> None:
     few = {"elmo": {"neighbours": 12, "rounds": 2, "survivors": 6}}
     run = tracked(clip, tracker="elmo", index=file, settings=few, out=tmp_path / "a.run")

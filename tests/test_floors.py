@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,7 +30,9 @@ def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Itera
     """Modules of the house that a file imports; `lazy` includes imports inside functions, which cannot go round."""
     known = set(known)
     is_package = path.name == "__init__.py"
-    for node in _imports(ast.parse(path.read_text(encoding="utf-8")), lazy):
+    for node, later in _imports_in(path.read_text(encoding="utf-8")):
+        if later and not lazy:
+            continue
         if isinstance(node, ast.Import):
             targets = [alias.name for alias in node.names]
         else:
@@ -42,12 +45,18 @@ def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Itera
         yield from (t for t in targets if t.split(".")[0] in FLOORS)
 
 
-def _imports(node: ast.AST, lazy: bool) -> Iterator[ast.Import | ast.ImportFrom]:
+@cache
+def _imports_in(source: str) -> list[tuple[ast.Import | ast.ImportFrom, bool]]:
+    """Every import, and whether it runs later than the module."""
+    return list(_imports(ast.parse(source), later=False))
+
+
+def _imports(node: ast.AST, later: bool) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool]]:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, (ast.Import, ast.ImportFrom)):
-            yield child
-        elif lazy or not _runs_later(child):
-            yield from _imports(child, lazy)
+            yield child, later
+        elif not isinstance(child, ast.expr):
+            yield from _imports(child, later or _runs_later(child))
 
 
 def _runs_later(node: ast.AST) -> bool:

@@ -41,7 +41,7 @@ def known(x: float) -> KnownBody:
     return KnownBody(upright(x, -8.0), upright(x, -2.0), upright(x, 10.0))
 
 
-@pytest.mark.parametrize("stands_first", [True, False])
+@pytest.mark.parametrize("stands_first", [pytest.param(True, marks=pytest.mark.paper), False])
 def test_who_stands_still_and_walks_is_told_by_the_first_frame(stands_first: bool) -> None:
     walks, stands = np.linspace(40, 120, 9).round(), np.full(16, 40.0 if stands_first else 120.0)
     places = np.concatenate([stands, walks] if stands_first else [walks, stands])

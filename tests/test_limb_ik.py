@@ -155,7 +155,9 @@ def proposal(body: Body, ik: LimbIK, camera: Camera) -> ImageProposal:
     return ImageProposal(ik, camera, density)
 
 
-@pytest.mark.parametrize("name", ["upper13", "example-robot-data:talos", "example-robot-data:g1"])
+@pytest.mark.parametrize(
+    "name", ["upper13", "example-robot-data:talos", pytest.param("example-robot-data:g1", marks=pytest.mark.paper)]
+)
 def test_drawn_and_looked_at_have_one_density_whose_integral_is_the_share_that_was_drawn(name: str) -> None:
     """Trunks differ from draw to draw, and the lens bends the picture: hands are met to 1e-9 m all the same."""
     body, count = body_of(name), 20_000

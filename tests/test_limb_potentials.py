@@ -188,7 +188,9 @@ def test_both_sides_learn_the_same() -> None:
             np.testing.assert_allclose(twin.log_density(mirrored_points(points)), want, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["human34", "arm8", "upper13", "example-robot-data:g1"])
+@pytest.mark.parametrize(
+    "name", ["human34", "arm8", "upper13", pytest.param("example-robot-data:g1", marks=pytest.mark.paper)]
+)
 def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
     """Better than what cannot be, and equal seeds give equal bits; poses are within limits."""
     if name.startswith("example") and "g1" not in installed():

@@ -218,6 +218,7 @@ def test_poor_pictures_leave_the_first_stage(seen: Callable[[ImageCues], ImageCu
     assert with_pictures(first, cues, FleshSettings(rounds=1)) is first
 
 
+@pytest.mark.paper
 def test_girths_stay_within_their_hard_range() -> None:
     """The silhouette of a giant in the place of the person."""
     first, (cues, *_) = first_stage(1), pictures()

@@ -67,7 +67,7 @@ def frames(clip: RenderedClip) -> list[Observation]:
     return [*seen[:2], replace(seen[2], cues=gone), *seen[3:]]
 
 
-@pytest.mark.parametrize("name", BEGIN)
+@pytest.mark.parametrize("name", [BEGIN[0], *(pytest.param(n, marks=pytest.mark.paper) for n in BEGIN[1:])])
 def test_trackers_that_begin_by_an_index_keep_the_contract(
     name: str, clip: RenderedClip, frames: list[Observation], small_index_file: Path
 ) -> None:
@@ -216,6 +216,7 @@ def test_the_commands_take_it(clip: RenderedClip, small_index_file: Path, tmp_pa
     assert all(run.result(0).origins.family[0] == "example" for run in runs)
 
 
+@pytest.mark.paper
 def test_the_demonstration_finds_whom_a_screen_has_hidden(
     small_index_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

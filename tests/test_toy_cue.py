@@ -25,7 +25,7 @@ from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain
 from kinemode.rendering.files import RenderedClip
 from kinemode.testing import check_cue
-from tests.command_lines import check_written, killed_after, printed_by, said_by_readers, told, track_line
+from tests.command_lines import check_written, interrupt_after, printed_by, said_by_readers, told, track_line
 from tests.tiny_clip import tiny_clip
 
 with CUES.restored():  # the tests of all cues are not to know it
@@ -49,13 +49,12 @@ enabled = false
 
 @dataclass(frozen=True)
 class Runs:
-    """The same track of a clip: at one go; killed after two frames in a process that found the cue by itself and had a
-    helper, and resumed; without the cue. And what was said of the first by the commands that read one, by their
-    names."""
+    """The same track of a clip: at one go; interrupted after two frames, with a worker that found the cue by itself,
+    and resumed; without the cue. And what was said of the first by the commands that read one, by their names."""
 
     clip: RenderedClip
     whole: Path
-    killed: Path
+    stopped: Path
     without: Path
     said: Mapping[str, str]
 
@@ -71,23 +70,23 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     files = [video, "--keypoints", keypoints, "--cameras", clip.cameras, "--fit", "off"]
     how = [*files, "--settings", settings, "--cues", "toy,edges"]
     plainly = ["track", *files, "--settings", plain, "--cues", "edges"]
-    whole, killed, without = (folder / f"{name}.run" for name in ("whole", "killed", "without"))
+    whole, stopped, without = (folder / f"{name}.run" for name in ("whole", "stopped", "without"))
     with pytest.MonkeyPatch.context() as patch, CUES.restored():
         patch.setenv(VARIABLE, "tests.toy_cue")
-        killed_after(2, [*how, "--workers", "2"], killed)
         register(Toy())
-        for path in (whole, killed):
+        interrupt_after(2, [*track_line(how, stopped), "--workers", "2"], stopped)
+        for path in (whole, stopped):
             printed_by(track_line(how, path))
         printed_by([*plainly, "--out", without])
-        return Runs(clip, whole, killed, without, said_by_readers(whole, frame=2))
+        return Runs(clip, whole, stopped, without, said_by_readers(whole, frame=2))
 
 
-def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_killed(runs: Runs) -> None:
-    whole, killed, without = (kinemode.open_run(path) for path in (runs.whole, runs.killed, runs.without))
+def test_it_moves_the_body_whoever_does_the_work_and_whenever_it_was_stopped(runs: Runs) -> None:
+    whole, stopped, without = (kinemode.open_run(path) for path in (runs.whole, runs.stopped, runs.without))
     assert whole.complete
     assert whole.header.cues == ("edges", "toy")
     assert whole.header.settings["cues"]["toy"]["noise"] == 0.25
-    assert differences(whole, killed) == []
+    assert differences(whole, stopped) == []
     assert np.abs(whole.mode_q[:, 0] - without.mode_q[:, 0]).max() > 1e-3
 
 

@@ -32,7 +32,7 @@ from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 from kinemode.testing import check_tracker
 from tests.builders import body_of, camera_at, observe
-from tests.command_lines import check_written, killed_after, printed_by, said_by_readers, track_line
+from tests.command_lines import check_written, interrupt_after, printed_by, said_by_readers, track_line
 from tests.tiny_clip import tiny_clip
 
 with TRACKERS.restored():  # the tests of all trackers are not to know it
@@ -56,12 +56,12 @@ def toy() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Tracked:
-    """Runs of the command line on a clip without keypoints: at one go, and killed and resumed; and what was said of the
-    first by the commands that read one, by their names."""
+    """Runs of the command line on a clip without keypoints: at one go, and interrupted and resumed; and what was said
+    of the first by the commands that read one, by their names."""
 
     clip: RenderedClip
     whole: Path
-    killed: Path
+    stopped: Path
     said: Mapping[str, str]
 
 
@@ -71,14 +71,14 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
     clip = tiny_clip(folder / "clip", frames=FRAMES, fps=20.0)
     (camera, video), (masks,) = *clip.videos.items(), clip.masks.values()
     how = [video, "--cameras", clip.cameras, "--mask", f"{camera}={masks}", "--tracker", NAME, "--seed", "3"]
-    whole, killed = folder / "whole.run", folder / "killed.run"
+    whole, stopped = folder / "whole.run", folder / "stopped.run"
     with pytest.MonkeyPatch.context() as patch, TRACKERS.restored():
         patch.setenv(VARIABLE, "tests.toy_tracker")
-        killed_after(3, how, killed)
         register(SPEC)
-        for path in (whole, killed):
+        interrupt_after(3, track_line(how, stopped), stopped)
+        for path in (whole, stopped):
             printed_by(track_line(how, path))
-        return Tracked(clip, whole, killed, said_by_readers(whole, frame=2))
+        return Tracked(clip, whole, stopped, said_by_readers(whole, frame=2))
 
 
 def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
@@ -101,8 +101,8 @@ def test_it_runs_on_pictures_alone(tracked: Tracked) -> None:
     assert np.linalg.norm(direction[-1] - camera.directions(middle)[:2]) < 0.03  # of one at 4 m: 12 cm
 
 
-def test_it_is_killed_and_goes_on_to_the_same_bits(tracked: Tracked) -> None:
-    assert differences(km.open_run(tracked.whole), km.open_run(tracked.killed)) == []
+def test_it_is_interrupted_and_goes_on_to_the_same_bits(tracked: Tracked) -> None:
+    assert differences(km.open_run(tracked.whole), km.open_run(tracked.stopped)) == []
 
 
 def test_every_command_takes_its_run(tracked: Tracked) -> None:

@@ -69,11 +69,19 @@ CLIPS = {"arm8": arm_clip, "human34": person_clip}
 
 OF_LIMBS = ("dual-chain", "likelihood-sampling")
 """These go by one camera and by limbs of two segments."""
+LONG = (("loose-limbed", "arm8"), ("likelihood-sampling", "human34"))
+"""Beside the same trackers of another body, and with the chain of points."""
 
 
 @pytest.mark.parametrize(
     ("name", "subject"),
-    [(n, s) for n in TRACKERS if n not in BY_DEPTH for s in CLIPS if n not in OF_LIMBS or s == "human34"],
+    [
+        pytest.param(n, s, marks=[pytest.mark.paper] if (n, s) in LONG else [])
+        for n in TRACKERS
+        if n not in BY_DEPTH
+        for s in CLIPS
+        if n not in OF_LIMBS or s == "human34"
+    ],
 )
 def test_trackers_keep_the_contract(name: str, subject: str) -> None:
     spec = TRACKERS[name]
