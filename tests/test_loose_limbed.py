@@ -82,7 +82,6 @@ def error(result: FrameResult) -> float:
     return float(1e3 * np.linalg.norm(at[0] - at[1], axis=1).mean())
 
 
-@pytest.mark.paper
 def test_it_begins_with_pictures_alone_tracks_and_finds_who_was_away() -> None:
     results, _ = from_nothing()
     assert [r.status for r in results] == ["tracked", "tracked", "unobserved", "tracked"]
