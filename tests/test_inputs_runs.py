@@ -17,7 +17,8 @@ from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.explain import cue_reader, explain, run_settings
 from kinemode.rendering.clip import RenderedClip
-from tests.test_api_cues import ARRAYS, stop_after
+from tests.command_lines import interrupted_after
+from tests.test_api_cues import ARRAYS
 from tests.tiny_clip import QUICK
 from viz.pictures.overlay import write_overlay
 from viz.scene import as_scene
@@ -70,14 +71,10 @@ def test_pictures_are_those_of_the_right_frames(clip: RenderedClip, late: Run, t
     assert Clip.open(write_overlay(late, tmp_path / "o.mp4")).report.read == FRAMES - FIRST
 
 
-def test_a_stopped_run_of_a_part_goes_on_to_the_same_bits(
-    clip: RenderedClip, late: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stopped_run_of_a_part_goes_on_to_the_same_bits(clip: RenderedClip, late: Run, tmp_path: Path) -> None:
     out = tmp_path / "a.run"
-    stop_after(2, monkeypatch)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), interrupted_after(2):
         track(clip, out)
-    monkeypatch.undo()
     resumed = track(clip, out, resume=True)
     for name in ARRAYS:
         assert getattr(resumed, name).tobytes() == getattr(late, name).tobytes(), name
