@@ -27,7 +27,7 @@ from benchmarks.dual_chain_runs import ChainRun, Film, UpperClip, tracked
 from benchmarks.kept_runs import Figures, Kept, all_done
 from kinemode.terminal import report
 
-FRAMES = {"talk": 160, "reach_out": 160, "cross_arms": 250}
+FRAMES = {"talk": 250, "reach_out": 160, "cross_arms": 160}
 LOST = 250.0  # mm
 DUAL, SAMPLING, TEMPERED = "dual-chain(1000)", "likelihood-sampling(1000)", "likelihood-sampling(1000), by powers"
 CONDENSATION = "condensation({})"
