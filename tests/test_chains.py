@@ -206,6 +206,18 @@ def test_many_keypoints_keep_the_likeliest_ways() -> None:
     np.testing.assert_array_equal(best, np.where(off > 0.0, -1, np.arange(20)))
 
 
+def test_there_is_a_way_where_two_want_each_of_many_detections() -> None:
+    """24 features in pairs that are expected at one place, where one keypoint is: each is of either, never of both."""
+    names = tuple(f"f{k}" for k in range(24))
+    places = np.repeat(np.stack([40.0 * np.arange(12), np.zeros(12)], axis=1), 2, axis=0)
+    suits = np.repeat(np.eye(12), 2, axis=1)
+    seen = Detections(names, places[::2], np.tile(np.eye(2), (12, 1, 1)), suits, np.zeros(12, bool))
+    kept = evidence_of(seen, EvidenceSettings(shared=0.0), gaussian(names, places, 9.0 * np.eye(48)))
+    best = kept.detection[int(np.argmax(kept.density.log_weight))].reshape(12, 2)
+    assert np.array_equal(best.max(axis=1), np.arange(12))
+    assert np.array_equal(best.min(axis=1), np.full(12, -1))
+
+
 def test_nothing_detected_says_nothing() -> None:
     evidence = evidence_of(Detections.none(HANDS), EvidenceSettings())
     assert not evidence.density.known.any()

@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from estimator.inference.chains.feature_density import FeatureDensity
 from humanoid.support.settings import check, setting
 
 _WAYS = 600  # that are looked at
 _CLOSER = 4  # times as many as are kept are looked at closer
+_NEVER = -1e12  # score of what cannot be
 
 
 @dataclass(frozen=True)
@@ -145,17 +147,28 @@ def _expected(detections: Detections, prior: FeatureDensity) -> np.ndarray:
 
 def _candidates(pairs: _Pairs) -> list[list[int]]:
     """For every feature the detections that may be its, -1 for none, in order; of all that there are so many that there
-    are at most `_WAYS` ways to choose, each feature's likeliest among them."""
+    are at most `_WAYS` ways to choose, the likeliest beside those of the likeliest exclusive way, which stays."""
     count = pairs.first.shape[1] - 1
     score = pairs.first + pairs.expected
     able = [[d for d in range(-1, count) if np.isfinite(row[d])] for row in pairs.first]
-    margin = score - score.max(axis=1, keepdims=True)
-    order = sorted((margin[f, d], f, d) for f, each in enumerate(able) for d in each if margin[f, d] < 0.0)
-    for _, f, d in order:
+    best = _likeliest(score)
+    gain = [(score[f, d] - score[f, best[f]], f, d) for f, each in enumerate(able) for d in each if d != best[f]]
+    for _, f, d in sorted(gain):
         if math.prod(len(each) for each in able) <= _WAYS:
             break
         able[f].remove(d)
     return able
+
+
+def _likeliest(score: np.ndarray) -> np.ndarray:
+    """The detection (F,) of each feature, -1 for none, no two features with the same, that has the largest sum of
+    scores (F, D + 1), the last for none."""
+    size, count = len(score), score.shape[1] - 1
+    value = np.full((size, count + size), -np.inf)
+    value[:, :count] = score[:, :-1]
+    value[np.arange(size), count + np.arange(size)] = score[:, -1]
+    _, chosen = linear_sum_assignment(np.maximum(value, _NEVER), maximize=True)
+    return np.where(chosen < count, chosen, -1)
 
 
 def _associations(detections: Detections, able: list[list[int]], shared: float) -> Iterator[tuple[int, ...]]:
