@@ -90,12 +90,8 @@ def interrupted_after(frames: int) -> Iterator[None]:
 def interrupt_after(frames: int, line: Sequence[object], out: Path) -> None:
     """Track into a run and interrupt the command line, in this process, when it has so many frames. AssertionError
     where it ended otherwise or has lost a frame."""
-    with (
-        interrupted_after(frames),
-        contextlib.redirect_stdout(io.StringIO()),
-        contextlib.redirect_stderr(io.StringIO()),
-    ):
-        assert main([*map(str, line)]) == INTERRUPTED
+    with interrupted_after(frames):
+        assert told_here(line).code == INTERRUPTED
     run = Run.open(out)
     assert frames == len(run) < run.planned_count
     assert not run.complete
@@ -120,11 +116,17 @@ def told(*lines: Sequence[str], plugins: str, path: Path = ROOT) -> list[Told]:
 
 def printed_by(line: Sequence[object]) -> str:
     """What a command line prints, in this process. AssertionError with what it said unless it ends with 0."""
+    ended = told_here(line)
+    assert ended.code == 0, ended.error
+    return ended.out
+
+
+def told_here(line: Sequence[object]) -> Told:
+    """A command line in this process."""
     out, error = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         code = main([*map(str, line)])
-    assert code == 0, error.getvalue()
-    return out.getvalue()
+    return Told(code, out.getvalue(), error.getvalue())
 
 
 def said_by_readers(path: Path, frame: int) -> Mapping[str, str]:

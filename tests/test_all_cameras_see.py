@@ -11,6 +11,7 @@ from estimator.synthesis.plate import built_scene, place_of
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from tests.builders import body_of
+from tests.tiers import later
 
 
 def crossed(start: np.ndarray, ends: np.ndarray, corners: np.ndarray) -> int:
@@ -27,7 +28,7 @@ def crossed(start: np.ndarray, ends: np.ndarray, corners: np.ndarray) -> int:
     return int(meets.any(axis=1).sum())
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 8, *(pytest.param(n, marks=pytest.mark.paper) for n in (2, 5, 6, 7))])
+@pytest.mark.parametrize("count", later(range(1, 9), 2, 5, 6, 7))
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_nothing_stands_between_a_camera_and_the_person(motion, count: int) -> None:
     body = body_of(motion.subject)

@@ -13,6 +13,7 @@ from tiny_clip import QUICK, tiny_clip
 
 import kinemode as km
 from estimator.media.clip import Clip
+from tests.tiers import later
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")
 FRAMES, FPS = 4, 5.0
@@ -55,7 +56,7 @@ def ways(given: Given) -> Iterator[tuple[Any, Any]]:
     yield list(given.pictures), given.points
 
 
-@pytest.mark.parametrize("way", [0, 1, *(pytest.param(n, marks=pytest.mark.paper) for n in (2, 3))])
+@pytest.mark.parametrize("way", later(range(4), 2, 3))
 def test_arrays_and_iterators_are_as_good_as_files(given: Given, way: int) -> None:
     clips, keypoints = list(ways(given))[way]
     run = km.track(clips=clips, keypoints=keypoints, **given.rest)

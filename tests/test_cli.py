@@ -18,10 +18,11 @@ import kinemode
 from estimator.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
-from kinemode import cli, jobs
+from kinemode import cli
 from kinemode.inputs.named import named_paths
 from kinemode.public import results
 from kinemode.terminal.progress import reported
+from tests.command_lines import interrupted_after
 from tests.tiny_clip import QUICK_BY_KEYPOINTS
 from tests.waiting import DEADLINE, ended, kinemode_process
 
@@ -209,24 +210,14 @@ def test_our_own_faults_are_said_to_be_ours(
 
 
 def test_an_interrupted_run_goes_on_to_the_same_result(
-    folder: Path, tracked: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = folder / "stopped.run"
     arguments = track_line(folder, out)
-    original = jobs.run_into
-
-    def stopping(*args: object, **kwargs: object) -> None:
-        def stop(done: int, total: int) -> None:
-            if done == 2:
-                raise KeyboardInterrupt
-
-        original(*args, **{**kwargs, "progress": stop})  # type: ignore[arg-type]
-
-    monkeypatch.setattr(jobs, "run_into", stopping)
-    assert front.main([*arguments, "--overwrite"]) == front.INTERRUPTED
+    with interrupted_after(2):
+        assert front.main([*arguments, "--overwrite"]) == front.INTERRUPTED
     assert capsys.readouterr().err.rstrip().endswith("--resume")
     assert len(kinemode.open_run(out)) == 2
-    monkeypatch.undo()
     assert front.main([*arguments, "--resume"]) == 0
     whole, resumed = kinemode.open_run(tracked), kinemode.open_run(out)
     assert resumed.complete

@@ -13,6 +13,7 @@ import pytest
 from benchmarks.common import ROOT
 from kinemode import __main__ as front
 from tests.made_once import made_once
+from tests.tiers import later
 
 DOCS = ROOT / "docs"
 PAGES = ("first-clip", "uncertainty", "opensim", "several-cameras", "own-robot", "your-video")
@@ -48,7 +49,7 @@ def follow(page: str, folder: Path) -> None:
                 assert front.main(words) == 0, line
 
 
-@pytest.mark.parametrize("page", [*PAGES[:4], pytest.param(PAGES[4], marks=pytest.mark.paper), PAGES[5]])
+@pytest.mark.parametrize("page", later(PAGES, "own-robot"))
 def test_what_a_page_says_works(page: str, folder: Path) -> None:
     if page != PAGES[0]:  # that is done already
         follow(page, folder)

@@ -23,6 +23,7 @@ from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject
 from tests.builders import camera_at
 from tests.test_cues import HEIGHT, WIDTH, X, Y, overlap, scene, texture
+from tests.tiers import later
 
 SETTINGS = SilhouetteSettings()
 
@@ -41,7 +42,7 @@ def known(x: float) -> KnownBody:
     return KnownBody(upright(x, -8.0), upright(x, -2.0), upright(x, 10.0))
 
 
-@pytest.mark.parametrize("stands_first", [pytest.param(True, marks=pytest.mark.paper), False])
+@pytest.mark.parametrize("stands_first", later([True, False], True))
 def test_who_stands_still_and_walks_is_told_by_the_first_frame(stands_first: bool) -> None:
     walks, stands = np.linspace(40, 120, 9).round(), np.full(16, 40.0 if stands_first else 120.0)
     places = np.concatenate([stands, walks] if stands_first else [walks, stands])

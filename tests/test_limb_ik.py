@@ -17,6 +17,7 @@ from estimator.search.proposals.limb_ik_kernels import swivel_of
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.errors import InputError
 from tests.builders import body_of
+from tests.tiers import later
 
 LIMBS = {
     "upper13": 0,
@@ -156,7 +157,7 @@ def proposal(body: Body, ik: LimbIK, camera: Camera) -> ImageProposal:
 
 
 @pytest.mark.parametrize(
-    "name", ["upper13", "example-robot-data:talos", pytest.param("example-robot-data:g1", marks=pytest.mark.paper)]
+    "name", later(["upper13", "example-robot-data:talos", "example-robot-data:g1"], "example-robot-data:g1")
 )
 def test_drawn_and_looked_at_have_one_density_whose_integral_is_the_share_that_was_drawn(name: str) -> None:
     """Trunks differ from draw to draw, and the lens bends the picture: hands are met to 1e-9 m all the same."""

@@ -41,6 +41,7 @@ from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.subject.example_robots import installed
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
+from tests.tiers import later
 
 STEP = 1.0 / 30.0
 
@@ -189,7 +190,7 @@ def test_both_sides_learn_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["human34", "arm8", "upper13", pytest.param("example-robot-data:g1", marks=pytest.mark.paper)]
+    "name", later(["human34", "arm8", "upper13", "example-robot-data:g1"], "example-robot-data:g1")
 )
 def test_any_subject_s_potentials_explain_its_poses(name: str) -> None:
     """Better than what cannot be, and equal seeds give equal bits; poses are within limits."""

@@ -21,6 +21,7 @@ from humanoid.subject.example_robots import installed
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
 from humanoid.support.errors import InputError
 from tests.builders import SUBJECTS, bent, body_of, camera_at, gripper, random_pose
+from tests.tiers import later
 from viz import palette
 from viz.pictures.limb_picture import draw_limbs, write_limb_picture
 from viz.pictures.painter import camera_view
@@ -94,7 +95,7 @@ def test_other_built_in_bodies(graphs: dict[tuple[str, str], LimbGraph], name: s
         assert len(graphs[name, detail].limbs) == count
 
 
-@pytest.mark.parametrize("name", [pytest.param("human", marks=pytest.mark.paper), "g1"])
+@pytest.mark.parametrize("name", later(ROBOTS, "human"))
 def test_robots_have_limbs_that_mirror_each_other(name: str) -> None:
     if name not in installed():
         pytest.skip("example-robot-data is not installed")
@@ -328,7 +329,7 @@ def test_limbs_that_hang_on_the_world_alone_are_connected() -> None:
     assert [limb.links for limb in graph.limbs] == [(name,) for name in graph.names]
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.paper) for k in (2, 3))])
+@pytest.mark.parametrize("seed", later(range(4), 2, 3))
 def test_random_trees_give_connected_graphs(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("humanoid.limbs.graph.NODES", 200)
     rng = np.random.default_rng(seed)

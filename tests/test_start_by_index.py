@@ -34,6 +34,7 @@ from kinemode.rendering.files import RenderedClip
 from kinemode.terminal.progress import unreported
 from kinemode.testing import check_tracker
 from tests.test_tracker_contract import FEW
+from tests.tiers import later
 from tests.tiny_clip import QUICK, named
 
 FPS = 2.5  # of the clip that the demonstration renders
@@ -67,7 +68,7 @@ def frames(clip: RenderedClip) -> list[Observation]:
     return [*seen[:2], replace(seen[2], cues=gone), *seen[3:]]
 
 
-@pytest.mark.parametrize("name", [BEGIN[0], *(pytest.param(n, marks=pytest.mark.paper) for n in BEGIN[1:])])
+@pytest.mark.parametrize("name", later(BEGIN, "condensation", "icp"))
 def test_trackers_that_begin_by_an_index_keep_the_contract(
     name: str, clip: RenderedClip, frames: list[Observation], small_index_file: Path
 ) -> None:

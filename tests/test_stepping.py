@@ -17,6 +17,7 @@ from estimator.smoothing import FixedLag, SmoothSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import make_tracker, settings_for
 from kinemode.streams.step import Step
+from tests.tiers import later
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")
 FPS, FRAMES, LAG = 25.0, 11, 3
@@ -129,7 +130,7 @@ def test_with_a_lag_they_come_later_smoothed_and_the_rest_at_the_end(alone: Seen
         assert not np.array_equal(step.q, step.hypotheses[0])
 
 
-@pytest.mark.parametrize("cues", [pytest.param("edges,flow", marks=pytest.mark.paper), "edges,flow,silhouette"])
+@pytest.mark.parametrize("cues", later(["edges,flow", "edges,flow,silhouette"], "edges,flow"))
 def test_with_pictures_they_are_the_runs_too(tmp_path: Path, cues: str) -> None:
     """Of the silhouette where a picture of the empty scene is given, from which the run then goes, too."""
     clip = tiny_clip(tmp_path, frames=4)

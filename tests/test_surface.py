@@ -21,6 +21,7 @@ from humanoid.subject.urdf_flesh import limb_capsule, stretched
 from humanoid.subject.urdf_reshape import mirror_parts
 from humanoid.support.errors import InputError
 from tests.builders import SUBJECTS, body_of, random_pose
+from tests.tiers import later
 
 CAPSULE = Flesh("arm", "capsule", (0.05, 0.3, 0.0), (0.01, 0.02, -0.1), (0.3, -0.2, 0.5))
 FOREIGN = """<robot name="two"><subject base="fixed"/><link name="a">{a}</link><link name="b">{b}</link>
@@ -144,7 +145,7 @@ def test_urdf_geometry_is_covered_by_its_hull() -> None:
     assert area == pytest.approx(2 * np.pi * 0.1 * (0.5 + 0.1), rel=0.05)
 
 
-@pytest.mark.parametrize("name", [*(pytest.param(n, marks=pytest.mark.paper) for n in ("human", "talos")), "panda"])
+@pytest.mark.parametrize("name", later(["human", "talos", "panda"], "human", "talos"))
 def test_example_robots_have_surfaces(name: str) -> None:
     try:
         body = Body(load_subject(f"example-robot-data:{name}"))

@@ -15,6 +15,7 @@ from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from kinemode.testing import ContractError, check_tracker
+from tests.tiers import later
 from tests.tiny_clip import FEW_STARTS
 
 FEW: dict[str, dict[str, object]] = {
@@ -75,13 +76,7 @@ LONG = (("loose-limbed", "arm8"), ("likelihood-sampling", "human34"))
 
 @pytest.mark.parametrize(
     ("name", "subject"),
-    [
-        pytest.param(n, s, marks=[pytest.mark.paper] if (n, s) in LONG else [])
-        for n in TRACKERS
-        if n not in BY_DEPTH
-        for s in CLIPS
-        if n not in OF_LIMBS or s == "human34"
-    ],
+    later([(n, s) for n in TRACKERS if n not in BY_DEPTH for s in CLIPS if n not in OF_LIMBS or s == "human34"], *LONG),
 )
 def test_trackers_keep_the_contract(name: str, subject: str) -> None:
     spec = TRACKERS[name]

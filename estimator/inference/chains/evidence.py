@@ -151,6 +151,8 @@ def _candidates(pairs: _Pairs) -> list[list[int]]:
     count = pairs.first.shape[1] - 1
     score = pairs.first + pairs.expected
     able = [[d for d in range(-1, count) if np.isfinite(row[d])] for row in pairs.first]
+    if math.prod(len(each) for each in able) <= _WAYS:
+        return able
     best = _likeliest(score)
     gain = [(score[f, d] - score[f, best[f]], f, d) for f, each in enumerate(able) for d in each if d != best[f]]
     for _, f, d in sorted(gain):

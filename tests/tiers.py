@@ -1,0 +1,20 @@
+"""Which parameters of a test `make test` leaves to `make test-all`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def later(values: Iterable[Any], *long: Any) -> list[Any]:
+    """Values, or tuples of several, for `pytest.mark.parametrize`; those that are among `long` are long examples, which
+    quicker ones guard too. AssertionError for a long one that there is not."""
+    values = list(values)
+    assert set(long) <= set(values)
+    marks = [[pytest.mark.paper] if value in long else [] for value in values]
+    return [
+        pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=mark)
+        for value, mark in zip(values, marks, strict=True)
+    ]
