@@ -3,10 +3,10 @@
     python -m benchmarks.dual_chain [--seeds 0 1 2 3 4] [--jobs 2] [--work FOLDER] [--recover] [--json FILE]
 
 All weigh poses by the same blobs, outlines and silhouette, begin by the same keypoints of the first frame, and differ
-in where poses come from: dual-chain(1000) as it is set, likelihood sampling(1000) without points and past, CONDENSATION
-with 5,000 and 15,000 whole poses from the past; then all in the time of the first. A seed is one of the clip (clothes,
-boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face; one clip is of
-10 s.
+in where poses come from: dual-chain(1000) as it is set, likelihood sampling(1000) without points and past,
+CONDENSATION with 5,000 and 15,000 whole poses from the past; then all in the time of the first. Two more ways are the
+first without one of its parts. A seed is one of the clip (clothes, boards, noise) and of the tracker. Arms move out
+of the image plane, cross before the body and the face; one clip is of 10 s.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from __future__ import annotations
 import json as json_module
 import multiprocessing
 import resource
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,7 +32,7 @@ FRAMES = {"talk": 250, "reach_out": 160, "cross_arms": 160}
 LOST = 250.0  # mm
 DUAL, SAMPLING, TEMPERED = "dual-chain(1000)", "likelihood-sampling(1000)", "likelihood-sampling(1000), by powers"
 CONDENSATION = "condensation({})"
-_NO_CHAIN: dict[str, Any] = {"chain": False}
+NO_POINTS, NO_KINEMATICS = "dual-chain(1000), no chain of points", "dual-chain(1000), no inverse kinematics"
 _SAMPLING: dict[str, Any] = {"chain": False, "past": False, "pose": {"tempering": {"powers": 1}}}
 
 
@@ -46,6 +47,8 @@ WAYS: dict[str, dict[str, Any]] = {
     TEMPERED: {"chain": False, "past": False},
     CONDENSATION.format(5000): condensation(5000),
     CONDENSATION.format(15000): condensation(15000),
+    NO_POINTS: {"chain": False},
+    NO_KINEMATICS: {"pose": {"by_past": 1.0, "by_image": 0.0}},
 }
 _TIMED = 8  # frames
 
@@ -116,18 +119,42 @@ def _render(task: tuple[UpperClip, Path]) -> None:
 
 
 def in_equal_time(kept: Kept, clip: UpperClip, ways: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The other ways with as many samples as take the time of dual-chain(1000) on the first frames of a clip: time goes
-    up with the number on a straight line, through two numbers."""
-    film = Film(clip.files(kept.folder))
-    target = _seconds(film, {})
-    made: dict[str, dict[str, Any]] = {}
+    """The other ways with as many samples as take the time of dual-chain(1000)."""
+    counts, made = kept.of(EqualTime(clip)), dict[str, dict[str, Any]]()
     if CONDENSATION.format(5000) in ways:
-        count = _count(target, film, 5000, 15000, condensation)
+        count = counts["condensation"]
         made[CONDENSATION.format(count) + " in equal time"] = condensation(count)
     if SAMPLING in ways:
-        count = _count(target, film, 1000, 2000, _sampling)
+        count = counts["sampling"]
         made[f"likelihood-sampling({count}) in equal time"] = _sampling(count)
     return made
+
+
+@dataclass(frozen=True)
+class EqualTime:
+    """How many samples take the time of dual-chain(1000) on the first frames of a clip: time goes up with the number on
+    a straight line, through two numbers. Measured once for a folder, so that what goes on compares the same."""
+
+    clip: UpperClip
+
+    @property
+    def name(self) -> str:
+        """See `benchmarks.kept_runs.Piece`."""
+        return "equal_time"
+
+    @property
+    def what(self) -> Mapping[str, Any]:
+        """See `benchmarks.kept_runs.Piece`."""
+        return {"measure": self.name, **asdict(self)}
+
+    def work(self, kept: Kept) -> Figures:
+        """Numbers of samples: condensation, sampling."""
+        film = Film(self.clip.files(kept.folder))
+        target = _seconds(film, {})
+        return {
+            "condensation": _count(target, film, 5000, 15000, condensation),
+            "sampling": _count(target, film, 1000, 2000, _sampling),
+        }
 
 
 def _sampling(particles: int) -> dict[str, Any]:
