@@ -16,6 +16,8 @@ from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
 from estimator.search.pose_chain import Crowd, Expected, PoseChain, PoseChainSettings
 from estimator.search.pose_parts import PoseParts
+from estimator.terms.pose_mixture import shipped_mixture
+from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.support.errors import InputError
@@ -38,7 +40,7 @@ def parts_of(name: str) -> PoseParts:
 def chain(rng: np.random.Generator, settings: PoseChainSettings = SETTINGS, *, past: bool = True) -> PoseChain:
     parts = parts_of("upper13")
     std = np.where(np.arange(13) < 2, 0.02, 0.08)
-    return PoseChain(rng, parts, camera(), None, std, settings, past, {})
+    return PoseChain(rng, parts, camera(), None, std, settings, past)
 
 
 def crowd(body: Body, count: int = 40) -> Crowd:
@@ -213,3 +215,29 @@ def test_the_derivatives_of_features_are_their_differences(subject: str) -> None
         ]
         numeric = (ends[0] - ends[1])[:, chosen] / 2e-6
         np.testing.assert_allclose(jacobian[..., dof], numeric, atol=1e-3)
+
+
+def test_the_learned_prior_weighs_poses_by_its_density() -> None:
+    """What is told nothing else ends in the past times the prior: as by weighing many samples of the past."""
+    body = body_of("human34")
+    pose_prior = PosePrior(body, shipped_mixture())
+    settings = replace(SETTINGS, particles=1000, lost=0.0)
+    std = np.where(np.arange(body.nv) < 6, 0.01, 0.3)
+
+    def made(rng: np.random.Generator) -> PoseChain:
+        return PoseChain(rng, parts_of("human34"), camera(), None, std, settings, pose_prior=pose_prior)
+
+    state = Crowd(body.neutral[None], np.ones(1), body.neutral)
+    prior = made(np.random.default_rng(6)).predict(state, 0.04)
+    message = nothing_seen(parts_of("human34").features.names)
+    x = prior.steps.moved(np.random.default_rng(7), np.tile(prior.centres[:1], (40_000, 1)))
+    value = pose_prior.values(body.placed(body.integrated(np.tile(body.neutral, (len(x), 1)), x)))
+    share = np.exp(value.min() - value)
+    expected = share @ value / share.sum()
+    each = []
+    for again in range(4):
+        rng = np.random.default_rng(100 + again)
+        after, _ = made(rng).update(replace_samples(made(rng), prior), message)
+        each.append(pose_prior.values(body.placed(after.q)).mean())
+    assert expected < value.mean() - 1.0  # and it says something
+    assert abs(np.mean(each) - expected) < 4.0 * np.std(each) / 2.0 + 0.1

@@ -71,7 +71,8 @@ class CostSettings:
 class CostModel:
     """Builds the energy of a frame for one body; terms that do not change from frame to frame are made once.
 
-    cues: the settings of each cue of the pictures.
+    cues: the settings of each cue of the pictures. pose_prior: the learned mixture of poses, with its share of the
+    energy, None where the body or the settings have none.
     """
 
     def __init__(
@@ -92,6 +93,7 @@ class CostModel:
             s = self.settings
             priors.append(Interpenetration(self.self_collision, s.clearance_scale, s.interpenetration_weight))
         self._priors = tuple(priors)
+        self.pose_prior = next((term for term in priors if isinstance(term, PosePrior)), None)
         self._has_upright = (
             body.has_free_root
             and body.subject.upright is not None

@@ -23,6 +23,7 @@ from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_draws import PartDraws
 from estimator.search.pose_parts import PoseParts
 from estimator.search.pose_target import Expected, PoseTarget
+from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting
 
@@ -83,7 +84,7 @@ class PoseChain:
     camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
     past: whether samples also come from the past, as they have to where the image does not show everything; without, as
     likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
-    told: filled with how it went: samples, effective_sample_size, powers, accepted.
+    pose_prior: see `PoseTarget`. told: filled with how it went: samples, effective_sample_size, powers, accepted.
     """
 
     rng: np.random.Generator
@@ -93,6 +94,7 @@ class PoseChain:
     std: np.ndarray
     settings: PoseChainSettings
     past: bool = True
+    pose_prior: PosePrior | None = None
     told: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -205,7 +207,7 @@ class PoseChain:
 
     def _target(self, prior: Expected, message: Message | None) -> PoseTarget:
         told = nothing_seen(self.parts.features.names) if message is None else message
-        return PoseTarget(self.parts, self.camera, self.outlines, prior, told)
+        return PoseTarget(self.parts, self.camera, self.outlines, prior, told, pose_prior=self.pose_prior)
 
     def _even(self, prior: Expected, x: np.ndarray) -> Crowd:
         """Poses at tangents x (N, nv), each as likely as the others."""

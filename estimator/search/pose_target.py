@@ -14,6 +14,7 @@ from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.steps import Steps
 from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_parts import PoseParts
+from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body, PlacedBodies
 
 
@@ -37,7 +38,8 @@ class PoseTarget:
     parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.
 
     camera: in which features are told. outlines: what else the picture says, None where nothing. anew: the part of
-    which the past is taken to be wrong, and that may be anywhere (`Rest.guess`); none by default.
+    which the past is taken to be wrong, and that may be anywhere (`Rest.guess`); none by default. pose_prior: which
+    poses people take, where that was learned: the features of one image leave the depth of limbs open.
     """
 
     parts: PoseParts
@@ -46,6 +48,7 @@ class PoseTarget:
     prior: Expected
     message: Message
     anew: int = -1
+    pose_prior: PosePrior | None = None
     _told: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
 
     @property
@@ -83,8 +86,9 @@ class PoseTarget:
         return self.evidence(samples, range(len(self.parts.features.names)))
 
     def likelihood(self, samples: PlacedBodies) -> np.ndarray:
-        """See `Target`: by outlines and silhouette."""
-        return np.zeros(len(samples.q)) if self.outlines is None else self.outlines.log_likelihood(samples)
+        """See `Target`: by outlines and silhouette, and by the learned prior of poses."""
+        value = np.zeros(len(samples.q)) if self.outlines is None else self.outlines.log_likelihood(samples)
+        return value if self.pose_prior is None else value - self.pose_prior.values(samples)
 
     def evidence(self, placed: PlacedBodies, features: Sequence[int] | np.ndarray) -> np.ndarray:
         """What the message says of some features of N poses (N,); -inf where they have no image."""

@@ -26,7 +26,7 @@ from estimator.search.pose_chain import BY_PAST, Crowd, PoseChain, PoseChainSett
 from estimator.search.pose_parts import PoseParts
 from estimator.search.seen_features import KEYPOINTS, KINDS, SKIN, KeypointFeatures, SeenFeatures, SkinFeatures
 from estimator.trackers.beginning import Begins, observable
-from estimator.trackers.defaults import FROM_A_PAPER
+from estimator.trackers.defaults import AS_DETECTED, ONLY_FILTERS, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, judged, result_of
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
@@ -155,7 +155,8 @@ class DualChain(Begins):
         s, dt = self.settings, observation.time - state.time
         camera, reference = observation.cameras[0], state.mixture.modes[0].q
         std = s.pose.noise * self.search.model.transition_std(dt)
-        pose = PoseChain(rng, self.parts, camera, self._outlines(observation, reference), std, s.pose, s.past, {})
+        outlines, pose_prior = self._outlines(observation, reference), self.search.model.pose_prior
+        pose = PoseChain(rng, self.parts, camera, outlines, std, s.pose, s.past, pose_prior)
         points = self._points(self.search.model.extent(camera, reference))
         detections = self.seen.detected(observation, state.skin)
         crowd, after = self._updated(state, pose, points, detections, dt)
@@ -267,7 +268,7 @@ def _spec(name: str, sentence: str, settings: DualChainSettings) -> Spec:
         make=by_search(DualChain),
         group="dual_chain",
         settings=settings,
-        defaults=FROM_A_PAPER,
+        defaults=together(ONLY_FILTERS, AS_DETECTED),
         idle=_IDLE,
     )
 
