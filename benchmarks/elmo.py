@@ -56,7 +56,8 @@ PAPER: dict[str, dict[str, Any]] = {
 @dataclass(frozen=True)
 class Task:
     """A tracker on a sequence. body: whether it tracks the true body, or the built-in one fitted to the first frame.
-    index: for those that look poses up. until [s]: where it ends, if before the sequence does."""
+    index: for those that look poses up. until [s]: where it ends, if before the sequence does. cues: what the pictures
+    are looked at for."""
 
     film: Filmed
     tracker: str
@@ -65,6 +66,7 @@ class Task:
     settings: Mapping[str, Any]
     seed: int = 0
     until: float | None = None
+    cues: str = "depth"
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def tracked(task: Task) -> Result:
     given = clip.first_frame if task.tracker in GIVEN else None
     subject = fitted(clip) if task.body == "fitted" else clip.subject
     run, times = timed_track(
-        given, clip.cameras, out, clips=clip.videos, cues="depth", subject=subject, fit="off",
+        given, clip.cameras, out, clips=clip.videos, cues=task.cues, subject=subject, fit="off",
         tracker=tracker, seed=task.seed, settings=task.settings, stereo={"cam01": "cam01_right"},
         index=index if looks_up else None, end=task.until,
     )  # fmt: skip
@@ -141,13 +143,14 @@ def main(
     fps: float = 30.0,
     baseline: float = 0.12,
     until: float | None = None,
+    cues: str = "depth",
     seeds: Annotated[tuple[int, ...], Several] = (0,),
     changes: Changes = (),
     jobs: int = 1,
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Track rendered stereo sequences with ELMO, CONDENSATION (1000 particles), PSH and ICP, all by depth alone.
+    """Track rendered stereo sequences with ELMO, CONDENSATION (1000 particles), PSH and ICP, by depth alone.
 
     ICP and CONDENSATION are given the first pose, ELMO and PSH nothing.
 
@@ -170,6 +173,8 @@ def main(
         Metres between the cameras.
     until
         Seconds of each sequence that are tracked; all by default.
+    cues
+        What the pictures are looked at for, as depth,silhouette.
     seeds
         Of tracker and clip: each has a room, clothes and noise of its own.
     changes
@@ -187,10 +192,10 @@ def main(
         in_processes(filmed, films, jobs)
         own = nested(changes)
         settings = {t: together(PAPER.get(t, {}), _of(t, own)) for t in trackers}
-        tasks = [Task(film, t, body, index, settings[t], film.clip, until) for film in films for t in trackers]
+        tasks = [Task(film, t, body, index, settings[t], film.clip, until, cues) for film in films for t in trackers]
         results = in_processes(tracked, tasks, jobs)
     show(results, trackers)
-    save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline,
+    save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline, "cues": cues,
                 "runs": [asdict(result) for result in results]})  # fmt: skip
 
 

@@ -15,8 +15,10 @@ from estimator.cues.flow.point_flow import follow_points
 from estimator.cues.silhouette.foreground import (
     Background,
     SilhouetteSettings,
+    background_beside,
     foreground_mask,
     learn_background,
+    person_mask,
     silhouette_of,
 )
 from estimator.imaging.image_cues import ImageCues
@@ -203,10 +205,34 @@ def test_who_sways_in_one_place_has_no_holes() -> None:
         assert overlap(mask, masks[i]) > 0.85
 
 
+def test_who_is_known_to_be_somewhere_is_cut_out_beside() -> None:
+    """Masks that are too wide and 2 px off, of someone who sways in one place: what is beside is the scene, and cuts
+    the person out exactly; where the scene was never seen the mask has to do."""
+    rng, room, thing = np.random.default_rng(10), texture(11, contrast=25.0), texture(12) * (0.4, 0.5, 1.5)
+    sway = np.round(14.0 * np.sin(np.arange(24) * 0.7)).astype(int)
+    true = [disc(80.0 + s, 60.0, 20.0) for s in sway]
+    about: list[np.ndarray | None] = [disc(82.0 + s, 60.0, 21.0) for s in sway]
+    frames = [scene(rng, room, m, thing, int(s)) for m, s in zip(true, sway, strict=True)]
+    frames.append(picture(room, rng))
+    background = background_beside(frames, [*about, None])
+    assert background is not None
+    assert np.abs(background.mean - room)[background.known].max() < 12.0
+    assert not background.known[disc(80.0, 60.0, 4.0)].any()
+    other = disc(20.0, 30.0, 10.0)
+    for i in (0, 9, 17):
+        rough = about[i]
+        assert rough is not None
+        with_other = np.where(other[..., None], texture(6).astype(np.uint8), frames[i])
+        mask = person_mask(with_other, rough, background, SETTINGS)
+        assert overlap(mask, true[i]) > 0.94 > overlap(rough, true[i])
+        assert overlap(person_mask(frames[i], rough, None, SETTINGS), rough) > 0.97
+
+
 def test_a_moving_camera_has_no_background() -> None:
     wide, rng = texture(13, (HEIGHT, WIDTH + 120)), np.random.default_rng(14)
     assert learn_background([picture(wide[:, 4 * i : 4 * i + WIDTH], rng) for i in range(24)], SETTINGS) is None
     assert learn_background([picture(wide[:, :WIDTH], rng)], SETTINGS) is None
+    assert background_beside([picture(wide[:, 4 * i : 4 * i + WIDTH], rng) for i in range(24)], [None] * 24) is None
 
 
 def test_silhouette_of_a_disc() -> None:

@@ -157,10 +157,10 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> RenderedClip:
     )  # fmt: skip
 
 
-def reader(clip: RenderedClip, *, stereo: bool) -> CueReader:
+def reader(clip: RenderedClip, *, stereo: bool, cues: tuple[str, ...] = ("depth",)) -> CueReader:
     cameras = load_cameras(clip.cameras)
     given: dict[str, Any] = {"rights": [1, None]} if stereo else {"depths": list(clip.depths.values())}
-    return CueReader(list(clip.videos.values()), list(cameras.values()), cue_settings(["depth"]), **given)
+    return CueReader(list(clip.videos.values()), list(cameras.values()), cue_settings(cues), **given)
 
 
 @pytest.mark.parametrize(("stereo", "off"), [(False, 0.012), (True, 0.05)])
@@ -180,6 +180,18 @@ def test_points_lie_on_the_person(pair: RenderedClip, stereo: bool, off: float) 
         assert len(x) * seen.step**2 > 0.75 * mask.sum()
     if stereo:
         assert Depth.name not in cues.at(0)[1]
+    cues.close()
+
+
+@pytest.mark.parametrize("stereo", [False, True])
+def test_the_silhouette_goes_by_depth_where_no_background_is_given(pair: RenderedClip, stereo: bool) -> None:
+    """A person who hardly moves, in four frames: no background can be learned from the pictures alone."""
+    cues = reader(pair, stereo=stereo, cues=("depth", "silhouette"))
+    for instant in (3, 0):
+        seen = cues.at(instant)[0]
+        mask = cv2.imread(str(pair.masks["cam01"] / f"{instant:05d}.png"), cv2.IMREAD_GRAYSCALE) > 0
+        found = seen["silhouette"].mask
+        assert np.count_nonzero(found & mask) / np.count_nonzero(found | mask) > (0.7 if stereo else 0.9)
     cues.close()
 
 

@@ -17,7 +17,7 @@ from estimator.cameras.camera import Camera
 from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.cues.cue_picture import CuePicture
 from estimator.cues.settings import SurfaceSettings
-from estimator.imaging.camera_pictures import CameraPictures
+from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
 from estimator.imaging.image_cues import ImageCues
 from estimator.prediction.prediction import Prediction, Predictor
 from estimator.terms.term import Term
@@ -163,6 +163,11 @@ class Cue:
         """What one camera's picture says at an instant, None for nothing: a picklable thing of arrays, the same
         regardless of what was read before. InputError past the clip's end."""
         raise NotImplementedError
+
+    def person_masks(self, prepared: Any) -> PersonMasks | None:
+        """Where the person is in every picture, for the other cues to go by, from what `prepare` gave; None where this
+        cue does not know beforehand."""
+        return None
 
     def match(self, view: CameraView) -> Matcher:
         """Its matcher, where something was read."""

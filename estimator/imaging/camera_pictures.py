@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -19,12 +20,20 @@ from humanoid.support.errors import InputError
 _SAME_STEP = 0.1  # share of the usual step from one picture to the next that a step may differ by, to be followed
 
 
+class PersonMasks(Protocol):
+    """Where the person is in a camera's pictures, as one cue tells the others."""
+
+    def mask(self, instant: int) -> np.ndarray | None:
+        """(H, W) bool, about, at an instant; None where nobody is seen."""
+        ...
+
+
 class CameraPictures:
     """One camera's clip, with masks of the person and a picture of the empty scene where these are given.
 
     camera: at the working resolution. notes: what a user should know; readers of cues add theirs with `note`.
     right: the pictures of the camera that makes a stereo pair with this one, standing to its right, None where there is
-    none.
+    none. person_masks: where the person is, None where no cue tells it.
 
     Parameters
     ----------
@@ -53,6 +62,7 @@ class CameraPictures:
         depth: Path | None = None,
     ) -> None:
         self.right: CameraPictures | None = None
+        self.person_masks: PersonMasks | None = None
         self._clip = clip if isinstance(clip, Clip) else Clip.open(clip)
         self._frames = frames
         self._person = person

@@ -78,7 +78,11 @@ class _View:
         self.pictures = pictures
         used = [(CUES[name], settings.of(name)) for name in settings.used]
         self._follows = any(cue.follows for cue, _ in used)
-        self._used = [(cue, own, cue.prepare(pictures, own)) for cue, own in used]
+        prepared: dict[str, Any] = {}
+        for cue, own in sorted(used, key=lambda each: not each[0].needs_depth):  # who knows where the person is, first
+            prepared[cue.name] = cue.prepare(pictures, own)
+            pictures.person_masks = pictures.person_masks or cue.person_masks(prepared[cue.name])
+        self._used = [(cue, own, prepared[cue.name]) for cue, own in used]
 
     def at(self, index: int) -> ImageCues:
         if self._follows:

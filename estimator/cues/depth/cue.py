@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,72 +11,22 @@ from scipy.spatial import cKDTree
 
 from estimator.cues.base import CameraView, Cue, Matcher, Shown
 from estimator.cues.cue_picture import CuePicture, Dots, dimmed
-from estimator.cues.depth.floor import Floor, found_floor
 from estimator.cues.depth.matching import (
     Pairs,
     closest_nodes,
     closest_points,
-    spread_over,
     surface_precision,
 )
-from estimator.cues.depth.person import nearest_thing
+from estimator.cues.depth.reading import DepthReading, PersonPoints
 from estimator.cues.depth.settings import IDLE, DepthLikelihoodSettings, DepthSettings
-from estimator.cues.depth.sources import DepthSource, depth_source
-from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.depth_map import DepthMap, Points
+from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
+from estimator.imaging.depth_map import Points
 from estimator.prediction.prediction import Prediction
 from estimator.terms.point_targets import PointTargets
 from estimator.terms.term import Term
-from estimator.terms.upright import world_up
 from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
 
-_ON_GRID = 20_000  # pixels that are looked at, about
-_JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
-_LEAST = 20  # points that say something
-_SCENE_FRAMES, _FLOOR_POINTS = 9, 2000
 AGREES = 3.0  # standard deviations within which a point lies on the surface
-
-
-class Grid(NamedTuple):
-    """Pixels (P,) of a depth picture that are looked at, every `step`-th, with the directions (P, 3) of their rays."""
-
-    rows: np.ndarray
-    columns: np.ndarray
-    directions: np.ndarray
-    step: int
-
-
-class DepthScene(NamedTuple):
-    """What is known of a clip: where its depth is from, the pixels that are looked at, up (3,), the floor, and the
-    farthest that is seen at each of the pixels at some instants (P,) [m], NaN where nothing is."""
-
-    source: DepthSource
-    grid: Grid
-    up: np.ndarray
-    floor: Floor | None
-    farthest: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class PersonPoints:
-    """The person's surface as seen at one instant.
-
-    points: some of it. pixels (M, 2): of the depth picture's pixels that show the person, in the camera of the cues.
-    step [px]: between neighbouring ones.
-    """
-
-    points: Points
-    pixels: np.ndarray
-    step: float
-
-    def mask(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Where the person is in a picture of some (height, width) of the cues, bool."""
-        mask = np.zeros(shape[:2], np.uint8)
-        x, y = np.round(self.pixels).astype(int).T
-        inside = (x >= 0) & (x < mask.shape[1]) & (y >= 0) & (y < mask.shape[0])
-        mask[y[inside], x[inside]] = 1
-        side = 2 * int(np.ceil(0.5 * self.step)) + 1
-        return cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0
 
 
 class Depth(Cue):
@@ -90,44 +38,19 @@ class Depth(Cue):
     idle = IDLE
     needs_depth = True
 
-    def prepare(self, pictures: CameraPictures, settings: DepthSettings) -> DepthScene | None:
-        """Floor and scene, by some frames of a camera that stands still; None where no depth is given."""
-        source = depth_source(pictures, settings)
-        if source is None:
-            return None
-        grid, up = _grid(source), world_up((pictures.camera,))
-        maps = [source.at(i) for i in pictures.instants(_SCENE_FRAMES)]
-        some = [_seen(depth, grid, settings)[0] for depth in maps]
-        at_pixels = np.array([depth.depth[grid.rows, grid.columns] for depth in maps])
-        farthest = np.fmax.reduce(at_pixels)
-        rng = np.random.default_rng(0)
-        thinned = [p.some(rng.choice(len(p), min(len(p), _FLOOR_POINTS), replace=False)) for p in some]
-        places, along = (np.concatenate([getattr(p, name) for p in thinned]) for name in ("places", "along"))
-        return DepthScene(source, grid, up, found_floor(places, along, up, rng), farthest)
+    def prepare(self, pictures: CameraPictures, settings: DepthSettings) -> DepthReading | None:
+        """See `DepthReading.of`."""
+        return DepthReading.of(pictures, settings)
+
+    def person_masks(self, prepared: DepthReading | None) -> PersonMasks | None:
+        """See `Cue.person_masks`."""
+        return prepared
 
     def read(
-        self, pictures: CameraPictures, instant: int, settings: DepthSettings, prepared: DepthScene | None
+        self, pictures: CameraPictures, instant: int, settings: DepthSettings, prepared: DepthReading | None
     ) -> PersonPoints | None:
         """See `Cue.read`; None where no person is seen."""
-        if prepared is None:
-            return None
-        grid = prepared.grid
-        depth = prepared.source.at(instant)
-        points, where = _seen(depth, grid, settings)
-        jumps = _jumps(depth, grid)
-        if prepared.floor is not None:
-            height = prepared.floor.height(points.places)
-            above = height > settings.floor + 2.0 * points.along * np.abs(points.rays @ prepared.floor.normal)
-            points, where = points.some(above), where[above]
-        area = np.square(grid.step * points.across)
-        values = depth.depth[grid.rows[where], grid.columns[where]]
-        moved = prepared.farthest[where] - values > _JUMP + 3.0 * depth.noise * np.square(prepared.farthest[where])
-        mine = nearest_thing(points, area, prepared.up, settings.gap, jumps[where], moved, len(grid.rows))
-        if np.count_nonzero(mine) < _LEAST:
-            return None
-        points = points.some(mine)
-        pixels = pictures.camera.project(points.places)
-        return PersonPoints(points.some(spread_over(len(points), settings.points)), pixels, float(grid.step))
+        return None if prepared is None else prepared.at(instant)
 
     def match(self, view: CameraView) -> Matcher:
         """See `Cue.match`."""
@@ -210,30 +133,3 @@ class DepthMatcher(Matcher):
         base = cv2.cvtColor(dimmed(self.view.cues.picture), cv2.COLOR_GRAY2BGR)
         legend = [("points on the body as it lies", "good"), ("points before or behind it, or beside", "bad")]
         yield CuePicture(Depth.name, Depth.name, base, layers, legend)
-
-
-def _grid(source: DepthSource) -> Grid:
-    width, height = source.camera.image_size
-    step = max(1, round(np.sqrt(width * height / _ON_GRID)))
-    rows, columns = (x.ravel() for x in np.mgrid[step // 2 : height : step, step // 2 : width : step])
-    directions = source.camera.directions(np.stack([columns, rows], axis=1).astype(float))
-    return Grid(rows, columns, directions, step)
-
-
-def _jumps(depth: DepthMap, grid: Grid) -> np.ndarray:
-    """Which of the grid's pixels (P,) lie at a jump of the depth: what is seen there may lie between two things."""
-    rows, columns = grid.rows // grid.step, grid.columns // grid.step
-    values = np.full((rows.max() + 1, columns.max() + 1), np.nan, np.float32)
-    values[rows, columns] = depth.depth[grid.rows, grid.columns]
-    around, known = np.ones((3, 3), np.uint8), np.isfinite(values)
-    far = cv2.dilate(np.where(known, values, np.float32(0.0)), around)
-    near = cv2.erode(np.where(known, values, np.float32(_FAR)), around)
-    jump = far - near > _JUMP + 3.0 * depth.noise * np.square(near)
-    return np.asarray(jump[rows, columns])
-
-
-def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[Points, np.ndarray]:
-    """The places that a depth picture shows, and which of the grid's pixels these are."""
-    values = depth.depth[grid.rows, grid.columns]
-    where = np.flatnonzero(np.isfinite(values) & (values < settings.farthest))
-    return depth.points(grid.rows[where], grid.columns[where], grid.directions[where]), where

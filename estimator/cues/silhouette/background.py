@@ -18,6 +18,7 @@ _NEAR_ENOUGH = (0.0,) * 3, (_SAME,) * 3
 _WANDERED = 0.15  # a place that moves in this share of the frames may hide a person
 _FEWEST_OF_A_KIND = 50  # pixels of person or scene, below which there is nothing to cut
 _CUT_STEPS = 2  # iterations of a cutout
+_BESIDE = 0.015  # of the picture's longer side: by which a mask may miss the person
 
 
 class KnownBody(NamedTuple):
@@ -59,6 +60,31 @@ def learn_background(
         empty = [_enlarged(cv2.dilate(p, np.ones((3, 3), np.uint8)) == 0, shape) for p in persons]
         background = _steadiest(pictures, votes.given(empty), votes.weight, FEWEST_FRAMES)
     return background
+
+
+@one_thread()
+def background_beside(frames: Iterable[np.ndarray], persons: Sequence[np.ndarray | None]) -> Background | None:
+    """Background from frames (H, W, 3) uint8 in which it is known about where the person is: masks (H, W) bool, None
+    where nobody is seen. None if the camera moves or they are few.
+
+    Each pixel takes the colour that shows most often while nobody is at it or near it. Places at which somebody is in
+    nearly every frame stay unknown.
+    """
+    pictures = [smoothed(frame) for frame in frames]
+    if len(pictures) < FEWEST_FRAMES or camera_moves(pictures):
+        return None
+    free = [np.full(pictures[0].shape[:2], 255, np.uint8) for _ in pictures]
+    for mask, person in zip(free, persons, strict=True):
+        if person is not None:
+            mask[widened(person, _BESIDE)] = 0
+    return _steadiest(pictures, free, [1] * len(pictures), FEWEST_FRAMES)
+
+
+def widened(mask: np.ndarray, share: float) -> np.ndarray:
+    """A mask (H, W) bool and all within a share of the picture's longer side."""
+    reach = max(1, round(share * max(mask.shape)))
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), around) > 0)
 
 
 class _Votes(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,13 +17,15 @@ from estimator.cues.silhouette.foreground import (
     Background,
     Silhouette,
     SilhouetteSettings,
+    background_beside,
     foreground_mask,
     learn_background,
+    person_mask,
     silhouette_of,
 )
 from estimator.cues.silhouette.matching import across_outline, nearest_contour, nearest_outline
 from estimator.cues.silhouette.settings import IDLE, OutlineLikelihoodSettings
-from estimator.imaging.camera_pictures import CameraPictures
+from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
 from estimator.imaging.image_cues import ImageCues
 from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.prediction.prediction import Prediction
@@ -37,8 +40,15 @@ _WIDTHS = 0.3, 1.0, 1.8  # of the body's own: within it surely, about its outlin
 _NEAR = 3.0  # px around it, at the cues' resolution
 
 
+class BesidePerson(NamedTuple):
+    """What is known where another cue tells about where the person is: the background beside them, None without one."""
+
+    background: Background | None
+
+
 class Outline(Cue):
-    """The outline of what differs from the background."""
+    """The outline of what differs from the background; where another cue tells about where the person is, as depth
+    does, only there."""
 
     name = "silhouette"
     summary = "the outline of what differs from the background, which is learned, given, or given as masks"
@@ -47,7 +57,7 @@ class Outline(Cue):
     on_contours = True
     uses_masks = True
 
-    def prepare(self, pictures: CameraPictures, settings: SilhouetteSettings) -> Background | None:
+    def prepare(self, pictures: CameraPictures, settings: SilhouetteSettings) -> Background | BesidePerson | None:
         """The background, of a given picture or learned from the clip; None where there is none, or masks are given."""
         if pictures.has_masks:
             return None
@@ -55,6 +65,8 @@ class Outline(Cue):
         if plate is not None:
             mean = plate.astype(np.float32)
             return Background(mean, np.full_like(mean, 2.0), np.ones(mean.shape[:2], bool))
+        if pictures.person_masks is not None:
+            return BesidePerson(_beside(pictures, pictures.person_masks, settings))
         frames, instants = pictures.spread(settings.frames)
         bodies = [None if i is None else KnownBody(*(pictures.body(i, w) for w in _WIDTHS)) for i in instants]
         background = learn_background(frames, settings, bodies)
@@ -64,14 +76,24 @@ class Outline(Cue):
         return background
 
     def read(
-        self, pictures: CameraPictures, instant: int, settings: SilhouetteSettings, prepared: Background | None
+        self,
+        pictures: CameraPictures,
+        instant: int,
+        settings: SilhouetteSettings,
+        prepared: Background | BesidePerson | None,
     ) -> Silhouette | None:
-        """See `Cue.read`; None without a background."""
+        """See `Cue.read`; None without a background, or where it is known that nobody is there."""
         mask = pictures.mask(instant)
         if mask is not None:
             return silhouette_of(mask)
         if prepared is None:
             return None
+        if isinstance(prepared, BesidePerson):
+            assert pictures.person_masks is not None
+            person = pictures.person_masks.mask(instant)
+            if person is None:
+                return None
+            return silhouette_of(person_mask(pictures.picture(instant), person, prepared.background, settings))
         return silhouette_of(foreground_mask(pictures.picture(instant), prepared, settings), prepared.known)
 
     def match(self, view: CameraView) -> Matcher:
@@ -91,6 +113,11 @@ class Outline(Cue):
             return ""
         said = f"the silhouette of frame {instant} has {share:.0%} of the keypoints on it"
         return f"{said}; give masks or a picture of the empty scene"
+
+
+def _beside(pictures: CameraPictures, persons: PersonMasks, settings: SilhouetteSettings) -> Background | None:
+    instants = pictures.instants(settings.frames)
+    return background_beside([pictures.picture(i) for i in instants], [persons.mask(i) for i in instants])
 
 
 class OutlineMatcher(Matcher):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.cues.silhouette.background import learn_background
+from estimator.cues.silhouette.background import background_beside, learn_background, widened
 from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
 from estimator.media.threads import one_thread
 from humanoid.support.compiled import jit
@@ -17,8 +17,10 @@ __all__ = [
     "Background",
     "Silhouette",
     "SilhouetteSettings",
+    "background_beside",
     "foreground_mask",
     "learn_background",
+    "person_mask",
     "silhouette_of",
 ]
 
@@ -26,6 +28,7 @@ _BEHIND = 3.0  # px inside the outline where it is asked whether the background 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
 _SMOOTHING_REACH = 8  # px around the foreground beyond which that and the slope see nothing of it
+_REACH = 0.016  # of the picture's longer side: by which the person may be beyond where they are known to be
 _NEAR = 32  # px around the foreground's box beyond which distances are to the outline's own pixels
 
 
@@ -61,6 +64,21 @@ def foreground_mask(image: np.ndarray, background: Background, settings: Silhoue
     departs = departure(smoothed(image), background, settings)
     mask = _tidy((departs.squared > 1.0) | ~background.known, settings.smallest * departs.squared.size)
     return _trimmed(mask, np.where(background.known, departs.squared, np.float32(0.0)), background.known)
+
+
+@one_thread()
+def person_mask(
+    image: np.ndarray, person: np.ndarray, background: Background | None, settings: SilhouetteSettings
+) -> np.ndarray:
+    """Mask (H, W) bool of the person in an image (H, W, 3) uint8, of whom it is known about where they are: person
+    (H, W) bool. There and nearby it is what does not belong to the background; where this is not known, `person`."""
+    smallest = settings.smallest * person.size
+    if background is None:
+        return _tidy(person, smallest)
+    near = widened(person, _REACH)
+    squared = np.where(near, departure(smoothed(image), background, settings).squared, np.float32(0.0))
+    mask = _tidy(np.where(background.known, squared > 1.0, person), smallest)
+    return _trimmed(mask, np.where(background.known, squared, np.float32(0.0)), background.known)
 
 
 def _trimmed(mask: np.ndarray, squared: np.ndarray, known: np.ndarray) -> np.ndarray:
