@@ -190,8 +190,8 @@ def test_the_silhouette_goes_by_depth_where_no_background_is_given(pair: Rendere
     for instant in (3, 0):
         seen = cues.at(instant)[0]
         mask = cv2.imread(str(pair.masks["cam01"] / f"{instant:05d}.png"), cv2.IMREAD_GRAYSCALE) > 0
-        found = seen["silhouette"].mask
-        assert np.count_nonzero(found & mask) / np.count_nonzero(found | mask) > (0.7 if stereo else 0.9)
+        silhouette = seen["silhouette"].mask
+        assert np.count_nonzero(silhouette & mask) / np.count_nonzero(silhouette | mask) > (0.7 if stereo else 0.9)
     cues.close()
 
 
