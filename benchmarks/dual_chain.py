@@ -5,8 +5,9 @@
 All weigh poses by the same blobs, outlines and silhouette, begin by the same keypoints of the first frame, and differ
 in where poses come from: dual-chain(1000) as it is set, likelihood sampling(1000) without points and past,
 CONDENSATION with 5,000 and 15,000 whole poses from the past; then all in the time of the first. Two more ways are the
-first without one of its parts. A seed is one of the clip (clothes, boards, noise) and of the tracker. Arms move out
-of the image plane, cross before the body and the face; one clip is of 10 s.
+first without points, and with limbs that are neither drawn from the image nor led to it. A seed is one of the clip
+(clothes, boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face; one
+clip is of 10 s.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ FRAMES = {"talk": 250, "reach_out": 160, "cross_arms": 160}
 LOST = 250.0  # mm
 DUAL, SAMPLING, TEMPERED = "dual-chain(1000)", "likelihood-sampling(1000)", "likelihood-sampling(1000), by powers"
 CONDENSATION = "condensation({})"
-NO_POINTS, NO_KINEMATICS = "dual-chain(1000), no chain of points", "dual-chain(1000), no inverse kinematics"
+NO_POINTS, BY_PAST = "dual-chain(1000), no chain of points", "dual-chain(1000), limbs from the past"
 _SAMPLING: dict[str, Any] = {"chain": False, "past": False, "pose": {"tempering": {"powers": 1}}}
 
 
@@ -48,7 +49,7 @@ WAYS: dict[str, dict[str, Any]] = {
     CONDENSATION.format(5000): condensation(5000),
     CONDENSATION.format(15000): condensation(15000),
     NO_POINTS: {"chain": False},
-    NO_KINEMATICS: {"pose": {"by_past": 1.0, "by_image": 0.0}},
+    BY_PAST: {"pose": {"by_past": 1.0, "by_image": 0.0}},
 }
 _TIMED = 8  # frames
 

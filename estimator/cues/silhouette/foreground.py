@@ -61,9 +61,8 @@ def foreground_mask(image: np.ndarray, background: Background, settings: Silhoue
     Shadows are left out (`departure`). Where the background is unknown, all is foreground; specks are removed and
     small holes filled.
     """
-    departs = departure(smoothed(image), background, settings)
-    mask = _tidy((departs.squared > 1.0) | ~background.known, settings.smallest * departs.squared.size)
-    return _trimmed(mask, np.where(background.known, departs.squared, np.float32(0.0)), background.known)
+    squared = departure(smoothed(image), background, settings).squared
+    return _told_apart(squared, np.ones(squared.shape, dtype=bool), background.known, settings)
 
 
 @one_thread()
@@ -72,13 +71,19 @@ def person_mask(
 ) -> np.ndarray:
     """Mask (H, W) bool of the person in an image (H, W, 3) uint8, of whom it is known about where they are: person
     (H, W) bool. There and nearby it is what does not belong to the background; where this is not known, `person`."""
-    smallest = settings.smallest * person.size
     if background is None:
-        return _tidy(person, smallest)
+        return _tidy(person, settings.smallest * person.size)
     near = widened(person, _REACH)
     squared = np.where(near, departure(smoothed(image), background, settings).squared, np.float32(0.0))
-    mask = _tidy(np.where(background.known, squared > 1.0, person), smallest)
-    return _trimmed(mask, np.where(background.known, squared, np.float32(0.0)), background.known)
+    return _told_apart(squared, person, background.known, settings)
+
+
+def _told_apart(
+    squared: np.ndarray, elsewhere: np.ndarray, known: np.ndarray, settings: SilhouetteSettings
+) -> np.ndarray:
+    """Foreground (H, W) bool by squared departures from the background where this is known, and `elsewhere`."""
+    mask = _tidy(np.where(known, squared > 1.0, elsewhere), settings.smallest * squared.size)
+    return _trimmed(mask, np.where(known, squared, np.float32(0.0)), known)
 
 
 def _trimmed(mask: np.ndarray, squared: np.ndarray, known: np.ndarray) -> np.ndarray:
