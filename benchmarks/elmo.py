@@ -150,7 +150,7 @@ def main(
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Track rendered stereo sequences with ELMO, CONDENSATION (1000 particles), PSH and ICP, by depth alone.
+    """Track rendered stereo sequences with ELMO, CONDENSATION (1000 particles), PSH and ICP.
 
     ICP and CONDENSATION are given the first pose, ELMO and PSH nothing.
 

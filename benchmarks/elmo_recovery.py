@@ -44,6 +44,7 @@ class Task:
     tracker: str
     index: Path
     seed: int
+    cues: str
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def tracked(task: Task) -> Result:
     name, neighbours = task.tracker.removesuffix("+index"), task.tracker == NEIGHBOURS
     given = clip.first_frame if name in GIVEN else None
     run, _ = timed_track(
-        given, clip.cameras, out, clips=clip.videos, cues="depth", subject=clip.subject, fit="off", tracker=name,
+        given, clip.cameras, out, clips=clip.videos, cues=task.cues, subject=clip.subject, fit="off", tracker=name,
         seed=task.seed, settings=_SETTINGS.get(task.tracker, {}), stereo={"cam01": "cam01_right"},
         index=task.index if neighbours or name not in GIVEN else None,
     )  # fmt: skip
@@ -109,12 +110,13 @@ def main(
     occlusions: int = 30,
     between: float = 1.5,
     baseline: float = 0.12,
+    cues: str = "depth",
     seed: int = 0,
     jobs: int = 1,
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Track stereo sequences in which a screen hides the person now and then, by depth alone.
+    """Track stereo sequences in which a screen hides the person now and then.
 
     ELMO is given nothing, the others the first pose.
 
@@ -132,6 +134,8 @@ def main(
         Seconds in which the person is seen, before the first, between and after.
     baseline
         Metres between the cameras.
+    cues
+        What the pictures are looked at for, as depth,silhouette.
     seed
         Seed of the tracker.
     jobs
@@ -148,10 +152,10 @@ def main(
             frames = round(((hidden[-1][1] if hidden else 0.0) + between) * FPS)
             films.append(Filmed(name, frames, folder, kept, baseline=baseline, hidden=hidden))
         in_processes(filmed, films, jobs)
-        results = in_processes(tracked, [Task(film, t, index, seed) for film in films for t in trackers], jobs)
+        results = in_processes(tracked, [Task(film, t, index, seed, cues) for film in films for t in trackers], jobs)
     show(results, trackers)
-    save(json, {"measure": "elmo, recovery", "occlusions": occlusions, "between": between, "baseline": baseline,
-                "runs": [asdict(result) for result in results]})  # fmt: skip
+    how = {"occlusions": occlusions, "between": between, "baseline": baseline, "cues": cues}
+    save(json, {"measure": "elmo, recovery", **how, "runs": [asdict(result) for result in results]})
 
 
 def show(results: Sequence[Result], trackers: Sequence[str]) -> None:

@@ -3,7 +3,7 @@ random examples of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -59,11 +59,12 @@ def main(
     poses: int = 200,
     counts: Annotated[tuple[int, ...], Several] = (50, 10),
     baseline: float = 0.12,
+    cues: Annotated[tuple[str, ...], Several] = ("depth",),
     changes: Changes = (),
     work: Work = None,
     json: Json = None,
 ) -> None:
-    """Find random poses, one frame each, by depth alone and nothing given.
+    """Find random poses, one frame each, nothing given.
 
     Parameters
     ----------
@@ -75,6 +76,8 @@ def main(
         Starts of each search.
     baseline
         Metres between the cameras.
+    cues
+        What the pictures are looked at for.
     changes
         Changes to the settings, as elmo.rounds=4.
     """
@@ -88,7 +91,7 @@ def main(
     q = np.array([sampler.draw(rng) for _ in range(poses)])
     with work_folder(work) as folder:
         clip = filmed_poses(folder / f"random_{poses}_{baseline:g}", body, q, baseline)
-        frames = list(observations(clip, body))
+        frames = list(observations(clip, body, cues))
         true = np.load(clip.truth)["landmarks"]
     for count in counts:
         for name, chosen in (("neighbours", known), ("random examples", AtRandom(**vars(known)))):
@@ -97,17 +100,17 @@ def main(
             rows.append(searched(tracker, name, count, frames, true))
             tell(f"{name}, {count}: median {np.median(rows[-1].error):.0f} mm")
     show(rows)
-    figures = {"poses": poses, "baseline": baseline, "rows": [asdict(row) for row in rows]}
+    figures = {"poses": poses, "baseline": baseline, "cues": cues, "rows": [asdict(row) for row in rows]}
     save(json, {"measure": "elmo, single frames", **figures})
 
 
-def observations(clip: RenderedClip, body: Body) -> Iterator[Observation]:
-    """The frames of a pair with their depth, and no keypoints."""
+def observations(clip: RenderedClip, body: Body, used: Sequence[str]) -> Iterator[Observation]:
+    """The frames of a pair with the cues used, and no keypoints."""
     cameras = tuple(load_cameras(clip.cameras).values())
     nothing = np.full((len(cameras), len(body.landmark_names), 2), np.nan)
     with np.load(clip.truth) as truth:
         times = truth["time"]
-    with closing(CueReader(list(clip.videos.values()), cameras, cue_settings(["depth"]), rights=[1, None])) as reader:
+    with closing(CueReader(list(clip.videos.values()), cameras, cue_settings(used), rights=[1, None])) as reader:
         for i, time in enumerate(times.tolist()):
             yield Observation(i, time, cameras, nothing, np.zeros(nothing.shape[:2]), cues=reader.at(i))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.cues.flow.point_flow import follow_points
+from estimator.cues.silhouette.cue import BesidePerson, Outline
 from estimator.cues.silhouette.foreground import (
     Background,
     SilhouetteSettings,
@@ -21,6 +23,7 @@ from estimator.cues.silhouette.foreground import (
     person_mask,
     silhouette_of,
 )
+from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.resolution import scaled_camera
 from estimator.likelihood.ahead import ReadAhead
@@ -346,6 +349,10 @@ def test_a_moving_camera_is_noted(tmp_path: Path) -> None:
     reader = CueReader([clip], [replace(camera_at(0.0), image_size=(WIDTH, HEIGHT))], cue_settings())
     assert reader.notes == ("at0: the camera moves, no background model",)
     assert "silhouette" not in reader.at(5)[0]
+    pictures = CameraPictures(clip, replace(camera_at(0.0), image_size=(WIDTH, HEIGHT)), 2 * WIDTH)
+    pictures.person_masks = SimpleNamespace(mask=lambda instant: np.eye(HEIGHT, WIDTH, dtype=bool))
+    assert Outline().prepare(pictures, SilhouetteSettings()) == BesidePerson(None)
+    assert pictures.notes == ("at0: the camera moves, no background model; the person is as wide as depth has them",)
 
 
 def test_instants_need_not_be_the_clips_frames(tmp_path: Path, crossing) -> None:

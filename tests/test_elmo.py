@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -305,9 +305,10 @@ def test_a_state_is_stored_to_the_last_bit() -> None:
         tracker.state_from(state.arrays() | {"seen": np.array(9.0)})
 
 
-def depth_frames(clip: RenderedClip, count: int) -> Iterator[Observation]:
+def depth_frames(clip: RenderedClip, count: int, cues: Sequence[str] = ("depth",)) -> Iterator[Observation]:
     (camera,) = load_cameras(clip.cameras).values()
-    reader = CueReader(list(clip.videos.values()), [camera], cue_settings(["depth"]), depths=list(clip.depths.values()))
+    videos, depths, plates = (list(of.values()) for of in (clip.videos, clip.depths, clip.plates))
+    reader = CueReader(videos, [camera], cue_settings(cues), depths=depths, plates=plates)
     nothing = np.full((1, len(Body(load_subject(clip.subject)).landmark_names), 2), np.nan)
     for i in range(count):
         yield Observation(i, i / 5.0, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=reader.at(i))
@@ -435,6 +436,45 @@ def test_settled_modes_agree_better_with_picture_and_past(clip: RenderedClip, fi
     assert a.parent == b.parent >= 0
     assert energy(a) < energy(b) - 0.1
     np.testing.assert_allclose(a.velocity, body.velocity(before.mixture.modes[a.parent].q, a.q, case.dt))
+
+
+def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedClip, file: Path) -> None:
+    """Modes have less energy by both than those by depth alone, and no search from examples sees the silhouette."""
+    body, few = Body(load_subject(clip.subject)), {"neighbours": 12, "rounds": 2, "survivors": 4}
+    (by_depth,), (by_both,) = (list(depth_frames(clip, 1, cues)) for cues in (("depth",), ("depth", "silhouette")))
+    tracker = make_tracker("elmo", body, settings_for("elmo", changes={"search": {"index": str(file)}, "elmo": few}))
+    assert isinstance(tracker, Elmo)
+    likelihood = tracker.search.likelihood(by_both, body.neutral)
+    search = tracker.search.frame(FrameCase(tracker.search.associations(by_both), 0.0, likelihood))
+    energy = [
+        -search.look(
+            Hypothesis(tracker.init(np.random.default_rng(0), seen)[0].mixture.modes[0].q, 0, Origin(Family.KEPT))
+        )
+        for seen in (by_depth, by_both)
+    ]
+    assert energy[1] < energy[0] - 1.0
+    alone = tracker._cases(by_depth, body.neutral)
+    assert alone.wide is alone.whole
+    wide = tracker._cases(by_both, body.neutral).wide.likelihood
+    assert wide is not None
+    assert [set(camera.cues) for camera in wide.cameras] == [{"depth"}]
+
+
+def test_a_frame_that_comes_soon_says_less() -> None:
+    """Of two modes, one likelier by 4 nats: by how much less after a fraction of `correlated`, and no less after it."""
+    body, rng = body_of("arm8"), np.random.default_rng(0)
+    modes = tuple(Mode(random_pose(body, rng), 0.01 * np.eye(8), 0.0, "converged", np.zeros(8)) for _ in range(2))
+    likely, state = mixture_of(modes, np.array([0.0, -4.0])), ElmoState(mixture_of(modes, np.zeros(2)), 1.0, 1.0)
+
+    def apart(correlated: float, dt: float) -> float:
+        tracker = make_tracker("elmo", body, settings_for("elmo", changes={"elmo": {"correlated": correlated}}))
+        assert isinstance(tracker, Elmo)
+        weighed = tracker._weighed(likely, state, 1.0 + dt)
+        score = dict(zip((mode.q.tobytes() for mode in weighed.modes), weighed.log_scores, strict=True))
+        return float(score[modes[0].q.tobytes()] - score[modes[1].q.tobytes()])
+
+    assert apart(0.0, 0.05) - apart(0.2, 0.05) == pytest.approx(4.0 * 0.75)
+    assert apart(0.2, 0.3) == pytest.approx(apart(0.0, 0.3))
 
 
 def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:

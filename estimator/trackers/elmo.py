@@ -8,12 +8,13 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
+from estimator.cues.silhouette.cue import Outline
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
@@ -54,14 +55,15 @@ class ElmoSettings:
     so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
     are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
     beside those of the neighbours. away: what a pose pays [nats] that turns its back to the only camera in the first
-    frame, or the first after some without the person: most people are filmed from in front, and depth hardly
-    tells. jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost;
-    the paper has no such bound. settle: the product of likelihood and prior as it is: modes are weighed with their
-    covariances, and searched on from with the transition since the mode that each continues in the energy. Off, eqs. 5
-    and 6, which leave modes where the likelihood has them and count as far from the past what is only unknown.
-    turn_floor, root_turn_floor [rad], root_slide_floor [m]: what a frame may change at least, as standard deviations,
-    however short it was; the rest of C_eta (eq. 4) is the transition's since the last frame in which the person was
-    seen.
+    frame, or the first after some without the person: most people are filmed from in front, and depth hardly tells.
+    jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
+    paper has no such bound. correlated: seconds for which the pictures of a film err alike: of a frame sooner after the
+    last with the person the likelihood is weighed with the past by that share; 0 for never, as in the paper. settle:
+    the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from with
+    the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
+    likelihood has them and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
+    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
+    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
     """
 
     neighbours: int = setting(_USUAL.neighbours, at_least=0)
@@ -75,6 +77,7 @@ class ElmoSettings:
     limbs: int = setting(_USUAL.limbs, at_least=0)
     away: float = setting(_USUAL.away, at_least=0)
     jump: float = setting(12.0, above=0)
+    correlated: float = setting(0.15, at_least=0)
     settle: bool = True
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
@@ -100,6 +103,14 @@ class ElmoState:
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
         return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
+
+
+class _Cases(NamedTuple):
+    """wide: what is searched from far. whole: what modes are refined in and ranked by. Beside depth the silhouette is
+    in the latter alone, for its basins are narrower than those of depth: from poses far off it leads astray."""
+
+    wide: FrameCase
+    whole: FrameCase
 
 
 class Elmo(Begins):
@@ -181,9 +192,8 @@ class Elmo(Begins):
         anew = state is None or state.seen < state.time  # who was hidden may have turned
         looks = self._looked_anew(observation) if anew else self.looked(observation)
         starts = self._starts(looks, state, anew)
-        likelihood = self.search.likelihood(observation, starts[0].q)
-        case = FrameCase(self.search.associations(observation), 0.0, likelihood)
-        mixture = self._modes(starts, looks, observation, case, anew)  # 3
+        cases = self._cases(observation, starts[0].q)
+        mixture, case = self._modes(starts, looks, observation, cases, anew), cases.whole  # 3
         if state is not None:
             mixture = self._weighed(mixture, state, observation.time)  # 6
             if self.settings.settle:
@@ -203,16 +213,30 @@ class Elmo(Begins):
         starts: Sequence[Hypothesis],
         looks: Sequence[Looked],
         observation: Observation,
-        case: FrameCase,
+        cases: _Cases,
         anew: bool,
     ) -> Mixture:
         """The best distinct modes of the likelihood that are reached from the starts."""
-        if self.settings.rounds == 0:
-            return self._likeliest(starts, case)
-        how = self.settings.descent
+        s, search = self.settings, self.search
+        if s.rounds == 0:
+            return self._likeliest(starts, cases.whole)
         groups = sides(self.body, starts, looks) if anew else [starts]
-        candidates = [c for some in groups for c in descended(self.search, some, looks, observation, case, how)]
-        return self.search.best_of(candidates, case, self.settings.modes)
+        candidates = [c for some in groups for c in descended(search, some, looks, observation, cases.wide, s.descent)]
+        if cases.wide is not cases.whole:
+            best = search.distinct(candidates, s.modes + search.settings.spare)
+            kept = [h for h in starts if h.origin.family is Family.KEPT]
+            candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, cases.whole)
+        return search.best_of(candidates, cases.whole, s.modes)
+
+    def _cases(self, observation: Observation, q: np.ndarray) -> _Cases:
+        """q (nq,): about where the body is."""
+        associations = self.search.associations(observation)
+        whole = FrameCase(associations, 0.0, self.search.likelihood(observation, q))
+        if self.search.sight.cue == Outline.name or not any(Outline.name in cues for cues in observation.cues):
+            return _Cases(whole, whole)
+        without = tuple(cues.changed(**{Outline.name: None}) for cues in observation.cues)
+        likelihood = self.search.likelihood(replace(observation, cues=without), q)
+        return _Cases(FrameCase(associations, 0.0, likelihood), whole)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -232,7 +256,8 @@ class Elmo(Begins):
         std = diffusion_std(self.search.model.transition_std(1.0), time - state.seen, self._floor)
         modes, jump = [m.q for m in likely.modes], self.settings.jump
         wide = [m.covariance for m in likely.modes] if self.settings.settle else None
-        weighed = reweighted(self.body, modes, likely.log_scores, state.mixture, std, jump, wide)
+        new = min(1.0, (time - state.seen) / self.settings.correlated) if self.settings.correlated > 0.0 else 1.0
+        weighed = reweighted(self.body, modes, new * likely.log_scores, state.mixture, std, jump, wide)
         continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
         return mixture_of(tuple(continued), weighed.log_scores)
 
@@ -278,10 +303,11 @@ def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCoun
 
 _OWN: dict[str, Any] = {
     "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},
-    "cost": {"stabiliser_weight": 0.25},
+    "cost": {"stabiliser_weight": 0.25, "image": {"outline_evidence": 20.0}},
 }
 """A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
-does not have, only hold what depth does not show."""
+does not have, only hold what depth does not show. Modes that face the camera and that turn away, which the others do
+not look for in every frame, have the same silhouette but for its errors: it counts for less."""
 
 
 def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDEX) -> Spec:

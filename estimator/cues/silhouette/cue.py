@@ -69,11 +69,7 @@ class Outline(Cue):
             return BesidePerson(_beside(pictures, pictures.person_masks, settings))
         frames, instants = pictures.spread(settings.frames)
         bodies = [None if i is None else KnownBody(*(pictures.body(i, w) for w in _WIDTHS)) for i in instants]
-        background = learn_background(frames, settings, bodies)
-        if background is None:
-            why = "the camera moves" if len(frames) >= FEWEST_FRAMES else "the clip is too short"
-            pictures.note(f"{why}, no background model")
-        return background
+        return _noted(pictures, learn_background(frames, settings, bodies), len(frames))
 
     def read(
         self,
@@ -117,7 +113,16 @@ class Outline(Cue):
 
 def _beside(pictures: CameraPictures, persons: PersonMasks, settings: SilhouetteSettings) -> Background | None:
     instants = pictures.instants(settings.frames)
-    return background_beside([pictures.picture(i) for i in instants], [persons.mask(i) for i in instants])
+    frames, masks = [pictures.picture(i) for i in instants], [persons.mask(i) for i in instants]
+    return _noted(pictures, background_beside(frames, masks), len(frames), "; the person is as wide as depth has them")
+
+
+def _noted(pictures: CameraPictures, background: Background | None, frames: int, so: str = "") -> Background | None:
+    """The same; the user is told why there is none, and what follows from it."""
+    if background is None:
+        why = "the camera moves" if frames >= FEWEST_FRAMES else "the clip is too short"
+        pictures.note(f"{why}, no background model{so}")
+    return background
 
 
 class OutlineMatcher(Matcher):
