@@ -3,7 +3,7 @@ random examples of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,6 +25,7 @@ from estimator.synthesis.examples.poses import sampler_of
 from estimator.trackers.elmo import Elmo
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.kinematics.body import Body
+from kinemode.pictures import CueChoice, cue_choice
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 
@@ -59,7 +60,7 @@ def main(
     poses: int = 200,
     counts: Annotated[tuple[int, ...], Several] = (50, 10),
     baseline: float = 0.12,
-    cues: Annotated[tuple[str, ...], Several] = ("depth",),
+    cues: str = "depth",
     changes: Changes = (),
     work: Work = None,
     json: Json = None,
@@ -77,7 +78,7 @@ def main(
     baseline
         Metres between the cameras.
     cues
-        What the pictures are looked at for.
+        What the pictures are looked at for, as depth,silhouette.
     changes
         Changes to the settings, as elmo.rounds=4.
     """
@@ -91,7 +92,7 @@ def main(
     q = np.array([sampler.draw(rng) for _ in range(poses)])
     with work_folder(work) as folder:
         clip = filmed_poses(folder / f"random_{poses}_{baseline:g}", body, q, baseline)
-        frames = list(observations(clip, body, cues))
+        frames = list(observations(clip, body, cue_choice(cues)))
         true = np.load(clip.truth)["landmarks"]
     for count in counts:
         for name, chosen in (("neighbours", known), ("random examples", AtRandom(**vars(known)))):
@@ -104,7 +105,7 @@ def main(
     save(json, {"measure": "elmo, single frames", **figures})
 
 
-def observations(clip: RenderedClip, body: Body, used: Sequence[str]) -> Iterator[Observation]:
+def observations(clip: RenderedClip, body: Body, used: CueChoice) -> Iterator[Observation]:
     """The frames of a pair with the cues used, and no keypoints."""
     cameras = tuple(load_cameras(clip.cameras).values())
     nothing = np.full((len(cameras), len(body.landmark_names), 2), np.nan)

@@ -18,6 +18,7 @@ import kinemode as km
 from estimator.cues.cue_picture import Dots
 from estimator.formats.cameras import load_cameras
 from estimator.imaging.edge_histogram import SIDE, bin_count
+from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.observation import Observation
 from estimator.imaging.person_view import ViewFrame, cut_out
 from estimator.likelihood.reader import CueReader
@@ -445,7 +446,8 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
     tracker = make_tracker("elmo", body, settings_for("elmo", changes={"search": {"index": str(file)}, "elmo": few}))
     assert isinstance(tracker, Elmo)
     likelihood = tracker.search.likelihood(by_both, body.neutral)
-    search = tracker.search.frame(FrameCase(tracker.search.associations(by_both), 0.0, likelihood))
+    case = FrameCase(tracker.search.associations(by_both), 0.0, likelihood)
+    search = tracker.search.frame(case)
     energy = [
         -search.look(
             Hypothesis(tracker.init(np.random.default_rng(0), seen)[0].mixture.modes[0].q, 0, Origin(Family.KEPT))
@@ -453,28 +455,31 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
         for seen in (by_depth, by_both)
     ]
     assert energy[1] < energy[0] - 1.0
-    alone = tracker._cases(by_depth, body.neutral)
-    assert alone.wide is alone.whole
-    wide = tracker._cases(by_both, body.neutral).wide.likelihood
+    assert tracker._wide(case, by_depth, body.neutral) is case
+    wide = tracker._wide(case, by_both, body.neutral).likelihood
     assert wide is not None
     assert [set(camera.cues) for camera in wide.cameras] == [{"depth"}]
 
 
-def test_a_frame_that_comes_soon_says_less() -> None:
-    """Of two modes, one likelier by 4 nats: by how much less after a fraction of `correlated`, and no less after it."""
+def test_a_silhouette_that_comes_soon_says_less() -> None:
+    """Of two modes, the first likelier by 4 nats: by less within `correlated`, by no less after it or without one."""
     body, rng = body_of("arm8"), np.random.default_rng(0)
     modes = tuple(Mode(random_pose(body, rng), 0.01 * np.eye(8), 0.0, "converged", np.zeros(8)) for _ in range(2))
     likely, state = mixture_of(modes, np.array([0.0, -4.0])), ElmoState(mixture_of(modes, np.zeros(2)), 1.0, 1.0)
+    camera, nothing = camera_at(0.0), np.full((1, len(body.landmark_names), 2), np.nan)
 
-    def apart(correlated: float, dt: float) -> float:
+    def apart(correlated: float, dt: float, cue: str = "silhouette") -> float:
         tracker = make_tracker("elmo", body, settings_for("elmo", changes={"elmo": {"correlated": correlated}}))
         assert isinstance(tracker, Elmo)
-        weighed = tracker._weighed(likely, state, 1.0 + dt)
+        cues = (ImageCues(camera, {cue: "seen"}),)
+        seen = Observation(1, 1.0 + dt, (camera,), nothing, np.zeros(nothing.shape[:2]), cues=cues)
+        weighed = tracker._weighed(likely, state, seen)
         score = dict(zip((mode.q.tobytes() for mode in weighed.modes), weighed.log_scores, strict=True))
         return float(score[modes[0].q.tobytes()] - score[modes[1].q.tobytes()])
 
     assert apart(0.0, 0.05) - apart(0.2, 0.05) == pytest.approx(4.0 * 0.75)
     assert apart(0.2, 0.3) == pytest.approx(apart(0.0, 0.3))
+    assert apart(0.2, 0.05, "depth") == pytest.approx(apart(0.0, 0.05))
 
 
 def test_backs_pay_where_one_camera_sees_them(index: ExampleIndex) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -57,10 +57,10 @@ class ElmoSettings:
     beside those of the neighbours. away: what a pose pays [nats] that turns its back to the only camera in the first
     frame, or the first after some without the person: most people are filmed from in front, and depth hardly tells.
     jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
-    paper has no such bound. correlated: seconds for which the pictures of a film err alike: of a frame sooner after the
-    last with the person the likelihood is weighed with the past by that share; 0 for never, as in the paper. settle:
-    the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from with
-    the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
+    paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, the
+    likelihood of a frame sooner after the last with the person is weighed with the past by that share; 0 for never.
+    settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
+    with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
     likelihood has them and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
     root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
     C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
@@ -103,14 +103,6 @@ class ElmoState:
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
         return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
-
-
-class _Cases(NamedTuple):
-    """wide: what is searched from far. whole: what modes are refined in and ranked by. Beside depth the silhouette is
-    in the latter alone, for its basins are narrower than those of depth: from poses far off it leads astray."""
-
-    wide: FrameCase
-    whole: FrameCase
 
 
 class Elmo(Begins):
@@ -192,10 +184,11 @@ class Elmo(Begins):
         anew = state is None or state.seen < state.time  # who was hidden may have turned
         looks = self._looked_anew(observation) if anew else self.looked(observation)
         starts = self._starts(looks, state, anew)
-        cases = self._cases(observation, starts[0].q)
-        mixture, case = self._modes(starts, looks, observation, cases, anew), cases.whole  # 3
+        likelihood = self.search.likelihood(observation, starts[0].q)
+        case = FrameCase(self.search.associations(observation), 0.0, likelihood)
+        mixture = self._modes(starts, looks, observation, case, anew)  # 3
         if state is not None:
-            mixture = self._weighed(mixture, state, observation.time)  # 6
+            mixture = self._weighed(mixture, state, observation)  # 6
             if self.settings.settle:
                 mixture = self._settled(mixture, state, case._replace(dt=observation.time - state.seen))
             mixture = self._moving(mixture, state, observation.time)
@@ -213,30 +206,29 @@ class Elmo(Begins):
         starts: Sequence[Hypothesis],
         looks: Sequence[Looked],
         observation: Observation,
-        cases: _Cases,
+        case: FrameCase,
         anew: bool,
     ) -> Mixture:
         """The best distinct modes of the likelihood that are reached from the starts."""
         s, search = self.settings, self.search
         if s.rounds == 0:
-            return self._likeliest(starts, cases.whole)
+            return self._likeliest(starts, case)
+        wide = self._wide(case, observation, starts[0].q)
         groups = sides(self.body, starts, looks) if anew else [starts]
-        candidates = [c for some in groups for c in descended(search, some, looks, observation, cases.wide, s.descent)]
-        if cases.wide is not cases.whole:
+        candidates = [c for some in groups for c in descended(search, some, looks, observation, wide, s.descent)]
+        if wide is not case:
             best = search.distinct(candidates, s.modes + search.settings.spare)
             kept = [h for h in starts if h.origin.family is Family.KEPT]
-            candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, cases.whole)
-        return search.best_of(candidates, cases.whole, s.modes)
+            candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, case)
+        return search.best_of(candidates, case, s.modes)
 
-    def _cases(self, observation: Observation, q: np.ndarray) -> _Cases:
-        """q (nq,): about where the body is."""
-        associations = self.search.associations(observation)
-        whole = FrameCase(associations, 0.0, self.search.likelihood(observation, q))
-        if self.search.sight.cue == Outline.name or not any(Outline.name in cues for cues in observation.cues):
-            return _Cases(whole, whole)
+    def _wide(self, case: FrameCase, observation: Observation, q: np.ndarray) -> FrameCase:
+        """What examples are searched in: the case without the silhouette where depth is there too, since from poses far
+        off the silhouette leads astray; modes are refined and ranked in all of it. q (nq,): about where the body is."""
+        if self.search.sight.cue == Outline.name or not _silhouette(observation):
+            return case
         without = tuple(cues.changed(**{Outline.name: None}) for cues in observation.cues)
-        likelihood = self.search.likelihood(replace(observation, cues=without), q)
-        return _Cases(FrameCase(associations, 0.0, likelihood), whole)
+        return case._replace(likelihood=self.search.likelihood(replace(observation, cues=without), q))
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -251,12 +243,14 @@ class Elmo(Begins):
         s = self.settings
         return per_dof(self.body, s.turn_floor, s.root_turn_floor, s.root_slide_floor)
 
-    def _weighed(self, likely: Mixture, state: ElmoState, time: float) -> Mixture:
+    def _weighed(self, likely: Mixture, state: ElmoState, observation: Observation) -> Mixture:
         """Modes of the likelihood, weighed by the past (eq. 6)."""
-        std = diffusion_std(self.search.model.transition_std(1.0), time - state.seen, self._floor)
+        elapsed, correlated = observation.time - state.seen, self.settings.correlated
+        std = diffusion_std(self.search.model.transition_std(1.0), elapsed, self._floor)
         modes, jump = [m.q for m in likely.modes], self.settings.jump
         wide = [m.covariance for m in likely.modes] if self.settings.settle else None
-        new = min(1.0, (time - state.seen) / self.settings.correlated) if self.settings.correlated > 0.0 else 1.0
+        errs_alike = _silhouette(observation) and elapsed < correlated
+        new = elapsed / correlated if errs_alike else 1.0
         weighed = reweighted(self.body, modes, new * likely.log_scores, state.mixture, std, jump, wide)
         continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
         return mixture_of(tuple(continued), weighed.log_scores)
@@ -290,6 +284,11 @@ class Elmo(Begins):
     ) -> tuple[ElmoState, FrameResult]:
         after, result = judged(self.search, observation, mixture, told)
         return ElmoState(after.mixture, after.time, after.time), result
+
+
+def _silhouette(observation: Observation) -> bool:
+    """Whether some camera has one."""
+    return any(Outline.name in cues for cues in observation.cues)
 
 
 def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
