@@ -52,12 +52,11 @@ def drawn(body: Body, q: np.ndarray, camera: Camera) -> np.ndarray:
     """(H, W) uint8: limbs as polygons, each of its own grey, far ones first."""
     graph = limb_graph(body)
     t, R = limb_placements(graph, body, q)
-    eye = np.full(3, np.nan) if camera.parallel else camera.centre_world
     picture, shown = np.full(SIZE[::-1], 40, np.uint8), []
     for k, limb in enumerate(graph.limbs):
         z = np.linspace(limb.start, limb.end, 9)
         out = np.empty((9, 5))
-        project_limb(t[k], R[k], z, limb.semi_axes(z), eye, camera.R_camera_world[2], *camera.arrays, out)
+        project_limb(t[k], R[k], z, limb.semi_axes(z), *camera.arrays, out)
         corners = np.concatenate([out[:, :2] + out[:, 2:4], (out[:, :2] - out[:, 2:4])[::-1]])
         shown.append((out[:, 4].mean(), k, corners))
     for _, k, corners in sorted(shown, key=lambda x: -x[0]):

@@ -58,12 +58,25 @@ def project_point(p, intrinsics, distortion, R, t):  # type: ignore[no-untyped-d
     The camera: intrinsics (5,), distortion (5,), (1, 22) or (1, 1, 22), R (3, 3), t (3,).
     """
     x, y, z = in_camera(p, R, t)
+    return project_from_camera(x, y, z, intrinsics, distortion)
+
+
+@jit
+def project_from_camera(x, y, z, intrinsics, distortion):  # type: ignore[no-untyped-def]
+    """`project_point` of a point x, y, z [m] in the frame of the camera."""
     if is_parallel(distortion):
-        return intrinsics[0] * x + intrinsics[4] * y + intrinsics[2], intrinsics[1] * y + intrinsics[3], True
+        u, v = parallel_pixel(x, y, intrinsics)
+        return u, v, True
     if z < MIN_DEPTH:
         return 0.0, 0.0, False
     ad, bd = _distorted(x / z, y / z, distortion)
     return intrinsics[0] * ad + intrinsics[4] * bd + intrinsics[2], intrinsics[1] * bd + intrinsics[3], True
+
+
+@jit
+def parallel_pixel(x, y, intrinsics):  # type: ignore[no-untyped-def]
+    """u, v [px] of a point x, y [m] in the frame of a parallel camera with intrinsics (5,)."""
+    return intrinsics[0] * x + intrinsics[4] * y + intrinsics[2], intrinsics[1] * y + intrinsics[3]
 
 
 @jit
@@ -106,7 +119,8 @@ def _parallel_with_jacobian(x, y, intrinsics, R, image_jacobian):  # type: ignor
     for k in range(3):
         image_jacobian[0, k] = fx * R[0, k] + skew * R[1, k]
         image_jacobian[1, k] = fy * R[1, k]
-    return fx * x + skew * y + intrinsics[2], fy * y + intrinsics[3], True
+    u, v = parallel_pixel(x, y, intrinsics)
+    return u, v, True
 
 
 @jit

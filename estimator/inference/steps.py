@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
@@ -12,6 +12,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from humanoid.support.compiled import jit
 
 _EDGE = 1e-12  # of a probability: so near to 0 or 1 the inverse of the normal distribution is infinite
+_COUNTS = 30.0  # nats: what is lower than the highest kernel by more than this adds nothing
 
 
 @dataclass(frozen=True)
@@ -49,32 +50,9 @@ class Steps:
         step = std * ndtri(np.clip(level, _EDGE, 1.0 - _EDGE))
         return np.clip(at + step, self.lower[group], self.upper[group])
 
-    def log_density(
-        self, points: np.ndarray, centres: np.ndarray, weights: np.ndarray, groups: Sequence[int] | None = None
-    ) -> np.ndarray:
-        """Logarithms (M,) of the density at points (M, D), inside of the box, after a step from one of the centres
-        (N, D), chosen by weights (N,) that sum to one.
-
-        groups: numbers of those whose dimensions count, all unless given; the density is that of these dimensions.
-        """
-        chosen = [self.groups[k] for k in (range(len(self.groups)) if groups is None else groups)]
-        dims = np.concatenate(chosen)
-        member = np.repeat(np.arange(len(chosen)), [len(group) for group in chosen])
-        at = np.clip(centres, self.lower, self.upper)
-        scale = self.std[dims]
-        log_norm = np.empty((len(centres), len(chosen), 2))
-        for far, factor in enumerate((1.0, self.wide)):
-            inside = self._log_inside(at[:, dims], scale * factor, dims)
-            each = inside + np.log(scale * factor) + 0.5 * math.log(2.0 * math.pi)
-            log_share = math.log(max(self.share if far else 1.0 - self.share, 1e-300))
-            for k in range(len(chosen)):
-                log_norm[:, k, far] = log_share - each[:, member == k].sum(axis=1)
-        with np.errstate(divide="ignore"):
-            log_weights = np.log(weights)
-        out = np.empty(len(points))
-        _mixture(np.ascontiguousarray(points[:, dims]) / scale, np.ascontiguousarray(at[:, dims]) / scale,
-                 log_weights, log_norm, member, 1.0 / self.wide**2, out)  # fmt: skip
-        return out
+    def reach(self, centres: np.ndarray, weights: np.ndarray) -> Reach:
+        """Where one step leads from one of the centres (N, D), chosen by weights (N,) that sum to one."""
+        return Reach(self, np.clip(centres, self.lower, self.upper), weights)
 
     def log_density_each(self, points: np.ndarray, centres: np.ndarray, group: np.ndarray) -> np.ndarray:
         """Logarithms (N,) of the density at points (N, G), inside of the box, of a step from a centre (N, G) each, in
@@ -83,10 +61,18 @@ class Steps:
         parts = np.empty((2, len(points)))
         for far, factor in enumerate((1.0, self.wide)):
             std = self.std[group] * factor
-            each = -0.5 * np.square((points - at) / std) - self._log_inside(at, std, group)
-            norm = np.log(std).sum() + 0.5 * len(group) * math.log(2.0 * math.pi)
-            parts[far] = each.sum(axis=1) - norm + math.log(max(self.share if far else 1.0 - self.share, 1e-300))
+            parts[far] = self.log_norms(at, group)[:, far] - 0.5 * np.square((points - at) / std).sum(axis=1)
         return np.asarray(np.logaddexp(parts[0], parts[1]))
+
+    def log_norms(self, at: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Logarithms (N, 2) of how high short and long steps from at (N, G), inside of the box, are at their peaks, in
+        the dimensions of a group."""
+        out = np.empty((len(at), 2))
+        for far, factor in enumerate((1.0, self.wide)):
+            std = self.std[group] * factor
+            each = self._log_inside(at, std, group) + np.log(std) + 0.5 * math.log(2.0 * math.pi)
+            out[:, far] = math.log(max(self.share if far else 1.0 - self.share, 1e-300)) - each.sum(axis=1)
+        return out
 
     def _log_inside(self, at: np.ndarray, std: np.ndarray, dims: np.ndarray) -> np.ndarray:
         """Logarithms (N, G) of the probability that a normal step from inside of the box stays there."""
@@ -95,41 +81,59 @@ class Steps:
         return np.asarray(log_ndtr(high) + np.log1p(-np.minimum(np.exp(log_ndtr(low) - log_ndtr(high)), 1.0 - 1e-12)))
 
 
-@jit
-def _mixture(points, centres, log_weights, log_norm, member, narrow, out):  # type: ignore[no-untyped-def]
-    """Fill out (M,) with the logarithms of a mixture at points (M, G), of kernels at centres (N, G).
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """The density after a step from one of the centres (N, D), inside of the box, chosen by weights (N,)."""
 
-    Both in standard deviations. log_weights (N,). log_norm (N, K, 2): of each kernel's groups, short and long. member
-    (G,): the group of each dimension. narrow: inverse square of how much longer a long step is.
+    steps: Steps
+    centres: np.ndarray
+    weights: np.ndarray
+
+    @cached_property
+    def _of_groups(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Of each group the centres (G, N) in standard deviations, and `Steps.log_norms` (2, N)."""
+        steps = self.steps
+        return tuple(
+            (
+                np.ascontiguousarray((self.centres[:, group] / steps.std[group]).T),
+                np.ascontiguousarray(steps.log_norms(self.centres[:, group], group).T),
+            )
+            for group in steps.groups
+        )
+
+    def log_density(self, points: np.ndarray, group: int) -> np.ndarray:
+        """Logarithms (M,) of the density, in the dimensions of a group, at points (M, D) inside of the box."""
+        dims, (centres, log_norms) = self.steps.groups[group], self._of_groups[group]
+        with np.errstate(divide="ignore"):
+            log_heights = np.log(self.weights) + log_norms
+        out = np.empty(len(points))
+        _mixture(points[:, dims] / self.steps.std[dims], centres, log_heights, 1.0 / self.steps.wide**2, out)
+        return out
+
+
+@jit
+def _mixture(points, centres, log_heights, narrow, out):  # type: ignore[no-untyped-def]
+    """Fill out (M,) with the logarithms of a mixture at points (M, G), of kernels at centres (G, N).
+
+    Both in standard deviations. log_heights (2, N): of each kernel's short and long steps at its peak. narrow: inverse
+    square of how much longer a long step is.
     """
-    count = log_norm.shape[1]
-    square = np.empty(count)
+    count = centres.shape[1]
+    value = np.empty((2, count))
     for m in range(points.shape[0]):
-        highest, total = -np.inf, 0.0
-        for n in range(centres.shape[0]):
-            if log_weights[n] == -np.inf:
-                continue
-            square[:] = 0.0
-            for d in range(points.shape[1]):
-                off = points[m, d] - centres[n, d]
-                square[member[d]] += off * off
-            if count == 1:  # a sum of both, with the exponential only of what counts
-                for long in range(2):
-                    value = log_weights[n] + log_norm[n, 0, long] - 0.5 * square[0] * (narrow if long else 1.0)
-                    if value > highest:
-                        total = total * math.exp(highest - value) + 1.0
-                        highest = value
-                    elif value > highest - 40.0:
-                        total += math.exp(value - highest)
-                continue
-            value = log_weights[n]
-            for k in range(count):
-                short, far = log_norm[n, k, 0] - 0.5 * square[k], log_norm[n, k, 1] - 0.5 * narrow * square[k]
-                top = max(short, far)
-                value += top + math.log1p(math.exp(min(short, far) - top))
-            if value > highest:
-                total = total * math.exp(highest - value) + 1.0
-                highest = value
-            elif value > highest - 40.0:
-                total += math.exp(value - highest)
+        value[0] = 0.0
+        for d in range(points.shape[1]):
+            point = points[m, d]
+            for n in range(count):
+                value[0, n] += (point - centres[d, n]) ** 2
+        highest = -np.inf
+        for n in range(count):
+            square = 0.5 * value[0, n]
+            value[0, n], value[1, n] = log_heights[0, n] - square, log_heights[1, n] - narrow * square
+            highest = max(highest, value[0, n], value[1, n])
+        total = 0.0
+        for k in range(2):
+            for n in range(count):
+                if value[k, n] > highest - _COUNTS:
+                    total += math.exp(value[k, n] - highest)
         out[m] = highest + math.log(total) if total > 0.0 else -np.inf

@@ -16,7 +16,7 @@ from estimator.cues.silhouette.foreground import Silhouette
 from estimator.imaging.image_cues import ImageCues
 from estimator.likelihood.outline_kernels import outline_values
 from humanoid.kinematics.body import Body, PlacedBodies
-from humanoid.limbs.limb import LimbGraph, limb_placements
+from humanoid.limbs.limb import LimbGraph, limbs_on_joints, limbs_placed
 from humanoid.support.settings import check, setting
 
 _OUTSIDE = 1e-3  # least share of either in a picture
@@ -68,7 +68,7 @@ class OutlineLikelihood:
     def __init__(
         self, body: Body, graph: LimbGraph, cues: ImageCues, extent: float, settings: OutlineSettings | None = None
     ) -> None:
-        self._body, self._graph = body, graph
+        self._on_joints = limbs_on_joints(graph, body)
         s = self.settings = settings or OutlineSettings()
         width, height = cues.camera.image_size
         self._z = np.array([np.linspace(limb.start, limb.end, s.stations + 2)[1:-1] for limb in graph.limbs])
@@ -81,9 +81,7 @@ class OutlineLikelihood:
         silhouette: Silhouette | None = cues.get("silhouette")
         self._mask, self._ratios, self._cells = _regions(silhouette, (height, width), s)
         self._weights = np.array([s.edge_evidence, s.silhouette_evidence, s.cover_evidence])
-        camera = cues.camera
-        eye = np.full(3, np.nan) if camera.parallel else camera.origin_world
-        self._camera = (eye, camera.R_camera_world[2].copy(), *camera.arrays)
+        self._camera = cues.camera.arrays
 
     def values(self, placed: PlacedBodies, limbs: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """What each limb says, (N, L), and the foreground that limbs explain, (N,) [nats], of N configurations; their
@@ -91,8 +89,8 @@ class OutlineLikelihood:
 
         limbs (L,) bool: those that are looked at; the others are 0, but still hide and explain.
         """
-        t, R = limb_placements(self._graph, self._body, placed)
-        wanted = np.ones(len(self._graph.limbs), dtype=bool) if limbs is None else limbs
+        t, R = limbs_placed(placed.placements, *self._on_joints)
+        wanted = np.ones(t.shape[1], dtype=bool) if limbs is None else limbs
         values, cover = np.empty((len(t), len(wanted))), np.empty(len(t))
         outline_values(
             t, R, self._z, self._axes, *self._camera, self._edges, self._mask, self._ratios, self._cells, wanted,
@@ -144,15 +142,15 @@ def edge_ratios(edges: EdgeMap, sigma: float, settings: OutlineSettings) -> np.n
 def _regions(
     silhouette: Silhouette | None, shape: tuple[int, int], settings: OutlineSettings
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """mask (H, W) int8, ratios (2, 2) and cells (G, 2) float64, see `outline_kernels.outline_values`."""
+    """mask (H, W) int8, ratios (2, 2) and cells (2, G) float64, see `outline_kernels.outline_values`."""
     if silhouette is None or not silhouette.known.any():
-        return np.full(shape, -1, np.int8), np.zeros((2, 2)), np.zeros((0, 2))
+        return np.full(shape, -1, np.int8), np.zeros((2, 2)), np.zeros((2, 0))
     mask = np.where(silhouette.known, silhouette.mask, -1).astype(np.int8)
     share = float(np.clip((mask == 1).sum() / max((mask >= 0).sum(), 1), _OUTSIDE, 1.0 - _OUTSIDE))
     error = settings.mask_error
     on_body = np.log(np.array([error / (1.0 - share), (1.0 - error) / share]))
     beside = np.log(np.array([(1.0 - error) / (1.0 - share), error / share]))
-    places = np.argwhere(mask == 1)[:, ::-1].astype(float)
-    count = min(settings.cells, len(places)) if settings.cover_evidence > 0.0 else 0
-    cells = places[np.linspace(0, len(places) - 1, count).astype(np.int64)] if count else np.zeros((0, 2))
-    return mask, np.array([on_body, beside]), cells
+    places = np.argwhere(mask == 1)[:, ::-1].T.astype(float)
+    count = min(settings.cells, places.shape[1]) if settings.cover_evidence > 0.0 else 0
+    some = np.linspace(0, places.shape[1] - 1, count).astype(np.int64) if count else np.zeros(0, np.int64)
+    return mask, np.array([on_body, beside]), np.ascontiguousarray(places[:, some])

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.cameras.camera import Camera
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
-from estimator.inference.steps import Steps
+from estimator.inference.steps import Reach, Steps
 from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_parts import PoseParts
 from estimator.terms.pose_prior import PosePrior
@@ -28,6 +28,11 @@ class Expected:
     weights: np.ndarray
     steps: Steps
     samples: np.ndarray
+
+    @cached_property
+    def reach(self) -> Reach:
+        """Where poses are expected."""
+        return self.steps.reach(self.centres, self.weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,25 +62,22 @@ class PoseTarget:
         return self.parts.body
 
     @cached_property
-    def _anywhere(self) -> tuple[Steps, np.ndarray]:
-        """Steps from rest (1, nv) that reach where joints are as a rule."""
+    def _anywhere(self) -> Reach:
+        """Of steps from rest that lead where joints are as a rule."""
         steps = self.prior.steps
         rest, spread = self.parts.rest.guess(self.body, self.prior.reference)
-        return Steps(spread, steps.lower, steps.upper, steps.groups, 0.0, 1.0), rest[None]
+        anywhere = Steps(spread, steps.lower, steps.upper, steps.groups, 0.0, 1.0)
+        return anywhere.reach(rest[None], np.ones(1))
 
     def past_of(self, part: int, kernels: np.ndarray) -> tuple[Steps, np.ndarray]:
         """Steps, and the centres (N, nv) they go from, that a part comes by; kernels (N,) of the past."""
         if part != self.anew:
             return self.prior.steps, self.prior.centres[kernels]
-        steps, rest = self._anywhere
-        return steps, np.tile(rest, (len(kernels), 1))
+        return self._anywhere.steps, np.tile(self._anywhere.centres, (len(kernels), 1))
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
         """See `Target`: of the degrees of freedom of one part, by the past."""
-        if group == self.anew:
-            steps, rest = self._anywhere
-            return steps.log_density(x, rest, np.ones(1), [group])
-        return self.prior.steps.log_density(x, self.prior.centres, self.prior.weights, [group])
+        return (self._anywhere if group == self.anew else self.prior.reach).log_density(x, group)
 
     def prepared(self, x: np.ndarray) -> PlacedBodies:
         """See `Target`: poses at tangents x (N, nv)."""

@@ -93,11 +93,16 @@ def limb_placements(
             raise InputError("q", f"has the shape {q.shape}", place="limb placements", remedy=remedy)
         alone = q.ndim == 1
         placements = body.placed(np.ascontiguousarray(np.atleast_2d(q))).placements
-    joint, local = limbs_on_joints(graph, body)
+    t, R = limbs_placed(placements, *limbs_on_joints(graph, body))
+    return (t[0], R[0]) if alone else (t, R)
+
+
+def limbs_placed(placements: np.ndarray, joint: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`limb_placements` of N placements (N, njoints, 12), joint (L,) and local (L, 3, 4) being of `limbs_on_joints`."""
     t = np.empty((len(placements), len(joint), 3))
     R = np.empty((len(placements), len(joint), 3, 3))
     _place(np.ascontiguousarray(placements), joint, local, t, R)
-    return (t[0], R[0]) if alone else (t, R)
+    return t, R
 
 
 def limbs_on_joints(graph: LimbGraph, body: Body) -> tuple[np.ndarray, np.ndarray]:
