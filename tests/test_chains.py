@@ -143,6 +143,32 @@ def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
     assert likeliest(detections, expected_at((100, 50), (60, 200), (220, 120))) == (0, 1, -1)
 
 
+def test_a_hidden_feature_is_as_likely_detected_as_settings_say() -> None:
+    """As evidence would be that knew it from the start."""
+    settings, points = EvidenceSettings(), np.array([[[100.0, 50.0]], [[300.0, 10.0]]])
+    one = Detections(HANDS[1:2], points[0], np.tile(16.0 * np.eye(2), (1, 1, 1)), np.ones((1, 1)), np.zeros(1, bool))
+    hidden = evidence_of(one, settings).density.if_hidden(np.ones(1, bool), *settings.if_hidden)
+    known = evidence_of(one, replace(settings, detected=settings.hidden)).density
+    np.testing.assert_allclose(hidden.log_density(points), known.log_density(points), rtol=1e-12)
+
+
+@pytest.mark.parametrize("exchange", [GATED, PRINTED, ONE_WAY])
+def test_only_a_detection_of_its_own_speaks_against_a_hidden_feature(exchange: str) -> None:
+    """What another feature hides is in that one's detection. The other chain's message changes nothing of this."""
+    detections, prior = blobs((100, 50), (60, 200)), expected_at((100, 50), (60, 200), (101, 52))
+    evidence = evidence_of(detections, EvidenceSettings(), prior)
+    told = messages([prior, prior], evidence, exchange)[0].evidence.reduced(1, expected=prior)
+    for way, alone in (((0, 1, 0), [False, True, False]), ((0, 1, -1), [True, True, False])):
+        (row,) = np.flatnonzero((evidence.detection == way).all(axis=1))
+        density = evidence.density.of(np.array([row]))
+        assert density.alone is not None
+        np.testing.assert_array_equal(density.alone[0], alone)
+        more = density.if_hidden(np.array([False, True, True]), -2.0, 1.0).log_weight - density.log_weight
+        assert more[0] == pytest.approx(-2.0 + (way[2] < 0))
+    assert told.alone is not None
+    assert told.alone[0, 1]
+
+
 def test_far_detections_are_clutter() -> None:
     detections = blobs((100, 50), (60, 200), (300, 10))
     assert likeliest(detections, expected_at((100, 50), (60, 200), (140, 200))) == (0, 1, -1)

@@ -43,7 +43,7 @@ def test_each_kernel_is_the_linear_gaussian_posterior() -> None:
             precision = np.diag(STD**-2) + H.T @ np.linalg.solve(R, H)
             C = np.linalg.inv(precision)
             np.testing.assert_allclose(led.mean[n, k], centre + C @ H.T @ np.linalg.solve(R, off), atol=1e-9)
-            np.testing.assert_allclose(led.factor[n, k] @ led.factor[n, k].T, C, atol=1e-9)
+            np.testing.assert_allclose(led.root[n, k] @ led.root[n, k].T, precision, rtol=1e-9)
             surprise = multivariate_normal(np.zeros(len(dims)), H @ np.diag(STD**2) @ H.T + R).logpdf(off)
             log_weights.append(density.log_weight[k] + surprise)
         np.testing.assert_allclose(led.log_weight[n], log_weights - np.logaddexp(*log_weights), atol=1e-9)
@@ -57,7 +57,7 @@ def test_the_density_is_that_of_what_is_drawn() -> None:
     log_density = led.log_density(drawn)
     for n in range(2):
         heavy = int(np.argmax(led.log_weight[n]))
-        middle, scale = led.mean[n, heavy], np.sqrt(np.diag(led.factor[n, heavy] @ led.factor[n, heavy].T))
+        middle, scale = led.mean[n, heavy], np.sqrt(np.diag(np.linalg.inv(led.root[n, heavy] @ led.root[n, heavy].T)))
         inside = (np.abs(drawn[n] - middle) < scale).all(axis=1)
         volume = np.where(inside, np.exp(-log_density[n]), 0.0).mean()
         assert volume == pytest.approx(np.prod(2.0 * scale), rel=0.05)
@@ -69,8 +69,8 @@ def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
     unseen = led_steps(CENTRES, [Length(1.0, STD)], told(), np.full_like(predicted, np.nan), jacobian)
     np.testing.assert_allclose(plain.mean[:, 0], CENTRES)
     np.testing.assert_allclose(unseen.mean, np.repeat(CENTRES[:, None], 2, axis=1), atol=1e-12)
-    for factor in (plain.factor[:, 0], unseen.factor[:, 1]):
-        np.testing.assert_allclose(factor, np.tile(np.diag(STD), (2, 1, 1)), atol=1e-9)
+    for root in (plain.root[:, 0], unseen.root[:, 1]):
+        np.testing.assert_allclose(root, np.tile(np.diag(1.0 / STD), (2, 1, 1)), atol=1e-9)
 
 
 def test_a_long_step_is_led_where_a_short_one_does_not_reach() -> None:

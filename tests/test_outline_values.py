@@ -158,6 +158,25 @@ def test_an_outline_behind_a_nearer_limb_says_nothing() -> None:
     assert values[graph.index("right_upper_arm")] > 0.5
 
 
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_point_behind_the_trunk_is_hidden_unless_it_is_its_own(parallel: bool) -> None:
+    """Beside it, before it or of another body it is not; nor behind the camera."""
+    body, camera = body_of("upper13"), camera_of(parallel)
+    made = likelihood(body, seen(body, pose("upper13"), camera))
+    graph, placed = limb_graph(body), body.placed(pose("upper13")[None])
+    trunk = graph.index("torso")
+    t, R = limb_placements(graph, body, placed)
+    middle = t[0, trunk] + R[0, trunk, :, 2] * 0.5 * (graph.limbs[trunk].start + graph.limbs[trunk].end)
+    away = middle - camera.centre_world if not parallel else camera.R_camera_world[2]
+    away = away / np.linalg.norm(away)
+    points = middle + np.array([0.3 * away, -0.3 * away, 0.3 * away + [0.0, 0.8, 0.0], -5.0 * away])
+    nobody, own = np.full(4, -1), np.full(4, trunk)
+    value, hidden = made.with_hidden(placed, points[None], nobody)
+    assert hidden[0].tolist() == [True, False, False, False]
+    assert not made.with_hidden(placed, points[None], own)[1].any()
+    assert value[0] == made.log_likelihood(placed)[0]
+
+
 def test_the_evidence_does_not_grow_with_the_points_that_are_looked_at() -> None:
     body = body_of("upper13")
     cues = seen(body, pose("upper13"), camera_of(True))

@@ -10,8 +10,11 @@ import pinocchio as pin
 import pytest
 
 from estimator.cameras.camera import Camera, parallel_camera
+from estimator.imaging.image_cues import ImageCues
+from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian
+from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
 from estimator.search.pose_chain import Crowd, Expected, PoseChain, PoseChainSettings
@@ -75,8 +78,9 @@ def plainly_weighed(made: PoseChain, prior: Expected, message: Message, count: i
     anew = rng.choice([-1, 1, 2], size=count, p=odds / odds.sum())
     for part, group in enumerate(prior.steps.groups):
         for own in np.unique(anew):
-            steps, centres = replace(target, anew=int(own)).past_of(part, rng.choice(len(prior.centres), size=count))
-            x[np.ix_(anew == own, group)] = steps.moved_group(rng, centres, group)[anew == own]
+            reach = replace(target, anew=int(own)).past_of(part)
+            centres = reach.centres[rng.choice(len(reach.centres), size=count)]
+            x[np.ix_(anew == own, group)] = reach.steps.moved_group(rng, centres, group)[anew == own]
     log_weight = target.told(target.prepared(x))
     weight = np.exp(log_weight - log_weight.max())
     return x, weight / weight.sum()
@@ -115,7 +119,8 @@ def test_the_posterior_is_that_of_weighing_the_past(by_past: float, lost: float)
     made = chain(np.random.default_rng(0), settings)
     prior = made.predict(crowd(made.body), 0.04)
     message = told(made)
-    x, weight = plainly_weighed(made, prior, message, 200_000)
+    # hardly any limb that is anywhere is where it is seen: plain weighing needs more of them
+    x, weight = plainly_weighed(made, prior, message, 800_000 if lost else 200_000)
     mean = weight @ x
     std = np.sqrt(weight @ np.square(x - mean))
     unsure = std * np.sqrt(np.square(weight).sum())  # is the plain mean
@@ -137,6 +142,30 @@ def replace_samples(made: PoseChain, prior: Expected) -> Expected:
     """The same past with samples of its own."""
     rows = made.rng.choice(len(prior.centres), size=made.settings.particles, p=prior.weights)
     return replace(prior, samples=prior.steps.moved(made.rng, prior.centres[rows]))
+
+
+def test_a_hand_that_is_seen_is_not_behind_the_trunk() -> None:
+    """Before and behind it a hand has one image: where it is seen, the former is likelier by what settings say."""
+    parts, settings = parts_of("upper13"), EvidenceSettings()
+    body = parts.body
+    outlines = OutlineLikelihood(body, parts.graph, ImageCues(camera(), {}), 200.0)
+    rng = np.random.default_rng(0)
+    q = body.lower + rng.random((4000, body.nq)) * (body.upper - body.lower)
+    q[:, : parts.dofs[0].size] = body.neutral[: parts.dofs[0].size]
+    placed = body.placed(q)
+    _, hidden = outlines.with_hidden(placed, parts.features.points(placed), parts.of_limb)
+    behind, before = (int(np.flatnonzero((hidden == [False, left, False]).all(axis=1))[0]) for left in (True, False))
+    pixels = camera().project(parts.features.points(placed))
+    for way, n in ((True, behind), (False, before)):
+        suits = np.eye(3)
+        seen = Detections(
+            parts.features.names, pixels[n], np.tile(4.0 * np.eye(2), (3, 1, 1)), suits, np.zeros(3, bool)
+        )
+        evidence = evidence_of(seen, settings).density
+        made = replace(chain(np.random.default_rng(0)), outlines=outlines, if_hidden=settings.if_hidden)
+        target = made._target(made.predict(crowd(body), 0.04), Message(evidence, evidence))
+        value = target.likelihood(placed.of(np.array([n])))[0]
+        assert value == pytest.approx(np.log(settings.hidden / settings.detected) if way else 0.0, abs=0.01)
 
 
 def test_what_is_told_nothing_goes_on_as_expected() -> None:

@@ -109,15 +109,18 @@ def _inside(x, y, width, height):  # type: ignore[no-untyped-def]
 
 @jit
 def outline_values(  # type: ignore[no-untyped-def]
-    t, R, z, axes, intrinsics, lens, Rc, tc, edges, mask, ratios, cells, wanted, weights, values, cover,
+    t, R, z, axes, intrinsics, lens, Rc, tc, edges, mask, ratios, cells, wanted, weights, points, owner,
+    values, cover, hidden,
 ):  # fmt: skip
-    """Fill values (N, L), what each limb says, and cover (N,), what the foreground that limbs explain says [nats].
+    """Fill values (N, L), what each limb says, and cover (N,), what the foreground that limbs explain says [nats], and
+    hidden (N, F) bool: points behind the axis of a limb and inside of it in the image.
 
     t (N, L, 3), R (N, L, 3, 3): T_world_limb. z (L, S), axes (L, S, 2): stations of the limbs. intrinsics (5,), lens,
     Rc (3, 3), tc (3,): the camera, see `project_limb`. edges (B, H, W): log ratios by orientation from 0 to pi; B is 0
     without. mask (H, W): 1 on the foreground, 0 on the background, -1 where nothing is known. ratios (2, 2): log ratios
     on the body and beside it, where the mask is 0 and 1. cells (2, G): x, y of pixels of the foreground, none where its
     share is not looked at. wanted (L,) bool: which limbs. weights (3,): of edges, mask and cells, in all.
+    points (N, F, 3) [m] in the world, owner (F,): the limb of each, which does not hide it.
     """
     count, stations = z.shape
     limbs, seen = np.empty((count, stations, 5)), np.empty(count, dtype=np.bool_)
@@ -125,6 +128,7 @@ def outline_values(  # type: ignore[no-untyped-def]
     xs, ys, nearest = np.empty(shape), np.empty(shape), np.empty(shape)
     flat_xs, flat_ys, flat_nearest = xs.reshape(-1), ys.reshape(-1), nearest.reshape(-1)
     own, covering = 4 * stations, np.empty(cells.shape[1])
+    x_of, y_of, before_it = np.empty(1), np.empty(1), np.empty(1)  # of a point
     kinds, height, width = edges.shape[0], mask.shape[0], mask.shape[1]
     each = 1.0 / (2.0 * count * stations)
     for n in range(t.shape[0]):
@@ -138,6 +142,14 @@ def outline_values(  # type: ignore[no-untyped-def]
                 look_past(flat_xs[:before], flat_ys[:before], limbs[k], flat_nearest[:before])
                 look_past(flat_xs[after:], flat_ys[after:], limbs[k], flat_nearest[after:])
                 look_past(cells[0], cells[1], limbs[k], covering)
+        for f in range(points.shape[1]):
+            px, py, depth = in_camera(points[n, f], Rc, tc)
+            x_of[0], y_of[0], ahead = project_from_camera(px, py, depth, intrinsics, lens)
+            before_it[0] = depth if ahead else -np.inf
+            for k in range(count):
+                if seen[k] and owner[f] != k:
+                    look_past(x_of, y_of, limbs[k], before_it)
+            hidden[n, f] = ahead and before_it[0] < depth
         for k in range(count):
             values[n, k] = 0.0
             if not wanted[k] or not seen[k]:

@@ -89,19 +89,33 @@ class OutlineLikelihood:
 
         limbs (L,) bool: those that are looked at; the others are 0, but still hide and explain.
         """
-        t, R = limbs_placed(placed.placements, *self._on_joints)
-        wanted = np.ones(t.shape[1], dtype=bool) if limbs is None else limbs
-        values, cover = np.empty((len(t), len(wanted))), np.empty(len(t))
-        outline_values(
-            t, R, self._z, self._axes, *self._camera, self._edges, self._mask, self._ratios, self._cells, wanted,
-            self._weights, values, cover,
-        )  # fmt: skip
-        return values, cover
+        nothing = np.zeros((len(placed.q), 0, 3))
+        return self._values(placed, limbs, nothing, np.zeros(0, dtype=np.int64))[:2]
 
     def log_likelihood(self, placed: PlacedBodies) -> np.ndarray:
         """Of N whole poses, (N,) [nats]."""
         values, cover = self.values(placed)
         return np.asarray(values.sum(axis=1) + cover)
+
+    def with_hidden(self, placed: PlacedBodies, points: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The log likelihood (N,) of N poses, and which of points (N, F, 3) [m] in the world they hide, (N, F) bool:
+        those behind the axis of a limb that they are inside of in the image, unless it is their own, owner (F,), -1
+        for none."""
+        values, cover, hidden = self._values(placed, None, np.ascontiguousarray(points), owner)
+        return np.asarray(values.sum(axis=1) + cover), hidden
+
+    def _values(
+        self, placed: PlacedBodies, limbs: np.ndarray | None, points: np.ndarray, owner: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        t, R = limbs_placed(placed.placements, *self._on_joints)
+        wanted = np.ones(t.shape[1], dtype=bool) if limbs is None else limbs
+        values, cover = np.empty((len(t), len(wanted))), np.empty(len(t))
+        hidden = np.empty(points.shape[:2], dtype=bool)
+        outline_values(
+            t, R, self._z, self._axes, *self._camera, self._edges, self._mask, self._ratios, self._cells, wanted,
+            self._weights, points, owner, values, cover, hidden,
+        )  # fmt: skip
+        return values, cover, hidden
 
 
 def edge_ratios(edges: EdgeMap, sigma: float, settings: OutlineSettings) -> np.ndarray:

@@ -3,52 +3,50 @@ length of a step."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.inference.chains.feature_density import FeatureDensity
+from humanoid.support.compiled import jit
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
-_LEAST = 1e-12  # rad^2 or m^2
 
 
 @dataclass(frozen=True, eq=False)
 class LedSteps:
     """For each of N poses a mixture of E normal densities of D degrees of freedom: log_weight (N, E), which sum to one,
-    mean (N, E, D), factor (N, E, D, D), lower triangular, of the covariance."""
+    mean (N, E, D), root (N, E, D, D), the lower triangular factor of the precision."""
 
     log_weight: np.ndarray
     mean: np.ndarray
-    factor: np.ndarray
+    root: np.ndarray
 
     def of(self, rows: np.ndarray) -> LedSteps:
         """Some of the poses, in a new order."""
-        return LedSteps(self.log_weight[rows], self.mean[rows], self.factor[rows])
+        return LedSteps(self.log_weight[rows], self.mean[rows], self.root[rows])
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Some of each, (N, count, D)."""
         level = np.cumsum(np.exp(self.log_weight), axis=1)
         picked = rng.random((len(level), count)) * level[:, -1:]
         kernel = np.minimum((level[:, None] < picked[..., None]).sum(axis=2), level.shape[1] - 1)
-        rows = np.arange(len(level))[:, None]
-        normal = rng.standard_normal((len(level), count, self.mean.shape[2]))
-        return np.asarray(self.mean[rows, kernel] + np.einsum("nmij,nmj->nmi", self.factor[rows, kernel], normal))
+        points = rng.standard_normal((len(level), count, self.mean.shape[2]))
+        _place(self.mean, self.root, kernel, points)
+        return points
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         """Logarithms (N, M) at points (N, M, D) of each."""
-        inverse = np.linalg.inv(self.factor)
-        norm = np.log(np.einsum("neii->nei", self.factor)).sum(axis=2) + 0.5 * points.shape[2] * _LOG_2PI
-        white = np.einsum("neij,nemj->nemi", inverse, points[:, None] - self.mean[:, :, None])
-        parts = (self.log_weight - norm)[..., None] - 0.5 * np.square(white).sum(axis=3)
+        parts = np.empty((len(points), self.log_weight.shape[1], points.shape[1]))
+        _log_densities(self.log_weight, self.mean, self.root, np.ascontiguousarray(points), parts)
         return np.asarray(np.logaddexp.reduce(parts, axis=1))
 
 
 class Length(NamedTuple):
-    """Steps of one length: their share, and standard deviation std (D,)."""
+    """Steps of one length: their share, and standard deviation std (D,), above 0."""
 
     share: float
     std: np.ndarray
@@ -69,20 +67,124 @@ def led_steps(
     """
     whole = np.isfinite(predicted).all(axis=(1, 2)) & np.isfinite(jacobian).all(axis=(1, 2, 3))
     at = np.where(whole[:, None, None], predicted, 0.0).reshape(len(centres), -1)
-    H_all = np.where(whole[:, None, None, None], jacobian, 0.0).reshape(len(centres), -1, centres.shape[1])
-    log_weight, means, covariances = [], [], []
-    for length, k in product(lengths, range(len(told.log_weight))):
-        dims, prior = told.dims(k), np.diag(np.square(length.std))
-        H = H_all[:, dims]
-        off = np.where(whole[:, None], told.mean[k].ravel()[dims] - at[:, dims], 0.0)
-        S = H @ prior @ H.transpose(0, 2, 1) + told.covariance[k][np.ix_(dims, dims)]
-        gain = np.linalg.solve(S, H @ prior).transpose(0, 2, 1)
-        square = np.einsum("nd,nd->n", off, np.linalg.solve(S, off[..., None])[..., 0])
-        share = told.log_weight[k] + np.log(length.share)
-        log_weight.append(share - 0.5 * (square + np.linalg.slogdet(2.0 * np.pi * S)[1]))
-        means.append(centres + np.einsum("nij,nj->ni", gain, off))
-        C = prior - gain @ H @ prior
-        covariances.append(0.5 * (C + C.transpose(0, 2, 1)) + _LEAST * np.eye(len(prior)))
-    weights = np.stack(log_weight, axis=1)
-    factor = np.linalg.cholesky(np.stack(covariances, axis=1))
-    return LedSteps(weights - np.logaddexp.reduce(weights, axis=1)[:, None], np.stack(means, axis=1), factor)
+    H = np.where(whole[:, None, None, None], jacobian, 0.0).reshape(len(centres), -1, centres.shape[1])
+    precision, height = told.precisions()
+    (count, size), kernels, each = centres.shape, len(height), len(lengths)
+    log_weight, mean = np.empty((count, each * kernels)), np.empty((count, each * kernels, size))
+    root = np.empty((count, each * kernels, size, size))
+    _lead(
+        centres, at, H, whole, np.array([length.std for length in lengths]),
+        np.log([length.share for length in lengths]), told.mean.reshape(kernels, -1), precision,
+        told.log_weight + height, log_weight, mean, root,
+    )  # fmt: skip
+    return LedSteps(log_weight - np.logaddexp.reduce(log_weight, axis=1)[:, None], mean, root)
+
+
+@jit
+def _lead(  # type: ignore[no-untyped-def]
+    centres, at, H, whole, std, log_share, means, precisions, heights, log_weight, mean, root
+):
+    """Fill log_weight (N, E), mean (N, E, D) and root (N, E, D, D), all lengths of one kernel after the other's.
+
+    centres (N, D), at (N, P) [px] and H (N, P, D): where features are, and their derivatives; whole (N,): whether they
+    have an image. std (L, D), log_share (L,): of steps. means (K, P) [px], precisions (K, P, P), heights (K,): of what
+    is told, the logarithms of kernels in their means.
+    """
+    count, size = centres.shape
+    kernels, pixels = means.shape
+    off, weighed, g = np.empty(pixels), np.empty((pixels, size)), np.empty(size)
+    for n in range(count):
+        for k in range(kernels):
+            for p in range(pixels):
+                off[p] = means[k, p] - at[n, p] if whole[n] else 0.0
+                for d in range(size):
+                    weighed[p, d] = 0.0
+                    for o in range(pixels):
+                        weighed[p, d] += precisions[k, p, o] * H[n, o, d]
+            square = 0.0
+            for p in range(pixels):
+                for o in range(pixels):
+                    square += off[p] * precisions[k, p, o] * off[o]
+            for length in range(std.shape[0]):
+                e = length * kernels + k
+                L = root[n, e]
+                for a in range(size):
+                    g[a] = 0.0
+                    for p in range(pixels):
+                        g[a] += weighed[p, a] * off[p]
+                    for b in range(size):
+                        L[a, b] = 1.0 / (std[length, a] * std[length, a]) if a == b else 0.0
+                        if b <= a:
+                            for p in range(pixels):
+                                L[a, b] += H[n, p, a] * weighed[p, b]
+                log_volume = _factor(L)
+                explained = _solve(L, g)
+                for a in range(size):
+                    mean[n, e, a] = centres[n, a] + g[a]
+                    log_volume += math.log(std[length, a])
+                log_weight[n, e] = log_share[length] + heights[k] - 0.5 * (square - explained) - log_volume
+
+
+@jit
+def _factor(A):  # type: ignore[no-untyped-def]
+    """The lower triangular factor of A (D, D), positive definite, in its place; the logarithm of its determinant."""
+    log_determinant = 0.0
+    for a in range(A.shape[0]):
+        for b in range(a + 1):
+            t = A[a, b]
+            for c in range(b):
+                t -= A[a, c] * A[b, c]
+            A[a, b] = math.sqrt(t) if a == b else t / A[b, b]
+        log_determinant += math.log(A[a, a])
+    return log_determinant
+
+
+@jit
+def _solve(L, x):  # type: ignore[no-untyped-def]
+    """Solve L L^T y = x in place of x (D,), L lower triangular (D, D); returns x^T y."""
+    square = 0.0
+    for a in range(x.shape[0]):
+        for b in range(a):
+            x[a] -= L[a, b] * x[b]
+        x[a] /= L[a, a]
+        square += x[a] * x[a]
+    _back(L, x)
+    return square
+
+
+@jit
+def _back(L, x):  # type: ignore[no-untyped-def]
+    """Solve L^T y = x in place of x (D,), L lower triangular (D, D)."""
+    for a in range(x.shape[0] - 1, -1, -1):
+        for b in range(a + 1, x.shape[0]):
+            x[a] -= L[b, a] * x[b]
+        x[a] /= L[a, a]
+
+
+@jit
+def _place(mean, root, kernel, points):  # type: ignore[no-untyped-def]
+    """Turn standard normal points (N, M, D) into those of kernels (N, M) with mean (N, E, D) and root (N, E, D, D)."""
+    for n in range(points.shape[0]):
+        for m in range(points.shape[1]):
+            k = kernel[n, m]
+            _back(root[n, k], points[n, m])
+            points[n, m] += mean[n, k]
+
+
+@jit
+def _log_densities(log_weight, mean, root, points, parts):  # type: ignore[no-untyped-def]
+    """Fill parts (N, E, M) with logarithms of each kernel's share of the density at points (N, M, D)."""
+    count, kernels, size = mean.shape
+    for n in range(count):
+        for e in range(kernels):
+            height = log_weight[n, e] - 0.5 * size * _LOG_2PI
+            for a in range(size):
+                height += math.log(root[n, e, a, a])
+            for m in range(points.shape[1]):
+                square = 0.0
+                for b in range(size):
+                    white = 0.0
+                    for a in range(b, size):
+                        white += root[n, e, a, b] * (points[n, m, a] - mean[n, e, a])
+                    square += white * white
+                parts[n, e, m] = height - 0.5 * square

@@ -84,7 +84,8 @@ class PoseChain:
     camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
     past: whether samples also come from the past, as they have to where the image does not show everything; without, as
     likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
-    pose_prior: see `PoseTarget`. told: filled with how it went: samples, effective_sample_size, powers, accepted.
+    pose_prior, if_hidden: see `PoseTarget`. told: filled with how it went: samples, effective_sample_size, powers,
+    accepted.
     """
 
     rng: np.random.Generator
@@ -95,6 +96,7 @@ class PoseChain:
     settings: PoseChainSettings
     past: bool = True
     pose_prior: PosePrior | None = None
+    if_hidden: tuple[float, float] = (0.0, 0.0)
     told: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -207,7 +209,9 @@ class PoseChain:
 
     def _target(self, prior: Expected, message: Message | None) -> PoseTarget:
         told = nothing_seen(self.parts.features.names) if message is None else message
-        return PoseTarget(self.parts, self.camera, self.outlines, prior, told, pose_prior=self.pose_prior)
+        return PoseTarget(
+            self.parts, self.camera, self.outlines, prior, told, pose_prior=self.pose_prior, if_hidden=self.if_hidden
+        )
 
     def _even(self, prior: Expected, x: np.ndarray) -> Crowd:
         """Poses at tangents x (N, nv), each as likely as the others."""

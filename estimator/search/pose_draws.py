@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.particles import normalised, systematic
 from estimator.inference.steps import Steps
 from estimator.search.led_steps import LedSteps, Length, led_steps
@@ -62,15 +61,16 @@ class PartDraws:
         target, group = self.target, self.target.parts.dofs[part]
         anew, count = part == target.anew, len(drawn.x)
         x, before = (np.repeat(each, _ANEW_TRIES if anew else 1, axis=0) for each in (drawn.x, drawn.told))
-        kernel = self.rng.choice(len(target.prior.centres), size=len(x), p=target.prior.weights)
-        steps, centres = target.past_of(part, kernel)
+        reach = target.past_of(part)
+        kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
+        steps, centres = reach.steps, reach.centres[kernel]
         proposal = self._seen_end(part)
         if not self.past and part > 0 and proposal is None:
             return None
         led, shares = self._led(x, steps, centres, kernel, part), self._shares(part, proposal is not None)
         x, ok = self._sampled(x, steps, centres, group, led, proposal, shares)
         placed = target.prepared(x)
-        own = steps.log_density_each(x[:, group], centres[:, group], group)
+        own = reach.log_density_each(x, kernel, part)
         with np.errstate(divide="ignore"):
             log_shares = np.log(shares)
         log_q = np.logaddexp(own + log_shares[_BY_PAST], led.log_density(x[:, None, group])[:, 0] + log_shares[_LED])
@@ -149,7 +149,4 @@ class PartDraws:
         seen = np.flatnonzero(told.known[:, 0])
         if not len(seen):
             return None
-        only = FeatureDensity(
-            told.names, told.log_weight[seen], told.known[seen], told.mean[seen], told.covariance[seen]
-        )
-        return ImageProposal(parts.ik[part - 1], self.target.camera, only)
+        return ImageProposal(parts.ik[part - 1], self.target.camera, told.of(seen))

@@ -20,7 +20,8 @@ class PoseParts:
     """The parts of one body, of which the first is the trunk: everything that is in no limb.
 
     dofs: of each part. features: what is predicted of the body in an image; of_part: which of them each part moves, the
-    trunk's first. ik: of each limb, for its outermost feature. shapes: for each part, which limbs of `graph` (G,) bool
+    trunk's first. of_limb (F,): the limb of `graph` that a feature is on, -1 for none. ik: of each limb, for its
+    outermost feature. shapes: for each part, which limbs of `graph` (G,) bool
     its degrees of freedom move, and no part after it. rest: what joints return to.
     """
 
@@ -29,6 +30,7 @@ class PoseParts:
     graph: LimbGraph
     dofs: tuple[np.ndarray, ...]
     of_part: tuple[np.ndarray, ...]
+    of_limb: np.ndarray
     ik: tuple[LimbIK, ...]
     shapes: tuple[np.ndarray, ...]
     rest: Rest
@@ -63,6 +65,7 @@ class PoseParts:
             graph,
             (trunk, *(limb.dofs for limb in limbs)),
             (on_trunk, *(features.ends(k) for k in chosen)),
+            np.array([next(iter(np.flatnonzero(joints == joint)), -1) for joint in features.joint], dtype=np.int64),
             tuple(ik),
             (np.asarray(~np.any(by_limb, axis=0)), *by_limb),
             Rest.of(body),

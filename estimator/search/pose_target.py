@@ -44,7 +44,9 @@ class PoseTarget:
 
     camera: in which features are told. outlines: what else the picture says, None where nothing. anew: the part of
     which the past is taken to be wrong, and that may be anywhere (`Rest.guess`); none by default. pose_prior: which
-    poses people take, where that was learned: the features of one image leave the depth of limbs open.
+    poses people take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how
+    much more an association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own,
+    and for one that has none (`EvidenceSettings.if_hidden`).
     """
 
     parts: PoseParts
@@ -54,7 +56,9 @@ class PoseTarget:
     message: Message
     anew: int = -1
     pose_prior: PosePrior | None = None
+    if_hidden: tuple[float, float] = (0.0, 0.0)
     _told: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
+    _if_hidden: dict[tuple[bool, ...], FeatureDensity] = field(default_factory=dict, init=False)
 
     @property
     def body(self) -> Body:
@@ -69,15 +73,13 @@ class PoseTarget:
         anywhere = Steps(spread, steps.lower, steps.upper, steps.groups, 0.0, 1.0)
         return anywhere.reach(rest[None], np.ones(1))
 
-    def past_of(self, part: int, kernels: np.ndarray) -> tuple[Steps, np.ndarray]:
-        """Steps, and the centres (N, nv) they go from, that a part comes by; kernels (N,) of the past."""
-        if part != self.anew:
-            return self.prior.steps, self.prior.centres[kernels]
-        return self._anywhere.steps, np.tile(self._anywhere.centres, (len(kernels), 1))
+    def past_of(self, part: int) -> Reach:
+        """Where the past expects a part."""
+        return self._anywhere if part == self.anew else self.prior.reach
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
         """See `Target`: of the degrees of freedom of one part, by the past."""
-        return (self._anywhere if group == self.anew else self.prior.reach).log_density(x, group)
+        return self.past_of(group).log_density(x, group)
 
     def prepared(self, x: np.ndarray) -> PlacedBodies:
         """See `Target`: poses at tangents x (N, nv)."""
@@ -88,9 +90,35 @@ class PoseTarget:
         return self.evidence(samples, range(len(self.parts.features.names)))
 
     def likelihood(self, samples: PlacedBodies) -> np.ndarray:
-        """See `Target`: by outlines and silhouette, and by the learned prior of poses."""
-        value = np.zeros(len(samples.q)) if self.outlines is None else self.outlines.log_likelihood(samples)
+        """See `Target`: by outlines and silhouette, by which features are hidden, and by the learned prior of poses."""
+        value = np.zeros(len(samples.q))
+        if self.outlines is not None:
+            by_outlines, hidden = self.outlines.with_hidden(
+                samples, self.parts.features.points(samples), self.parts.of_limb
+            )
+            value += by_outlines + self._by_what_is_hidden(samples, hidden)
         return value if self.pose_prior is None else value - self.pose_prior.values(samples)
+
+    def _by_what_is_hidden(self, samples: PlacedBodies, hidden: np.ndarray) -> np.ndarray:
+        """By how much more the message says of poses (N,) since they hide features, (N, F) bool, which makes no
+        detection of them likely: a hand that is seen is not behind the trunk, which its place in the image leaves
+        open."""
+        value = np.zeros(len(samples.q))
+        if not any(self.if_hidden) or not hidden.any():
+            return value
+        told, pixels = self._told_of(tuple(range(self.parts.features.count))), self.pixels(samples)
+        for which in np.unique(hidden[hidden.any(axis=1)], axis=0):
+            rows = (hidden == which).all(axis=1)
+            value[rows] = self._told_if_hidden(tuple(which.tolist())).log_density(pixels[rows])
+            value[rows] -= told.log_density(pixels[rows])
+        return value
+
+    def _told_if_hidden(self, hidden: tuple[bool, ...]) -> FeatureDensity:
+        """The message about all features to poses that hide some of them, made once."""
+        if hidden not in self._if_hidden:
+            told = self._told_of(tuple(range(len(hidden))))
+            self._if_hidden[hidden] = told.if_hidden(np.array(hidden), *self.if_hidden)
+        return self._if_hidden[hidden]
 
     def evidence(self, placed: PlacedBodies, features: Sequence[int] | np.ndarray) -> np.ndarray:
         """What the message says of some features of N poses (N,); -inf where they have no image."""

@@ -156,7 +156,8 @@ class DualChain(Begins):
         camera, reference = observation.cameras[0], state.mixture.modes[0].q
         std = s.pose.noise * self.search.model.transition_std(dt)
         outlines, pose_prior = self._outlines(observation, reference), self.search.model.pose_prior
-        pose = PoseChain(rng, self.parts, camera, outlines, std, s.pose, s.past, pose_prior)
+        if_hidden = s.evidence.if_hidden if s.features == SKIN else (0.0, 0.0)
+        pose = PoseChain(rng, self.parts, camera, outlines, std, s.pose, s.past, pose_prior, if_hidden)
         points = self._points(self.search.model.extent(camera, reference))
         detections = self.seen.detected(observation, state.skin)
         crowd, after = self._updated(state, pose, points, detections, dt)
@@ -231,9 +232,7 @@ def _of_all(evidence: Evidence) -> Evidence:
     whole = evidence.density.known.all(axis=1)
     if not whole.any():
         return evidence
-    d = evidence.density
-    density = FeatureDensity(d.names, d.log_weight[whole], d.known[whole], d.mean[whole], d.covariance[whole])
-    return Evidence(density, evidence.detection[whole])
+    return Evidence(evidence.density.of(np.flatnonzero(whole)), evidence.detection[whole])
 
 
 _PLAIN = PoseChainSettings(tempering=TemperingSettings(powers=1))

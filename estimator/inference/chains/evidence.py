@@ -21,19 +21,26 @@ _NEVER = -1e12  # score of what cannot be
 class EvidenceSettings:
     """How detections become evidence.
 
-    detected: probability that a feature that can be seen is detected. clutter: false detections, per million pixels.
-    shared: weight of a feature in a detection that is another's too, as a hand before the face, beside the 1 - detected
-    of one that is missed elsewhere. most: associations that are kept.
+    detected: probability that a feature that can be seen is detected; hidden: that one is which a limb hides.
+    clutter: false detections, per million pixels. shared: weight of a feature in a detection that is another's too, as
+    a hand before the face, beside the 1 - detected of one that is missed elsewhere. most: associations that are kept.
     Raises InputError where a value cannot be.
     """
 
     detected: float = setting(0.9, above=0, below=1)
+    hidden: float = setting(0.05, above=0, below=1)
     clutter: float = setting(0.5, above=0)
     shared: float = setting(1.0, at_least=0, at_most=1)
     most: int = setting(40, at_least=1)
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def if_hidden(self) -> tuple[float, float]:
+        """How much more an association weighs, as logarithms, for a feature that is hidden and has a detection of its
+        own, and for one that has none."""
+        return math.log(self.hidden / self.detected), math.log((1.0 - self.hidden) / (1.0 - self.detected))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,4 +209,5 @@ def _density(detections: Detections, ways: np.ndarray, log_weight: np.ndarray) -
     covariance = np.tile(np.eye(2 * size), (len(ways), 1, 1))
     for k, f in np.argwhere(known):
         covariance[k, 2 * f : 2 * f + 2, 2 * f : 2 * f + 2] = detections.covariance[ways[k, f]]
-    return FeatureDensity(detections.names, log_weight, known, mean, covariance)
+    alone = known & ((ways[:, :, None] == ways[:, None, :]).sum(axis=2) == 1)
+    return FeatureDensity(detections.names, log_weight, known, mean, covariance, alone)

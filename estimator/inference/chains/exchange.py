@@ -95,9 +95,9 @@ def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity,
     """
     count = len(theirs.log_weight)
     i, j = np.divmod(np.arange(len(factor.log_weight)), count)
-    log_weight = factor.log_weight + [
-        _log_mean_height(theirs, int(b), ~seen.known[a]) for a, b in zip(i, j, strict=True)
-    ]
+    kinds, kind = np.unique(seen.known, axis=0, return_inverse=True)
+    heights = np.array([[_log_mean_height(theirs, b, ~known) for b in range(count)] for known in kinds])
+    log_weight = factor.log_weight + heights[kind.ravel()[i], j]
     if which:
         return replace(seen, log_weight=np.logaddexp.reduce(log_weight.reshape(-1, count), axis=1))
     return replace(factor, log_weight=log_weight, known=seen.known[i])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +22,8 @@ class FeatureDensity:
 
     names (F,): of the features. log_weight (K,). known (K, F) bool: which features a kernel speaks of; it is 1 over all
     others, as a chain is of features that it does not predict (Taycher et al. 2004, section 3). mean (K, F, 2) [px].
-    covariance (K, 2F, 2F) [px^2]: positive definite over what is known, anything over the rest.
+    covariance (K, 2F, 2F) [px^2]: positive definite over what is known, anything over the rest. alone (K, F) bool:
+    features that a kernel takes for seen in a place where no other feature is seen; None for none.
 
     The weights need not sum to one: a product keeps its constant, which says how well its factors agree.
     """
@@ -32,6 +33,7 @@ class FeatureDensity:
     known: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
+    alone: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         count, size = len(self.log_weight), len(self.names)
@@ -71,20 +73,28 @@ class FeatureDensity:
         """Of each kernel the matrix (K, 2F, 2F), lower triangular, that makes offsets from its mean independent and
         normal, zero where it says nothing, and the logarithm (K,) of its height."""
         inverse, height = np.zeros_like(self.covariance), self.log_weight.astype(np.float64)
-        for k in range(len(height)):
-            dims = self.dims(k)
-            if len(dims):
-                factor = np.linalg.cholesky(self.covariance[k][np.ix_(dims, dims)])
-                inverse[k][np.ix_(dims, dims)] = np.linalg.inv(factor)
-                height[k] -= 0.5 * len(dims) * _LOG_2PI + np.log(np.diag(factor)).sum()
+        for rows, dims in _kinds(self.known):
+            block = np.ix_(rows, dims, dims)
+            factor = np.linalg.cholesky(self.covariance[block])
+            inverse[block] = np.linalg.inv(factor)
+            height[rows] -= 0.5 * len(dims) * _LOG_2PI + np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return inverse, height
+
+    def precisions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of each kernel the precision (K, 2F, 2F) [1/px^2], zero where it says nothing, and the logarithm (K,) of how
+        high it would be at its mean with a weight of 1."""
+        white, height = self._whitening
+        return np.swapaxes(white, 1, 2) @ white, height - self.log_weight
 
     def marginal(self, names: Sequence[str]) -> FeatureDensity:
         """Over some of the features, in the order of `names`, the others integrated out."""
         index = [self.names.index(name) for name in names]
         dims = np.ravel([(2 * i, 2 * i + 1) for i in index]).astype(np.int64)
         covariance = self.covariance[:, dims][:, :, dims]
-        return FeatureDensity(tuple(names), self.log_weight, self.known[:, index], self.mean[:, index], covariance)
+        alone = None if self.alone is None else self.alone[:, index]
+        return FeatureDensity(
+            tuple(names), self.log_weight, self.known[:, index], self.mean[:, index], covariance, alone
+        )
 
     def over(self, names: Sequence[str]) -> FeatureDensity:
         """The same over these features, of which it says nothing where it had none."""
@@ -95,6 +105,7 @@ class FeatureDensity:
             np.hstack([self.known, np.zeros((len(self.known), len(missing)), dtype=bool)]),
             np.concatenate([self.mean, np.zeros((len(self.mean), len(missing), 2))], axis=1),
             np.array([_grown(C, 2 * len(missing)) for C in self.covariance]),
+            None if self.alone is None else np.pad(self.alone, ((0, 0), (0, len(missing)))),
         )
         return wide if wide.names == tuple(names) else wide.marginal(names)
 
@@ -112,7 +123,16 @@ class FeatureDensity:
             rows = np.flatnonzero(kind.ravel() == k)
             weight, mean[rows], covariance[rows] = _kernel_products(left, i[rows], right, j[rows])
             log_weight[rows] += weight
-        return FeatureDensity(names, log_weight, known, mean, covariance)
+        some = [d.alone[rows] for d, rows in ((left, i), (right, j)) if d.alone is not None]
+        alone = np.logical_or.reduce(some) if some else None
+        return FeatureDensity(names, log_weight, known, mean, covariance, alone)
+
+    def if_hidden(self, hidden: np.ndarray, seen: float, missed: float) -> FeatureDensity:
+        """The same for states that hide features (F,) bool: a kernel weighs `seen` more, as a logarithm, for each of
+        these that it takes for seen alone, and `missed` more for each that it says nothing of."""
+        alone = np.zeros_like(self.known) if self.alone is None else self.alone
+        more = seen * (alone & hidden).sum(axis=1) + missed * (~self.known & hidden).sum(axis=1)
+        return replace(self, log_weight=self.log_weight + more)
 
     def without(self, names: Sequence[str]) -> FeatureDensity:
         """The same that says nothing of some features."""
@@ -132,21 +152,22 @@ class FeatureDensity:
         kept = np.argsort(-share, kind="stable")[:most]
         kept = np.sort(kept[share[kept] >= min(least, share.max())])
         lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[kept])
+        return replace(self.of(kept), log_weight=self.log_weight[kept] + lost)
+
+    def of(self, rows: np.ndarray) -> FeatureDensity:
+        """Some of the kernels, as heavy as they are."""
+        alone = None if self.alone is None else self.alone[rows]
         return FeatureDensity(
-            self.names, self.log_weight[kept] + lost, self.known[kept], self.mean[kept], self.covariance[kept]
+            self.names, self.log_weight[rows], self.known[rows], self.mean[rows], self.covariance[rows], alone
         )
 
     def log_mass(self, expected: FeatureDensity) -> np.ndarray:
         """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""
         prior = expected.collapsed()
-        both = self.known & prior.known[0]
-        mass = self.log_weight.copy()
-        for k in range(len(mass)):
-            dims = np.flatnonzero(np.repeat(both[k], 2))
-            if len(dims):
-                block = np.ix_(dims, dims)
-                off = self.mean[k].ravel()[dims] - prior.mean[0].ravel()[dims]
-                mass[k] += _log_normals(off[None], (prior.covariance[0][block] + self.covariance[k][block])[None])[0]
+        mass, off = self.log_weight.copy(), (self.mean - prior.mean).reshape(len(self.mean), -1)
+        for rows, dims in _kinds(self.known & prior.known[0]):
+            covariance = prior.covariance[0][np.ix_(dims, dims)] + self.covariance[np.ix_(rows, dims, dims)]
+            mass[rows] += _log_normals(off[np.ix_(rows, dims)], covariance)
         return mass
 
     def merged(self) -> FeatureDensity:
@@ -161,7 +182,7 @@ class FeatureDensity:
             target = int(k) if same is None else same
             weight[target] = np.logaddexp(weight[target], self.log_weight[k])
         rows = np.sort(kept)
-        return FeatureDensity(self.names, weight[rows], self.known[rows], self.mean[rows], self.covariance[rows])
+        return replace(self.of(rows), log_weight=weight[rows])
 
     def _alike(self, a: int, b: int) -> bool:
         """Whether two kernels speak of the same, from about the same place with about the same spread."""
@@ -273,6 +294,14 @@ def _kernel_products(
         C[np.ix_(rows, new, new)] = rest + gain @ _block(C, both, both) @ np.swapaxes(gain, 1, 2)
     known = np.repeat(left.known[i[0]] | right.known[j[0]], 2)
     return weight, m.reshape(count, -1, 2), _definite(C, known)
+
+
+def _kinds(known: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The kernels (R,) that speak of the same features, known (K, F) bool, and the coordinates (D,) of these: they are
+    worked out at once. Those that speak of nothing are left out."""
+    kinds, kind = np.unique(known, axis=0, return_inverse=True)
+    for k in np.flatnonzero(kinds.any(axis=1)):
+        yield np.flatnonzero(kind.ravel() == k), np.flatnonzero(np.repeat(kinds[k], 2))
 
 
 def _block(matrices: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

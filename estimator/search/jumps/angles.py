@@ -72,7 +72,7 @@ def part_turns(axes, through, points, pivot, turn, targets, rays, lower, upper, 
         for c in range(3):
             centre[c] += points[i, c] - pivot[c]
     size = math.sqrt(dot(centre, centre))
-    main = times(1.0 / size, centre) if size > 1e-9 else axes[0].copy()
+    main = times(1.0 / size, centre) if size > 1e-9 else times(1.0, axes[0])
     side = cross(main, axes[0] if abs(dot(main, axes[0])) < 0.9 else axes[1])
     starts = np.zeros((3, m))  # the last start is to leave it where it is
     main_target, side_target = np.empty(3), np.empty(3)

@@ -1,10 +1,8 @@
-"""Vectors of three numbers, compiled."""
+"""Vectors of three numbers, compiled: arrays or tuples. Results are tuples, which need no memory of their own."""
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
 
 from humanoid.support.compiled import jit
 
@@ -18,29 +16,19 @@ def dot(a, b):  # type: ignore[no-untyped-def]
 @jit
 def cross(a, b):  # type: ignore[no-untyped-def]
     """Vector product (3,) of vectors a, b (3,)."""
-    out = np.empty(3)
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    return out
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @jit
 def plus(a, factor, b):  # type: ignore[no-untyped-def]
     """a + factor b (3,), of vectors a, b (3,) and a number."""
-    out = np.empty(3)
-    for c in range(3):
-        out[c] = a[c] + factor * b[c]
-    return out
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
 @jit
 def times(factor, a):  # type: ignore[no-untyped-def]
     """factor a (3,), of a number and a vector (3,)."""
-    out = np.empty(3)
-    for c in range(3):
-        out[c] = factor * a[c]
-    return out
+    return factor * a[0], factor * a[1], factor * a[2]
 
 
 @jit
@@ -48,11 +36,11 @@ def rotated(axis, angle, v):  # type: ignore[no-untyped-def]
     """v (3,) turned by `angle` [rad] about the unit vector `axis` (3,)."""
     c, s = math.cos(angle), math.sin(angle)
     along = dot(axis, v) * (1.0 - c)
-    out = np.empty(3)
-    out[0] = c * v[0] + s * (axis[1] * v[2] - axis[2] * v[1]) + along * axis[0]
-    out[1] = c * v[1] + s * (axis[2] * v[0] - axis[0] * v[2]) + along * axis[1]
-    out[2] = c * v[2] + s * (axis[0] * v[1] - axis[1] * v[0]) + along * axis[2]
-    return out
+    return (
+        c * v[0] + s * (axis[1] * v[2] - axis[2] * v[1]) + along * axis[0],
+        c * v[1] + s * (axis[2] * v[0] - axis[0] * v[2]) + along * axis[1],
+        c * v[2] + s * (axis[0] * v[1] - axis[1] * v[0]) + along * axis[2],
+    )
 
 
 @jit
