@@ -3,7 +3,7 @@
     python -m benchmarks.dual_chain [--seeds 0 1 2 3 4] [--jobs 2] [--work FOLDER] [--recover] [--json FILE]
 
 All weigh poses by the same blobs, outlines and silhouette, begin by the same keypoints of the first frame, and differ
-in where poses come from: dual-chain(1000) as it is set, likelihood sampling(1000) without points and past,
+in where poses come from: dual-chain(1000), and (2000) as it is set, likelihood sampling(1000) without points and past,
 CONDENSATION with 5,000 and 15,000 whole poses from the past; then all in the time of the first. Two more ways are the
 first without points, and with limbs that are neither drawn from the image nor led to it. A seed is one of the clip
 (clothes, boards, noise) and of the tracker. Arms move out of the image plane, cross before the body and the face; one
@@ -31,10 +31,12 @@ from kinemode.terminal import report
 
 FRAMES = {"talk": 250, "reach_out": 160, "cross_arms": 160}
 LOST = 250.0  # mm
-DUAL, SAMPLING, TEMPERED = "dual-chain(1000)", "likelihood-sampling(1000)", "likelihood-sampling(1000), by powers"
+DUAL, AS_SET = "dual-chain(1000)", "dual-chain(2000)"
+SAMPLING, TEMPERED = "likelihood-sampling(1000)", "likelihood-sampling(1000), by powers"
 CONDENSATION = "condensation({})"
 NO_POINTS, BY_PAST = "dual-chain(1000), no chain of points", "dual-chain(1000), limbs from the past"
-_SAMPLING: dict[str, Any] = {"chain": False, "past": False, "pose": {"tempering": {"powers": 1}}}
+_THOUSAND: dict[str, Any] = {"particles": 1000}
+_SAMPLING: dict[str, Any] = {"chain": False, "past": False, "pose": {**_THOUSAND, "tempering": {"powers": 1}}}
 
 
 def condensation(particles: int) -> dict[str, Any]:
@@ -43,13 +45,14 @@ def condensation(particles: int) -> dict[str, Any]:
 
 
 WAYS: dict[str, dict[str, Any]] = {
-    DUAL: {},
+    DUAL: {"pose": _THOUSAND},
+    AS_SET: {},
     SAMPLING: _SAMPLING,
-    TEMPERED: {"chain": False, "past": False},
+    TEMPERED: {"chain": False, "past": False, "pose": _THOUSAND},
     CONDENSATION.format(5000): condensation(5000),
     CONDENSATION.format(15000): condensation(15000),
-    NO_POINTS: {"chain": False},
-    BY_PAST: {"pose": {"by_past": 1.0, "by_image": 0.0}},
+    NO_POINTS: {"chain": False, "pose": _THOUSAND},
+    BY_PAST: {"pose": {**_THOUSAND, "by_past": 1.0, "by_image": 0.0}},
 }
 _TIMED = 8  # frames
 
@@ -151,7 +154,7 @@ class EqualTime:
     def work(self, kept: Kept) -> Figures:
         """Numbers of samples: condensation, sampling."""
         film = Film(self.clip.files(kept.folder))
-        target = _seconds(film, {})
+        target = _seconds(film, WAYS[DUAL])
         return {
             "condensation": _count(target, film, 5000, 15000, condensation),
             "sampling": _count(target, film, 1000, 2000, _sampling),

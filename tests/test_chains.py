@@ -135,6 +135,18 @@ def test_identity_goes_by_what_is_expected() -> None:
     assert likeliest(detections, expected_at((100, 50), (138, 195), (62, 205))) == (0, 2, 1)
 
 
+def test_a_chain_that_has_hands_the_wrong_way_round_is_told_of_the_other() -> None:
+    """However sure it is; that it is unlikely is for its own weights to say."""
+    detections = blobs((100, 50), (60, 200), (140, 200))
+    wrong = expected_at((100, 50), (140, 200), (60, 200), spread=2.0)
+    evidence = evidence_of(detections, EvidenceSettings(), wrong)
+    points = np.array([[[100, 50], [60, 200], [140, 200]], [[100, 50], [140, 200], [60, 200]]], float)
+    chain = PointChain(HANDS, 400.0, PointSettings(), ((1, 2),))
+    theirs = chain.features(chain.begun(points[1], 4.0 * np.eye(6)))
+    told = messages([wrong, theirs], evidence)[0].evidence.log_density(points)
+    assert told[1] - told[0] == pytest.approx(np.log(0.9 / 0.1), abs=0.01)
+
+
 def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
     """The face stays the head's. Who is not sure where the hand is rather thinks it missed, for the face is small."""
     detections = blobs((100, 50), (60, 200))
@@ -146,9 +158,9 @@ def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
 def test_a_hidden_feature_is_as_likely_detected_as_settings_say() -> None:
     """As evidence would be that knew it from the start."""
     settings, points = EvidenceSettings(), np.array([[[100.0, 50.0]], [[300.0, 10.0]]])
-    one = Detections(HANDS[1:2], points[0], np.tile(16.0 * np.eye(2), (1, 1, 1)), np.ones((1, 1)), np.zeros(1, bool))
-    hidden = evidence_of(one, settings).density.if_hidden(np.ones(1, bool), *settings.if_hidden)
-    known = evidence_of(one, replace(settings, detected=settings.hidden)).density
+    hand = Detections(HANDS[1:2], points[0], np.tile(16.0 * np.eye(2), (1, 1, 1)), np.ones((1, 1)), np.zeros(1, bool))
+    hidden = evidence_of(hand, settings).density.if_hidden(np.ones(1, bool), *settings.if_hidden)
+    known = evidence_of(hand, replace(settings, detected=settings.hidden)).density
     np.testing.assert_allclose(hidden.log_density(points), known.log_density(points), rtol=1e-12)
 
 

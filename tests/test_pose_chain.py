@@ -18,6 +18,7 @@ from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
 from estimator.search.pose_chain import Crowd, Expected, PoseChain, PoseChainSettings
+from estimator.search.pose_elsewhere import anywhere
 from estimator.search.pose_parts import PoseParts
 from estimator.terms.pose_mixture import shipped_mixture
 from estimator.terms.pose_prior import PosePrior
@@ -71,14 +72,13 @@ def told(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.0) -> Messa
 
 
 def plainly_weighed(made: PoseChain, prior: Expected, message: Message, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Tangents (N, nv) drawn from the past alone, each part by itself and at most one limb anywhere, and their weights
+    """Tangents (N, nv) drawn from the past alone, each part by itself and one arm perhaps anywhere, and their weights
     by the message: the same posterior."""
-    rng, x, lost = np.random.default_rng(9), np.empty((count, made.body.nv)), made.settings.lost
-    target, odds = made._target(prior, message), np.array([1.0, lost, lost])
-    anew = rng.choice([-1, 1, 2], size=count, p=odds / odds.sum())
+    rng, x, odds = np.random.default_rng(9), np.empty((count, made.body.nv)), 3.0 * made.settings.lost
+    target, anew = made._target(prior, message), rng.random(count) < odds / (1.0 + odds)
     for part, group in enumerate(prior.steps.groups):
-        for own in np.unique(anew):
-            reach = replace(target, anew=int(own)).past_of(part)
+        for own in (False, True):
+            reach = replace(target, elsewhere={1: anywhere(made.parts, prior)} if own else {}).past_of(part)
             centres = reach.centres[rng.choice(len(reach.centres), size=count)]
             x[np.ix_(anew == own, group)] = reach.steps.moved_group(rng, centres, group)[anew == own]
     log_weight = target.told(target.prepared(x))
@@ -112,11 +112,15 @@ def test_a_body_without_arms_is_refused() -> None:
 @pytest.mark.parametrize(
     ("by_past", "lost"), [*(pytest.param(share, 0.0, marks=pytest.mark.paper) for share in (0.2, 0.8)), (0.2, 100.0)]
 )
-def test_the_posterior_is_that_of_weighing_the_past(by_past: float, lost: float) -> None:
+def test_the_posterior_is_that_of_weighing_the_past(
+    by_past: float, lost: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whatever share comes from the image, and whatever the odds that a limb is anywhere: means and spreads of all
     joints, and of the hands in the image."""
-    settings = replace(SETTINGS, by_past=by_past, lost=lost, renewed=0.3)
+    settings = replace(SETTINGS, by_past=by_past, lost=lost, renewed=0.5)
     made = chain(np.random.default_rng(0), settings)
+    if lost:
+        monkeypatch.setattr(PoseChain, "_chosen", lambda self: (1,))
     prior = made.predict(crowd(made.body), 0.04)
     message = told(made)
     # hardly any limb that is anywhere is where it is seen: plain weighing needs more of them
@@ -169,7 +173,7 @@ def test_a_hand_that_is_seen_is_not_behind_the_trunk() -> None:
 
 
 def test_what_is_told_nothing_goes_on_as_expected() -> None:
-    made = chain(np.random.default_rng(1))
+    made = chain(np.random.default_rng(1), replace(SETTINGS, lost=0.0))
     prior = made.predict(crowd(made.body), 0.04)
     after, _ = made.update(prior, nothing_seen(made.parts.features.names))
     x = made.body.differences(prior.reference, after.q)

@@ -66,21 +66,30 @@ def box(reach: float = np.inf) -> Box:
     return Box(GROUPS, np.ones(3), np.full(3, -reach), np.full(3, reach))
 
 
-def test_two_wells_have_their_shares_places_and_evidence() -> None:
-    """A standard normal past and two narrow wells: every figure of the posterior has a closed form."""
+@pytest.mark.parametrize("chosen_by", [0.0, 0.3])
+def test_two_wells_have_their_shares_places_and_evidence(chosen_by: float) -> None:
+    """A standard normal past and two narrow wells: every figure of the posterior has a closed form. Also from samples
+    that a power of the likelihood chose of many."""
     masses = SHARES * np.exp([log_normal(well[None], np.zeros(3), np.hypot(1.0, WIDTH))[0] for well in WELLS])
     runs = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        x = rng.standard_normal((1500, 3))
+        x = rng.standard_normal((30_000 if chosen_by else 1500, 3))
+        weights, before = normalised(chosen_by * wells(x))
+        x = x[systematic(rng, weights, 1500)]
         slowly = TemperingSettings(survival=0.5, moves=3)
-        result = tempered(rng, x, np.zeros(len(x)), Plain(nothing, wells), box(), slowly)
+        result = tempered(rng, x, -chosen_by * wells(x), Plain(nothing, wells), box(), slowly, chosen_by)
         assert result is not None
         first = np.linalg.norm(result.x - WELLS[0], axis=1) < np.linalg.norm(result.x - WELLS[1], axis=1)
         runs.append(
-            (result.log_evidence, first.mean(), *result.x[~first].mean(axis=0), result.x[~first].std(axis=0).mean())
+            (
+                result.log_evidence + before,
+                first.mean(),
+                *result.x[~first].mean(axis=0),
+                result.x[~first].std(axis=0).mean(),
+            )
         )
-        assert result.powers > 3
+        assert result.powers > (1 if chosen_by else 3)
         assert 0.05 < result.accepted < 0.95
     runs_of = np.array(runs)
     error = runs_of.std(axis=0) / np.sqrt(len(runs))

@@ -52,10 +52,12 @@ def tempered(
     target: Target[Any],
     box: Box,
     settings: TemperingSettings,
+    begun: float = 0.0,
 ) -> Tempered | None:
     """Samples of the target, from samples x (N, D) with log_weight (N,) of it without the likelihood.
 
-    Each power is the highest that leaves `settings.survival` of the samples. None where no sample can be.
+    Each power is the highest that leaves `settings.survival` of the samples. begun: the least that the first is, where
+    samples were chosen by something like a power of the likelihood. None where no sample can be.
     """
     likelihood = target.likelihood(target.prepared(x))
     log_weight = np.where(np.isfinite(likelihood), log_weight, -np.inf)
@@ -66,7 +68,10 @@ def tempered(
     samples = walk.begun(x, likelihood) if moves else Samples(x, np.zeros((len(x), 0)), np.zeros(len(x)), likelihood)
     power, log_evidence, effective, accepted, count = 0.0, 0.0, float(len(x)), 0.0, 0
     while power < 1.0:
-        step = _next_step(log_weight, samples.likelihood, 1.0 - power, settings.powers - count, settings.survival)
+        lowest = 0.0 if count else begun
+        step = _next_step(
+            log_weight, samples.likelihood, (lowest, 1.0 - power), settings.powers - count, settings.survival
+        )
         power = min(power + step, 1.0) if count + 1 < settings.powers else 1.0
         weights, log_mean = normalised(_added(log_weight, step, samples.likelihood))
         log_evidence += log_mean
@@ -79,9 +84,12 @@ def tempered(
     return Tempered(samples.x, log_evidence, effective, count, accepted / max(count * moves, 1))
 
 
-def _next_step(log_weight: np.ndarray, log_likelihood: np.ndarray, left: float, powers: int, survival: float) -> float:
-    """The longest step to a higher power, up to what is `left` to 1, that leaves enough effective samples; never so
-    short that the `powers` that are left do not reach it."""
+def _next_step(
+    log_weight: np.ndarray, log_likelihood: np.ndarray, within: tuple[float, float], powers: int, survival: float
+) -> float:
+    """The longest step to a higher power, `within` the least there may be and what is left to 1, that leaves enough
+    effective samples; never so short that the `powers` that are left do not reach it."""
+    low, left = within
     least = survival * len(log_weight)
 
     def effective(step: float) -> float:
@@ -89,7 +97,7 @@ def _next_step(log_weight: np.ndarray, log_likelihood: np.ndarray, left: float, 
 
     if powers <= 1 or effective(left) >= least:
         return left
-    low, high = 0.0, left
+    high = left
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if effective(middle) >= least else (low, middle)

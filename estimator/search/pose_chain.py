@@ -7,7 +7,9 @@ outlines.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +23,9 @@ from estimator.inference.tempering import Tempered, TemperingSettings, tempered
 from estimator.inference.walk import Box
 from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_draws import PartDraws
+from estimator.search.pose_elsewhere import anywhere
 from estimator.search.pose_parts import PoseParts
-from estimator.search.pose_target import Expected, PoseTarget
+from estimator.search.pose_target import Elsewhere, Expected, PoseTarget
 from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting
@@ -43,15 +46,15 @@ class PoseChainSettings:
     led from the past to the features. groups: of samples that the features are expected by.
     noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
     and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
-    but anywhere, 0 for never; renewed: share of the samples that look for each limb there (`PoseChain.update`).
+    but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
     rest: seconds, at the least, in which joints of which nothing is seen go two thirds of the way back to rest
     (`Rest`). tempering: how outlines are let in.
     Raises InputError where a value cannot be.
     """
 
-    particles: int = setting(1000, at_least=2)
+    particles: int = setting(2000, at_least=2)
     draws: str = setting(BY_PARTS, one_of=(BY_PARTS, BY_PAST))
-    kernels: int = setting(50, at_least=1)
+    kernels: int = setting(100, at_least=1)
     by_past: float = setting(0.2, at_least=0, at_most=1)
     by_image: float = setting(0.2, at_least=0, at_most=1)
     groups: int = setting(3, at_least=1)
@@ -59,7 +62,7 @@ class PoseChainSettings:
     far: float = setting(0.2, at_least=0, at_most=1)
     wide: float = setting(3.0, at_least=1)
     lost: float = setting(0.03, at_least=0)
-    renewed: float = setting(0.07, above=0, below=1)
+    renewed: float = setting(0.2, above=0, below=1)
     rest: float = setting(0.5, above=0)
     tempering: TemperingSettings = field(default_factory=TemperingSettings)
 
@@ -75,6 +78,14 @@ class Crowd:
     q: np.ndarray
     weights: np.ndarray
     reference: np.ndarray
+
+
+class _Way(NamedTuple):
+    """That the past is wrong about some parts, by number, and where they may be instead; odds: beside 1 that it is
+    right about all."""
+
+    odds: float
+    elsewhere: Mapping[int, Elsewhere]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +153,19 @@ class PoseChain:
     def update(self, prior: Expected, message: Message) -> tuple[Crowd, float]:
         """See `Chain`. Without any sample the past goes on alone.
 
-        The past may be wrong about a limb. So a few samples have one limb anew, from where the image shows its end or
-        from rest, and all others from the past: strata of their own, each weighed by its odds and its evidence, since
-        among the others a limb that was just found would be selected away before outlines speak for it.
+        The past may be wrong about limbs. So some samples have one limb anew, or all, from where the image shows their
+        ends or from rest, and the rest from the past: a stratum of its own, weighed by its odds and its evidence, since
+        among the others a limb that was just found would be selected away before outlines speak for it. One such way is
+        tried in every frame, in turn by chance, at the odds of all of them.
         """
         if self.settings.draws == BY_PAST:
             return self._by_past(self._target(prior, message))
-        strata = [self._stratum(prior, message, part, count) for part, count in self._counts()]
+        ways = self._ways(prior)
+        few = max(int(self.settings.renewed * self.settings.particles), _FEWEST) if len(ways) > 1 else 0
+        counts = (max(self.settings.particles - few, _FEWEST), few)
+        strata = [self._stratum(prior, message, way, count) for way, count in zip(ways, counts, strict=False)]
         told = [-np.inf if result is None else result.log_evidence for result in strata]
-        odds = np.array([1.0, *[self.settings.lost] * (len(strata) - 1)])
+        odds = np.array([way.odds for way in ways])
         weights, log_evidence = _shares(odds / odds.sum(), np.array(told))
         if strata[0] is None and not weights.any():
             return self.without_samples(prior)
@@ -161,31 +176,42 @@ class PoseChain:
             x = x[systematic(self.rng, np.concatenate(each), self.settings.particles)]
         return self._even(prior, x), log_evidence
 
-    def _counts(self) -> list[tuple[int, int]]:
-        """The part that each stratum has anew, and how many samples it has: the first has none anew."""
-        s, limbs = self.settings, range(1, self.parts.count)
+    def _ways(self, prior: Expected) -> list[_Way]:
+        """That the past is right, and another way."""
+        s, right = self.settings, _Way(1.0, {})
         if not self.past or s.lost <= 0.0:
-            return [(-1, s.particles)]
-        few = max(int(s.renewed * s.particles), _FEWEST)
-        return [(-1, max(s.particles - few * len(limbs), few)), *((part, few) for part in limbs)]
+            return [right]
+        chosen, other = self._chosen(), anywhere(self.parts, prior)
+        return [right, _Way(len(self._wrong) * s.lost ** len(chosen), dict.fromkeys(chosen, other))]
 
-    def _stratum(self, prior: Expected, message: Message, anew: int, count: int) -> Tempered | None:
-        """Samples of the posterior with one part anew, and their evidence."""
+    @property
+    def _wrong(self) -> tuple[tuple[int, ...], ...]:
+        """The parts that the past may be wrong about: one limb, or all of them."""
+        limbs = range(1, self.parts.count)
+        return (*((part,) for part in limbs), *((tuple(limbs),) if len(limbs) > 1 else ()))
+
+    def _chosen(self) -> tuple[int, ...]:
+        """Those that this frame tries."""
+        return self._wrong[self.rng.integers(len(self._wrong))]
+
+    def _stratum(self, prior: Expected, message: Message, way: _Way, count: int) -> Tempered | None:
+        """Samples of the posterior with some parts elsewhere than where the past has them, and their evidence."""
         s = self.settings
         some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
-        target = replace(self._target(replace(prior, samples=prior.samples[some]), message), anew=anew)
+        target = replace(self._target(replace(prior, samples=prior.samples[some]), message), elsewhere=way.elsewhere)
         drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts()
         if drawn is None:
             return None
-        # parts were weighed by what is told of each alone: in the end by what is told of all
+        # parts were chosen by what is told of each alone: in the end they are weighed by what is told of all
         told = target.told(target.prepared(drawn.x))
         possible = np.isfinite(told)
         log_weight = np.where(possible, told - drawn.told, -np.inf)
+        begun = max((other.guided for other in way.elsewhere.values()), default=0.0)
         box = Box(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
-        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering)
+        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, begun)
         if result is None:
             return None
-        if anew < 0:
+        if not way.elsewhere:
             self.told["samples"], self.told["effective_sample_size"] = float(possible.sum()), result.effective
             self.told["powers"], self.told["accepted"] = float(result.powers), result.accepted
         return result._replace(log_evidence=result.log_evidence + drawn.log_evidence)

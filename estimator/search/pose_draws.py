@@ -18,15 +18,14 @@ from estimator.search.proposals.limb_ik import ImageProposal
 
 _WAYS = 6  # to see the features of a part, that lead it
 _WIDER = 1.3  # are led steps, which are linear, than those of the past
-_ANEW_BY_IMAGE = 0.6  # share of a part that may be anywhere
-_ANEW_TRIES = 8  # for each sample of it that is kept: of arms by inverse kinematics a fifth are inside their limits
 _BY_PAST, _LED, _BY_IMAGE = range(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Even samples of some parts: tangents x (N, nv), and told (N,), the sum of what the message says of the features
-    of each part by itself. log_evidence: logarithm of the mean of that under what was expected."""
+    """Even samples of some parts: tangents x (N, nv), and told (N,), the sum of what each was chosen by: what the
+    message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean of
+    that under what was expected."""
 
     x: np.ndarray
     told: np.ndarray
@@ -59,8 +58,8 @@ class PartDraws:
         """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
         its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
-        anew, count = part == target.anew, len(drawn.x)
-        x, before = (np.repeat(each, _ANEW_TRIES if anew else 1, axis=0) for each in (drawn.x, drawn.told))
+        other, count = target.elsewhere.get(part), len(drawn.x)
+        x, before = (np.repeat(each, other.tries if other else 1, axis=0) for each in (drawn.x, drawn.told))
         reach = target.past_of(part)
         kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
         steps, centres = reach.steps, reach.centres[kernel]
@@ -79,6 +78,8 @@ class PartDraws:
             log_q = np.logaddexp(log_q, proposal.log_density(angles, placed) + log_shares[_BY_IMAGE])
         past = own if self.past else target.of_group(x, part)
         told = target.evidence(placed, target.parts.of_part[part])
+        if other and other.guided > 0.0:
+            told = told + other.guided * target.outlines_of(part, placed)
         ok &= np.isfinite(log_q) & np.isfinite(told)
         if not ok.any():
             return None
@@ -111,7 +112,8 @@ class PartDraws:
         """Of draws by past, led and by the image (3,)."""
         if not self.past:
             return np.array([0.0, 1.0, 0.0]) if part == 0 else np.array([0.0, 0.0, 1.0])
-        by_image = (_ANEW_BY_IMAGE if part == self.target.anew else self.by_image) if seen else 0.0
+        other = self.target.elsewhere.get(part)
+        by_image = (other.by_image if other else self.by_image) if seen else 0.0
         by_past = min(self.by_past, 1.0 - by_image)
         return np.array([by_past, max(1.0 - by_past - by_image, 0.0), by_image])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,6 +16,18 @@ from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_parts import PoseParts
 from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body, PlacedBodies
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """Where a part may be if it is not where the past has it. by_image: share of the draws that come from where the
+    image shows its end. tries: draws for each that is kept. guided: the power of what outlines say of the part by which
+    these are chosen, beside what is told of its features."""
+
+    reach: Reach
+    by_image: float
+    tries: int
+    guided: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +54,11 @@ class PoseTarget:
     What the past expects of trunk and limbs is taken as independent: of a thousand poses that were put together of
     parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.
 
-    camera: in which features are told. outlines: what else the picture says, None where nothing. anew: the part of
-    which the past is taken to be wrong, and that may be anywhere (`Rest.guess`); none by default. pose_prior: which
-    poses people take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how
-    much more an association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own,
-    and for one that has none (`EvidenceSettings.if_hidden`).
+    camera: in which features are told. outlines: what else the picture says, None where nothing. elsewhere: the parts,
+    by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses people
+    take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much more an
+    association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and for one
+    that has none (`EvidenceSettings.if_hidden`).
     """
 
     parts: PoseParts
@@ -54,7 +66,7 @@ class PoseTarget:
     outlines: OutlineLikelihood | None
     prior: Expected
     message: Message
-    anew: int = -1
+    elsewhere: Mapping[int, Elsewhere] = field(default_factory=dict)
     pose_prior: PosePrior | None = None
     if_hidden: tuple[float, float] = (0.0, 0.0)
     _told: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
@@ -65,17 +77,9 @@ class PoseTarget:
         """Whose poses."""
         return self.parts.body
 
-    @cached_property
-    def _anywhere(self) -> Reach:
-        """Of steps from rest that lead where joints are as a rule."""
-        steps = self.prior.steps
-        rest, spread = self.parts.rest.guess(self.body, self.prior.reference)
-        anywhere = Steps(spread, steps.lower, steps.upper, steps.groups, 0.0, 1.0)
-        return anywhere.reach(rest[None], np.ones(1))
-
     def past_of(self, part: int) -> Reach:
-        """Where the past expects a part."""
-        return self._anywhere if part == self.anew else self.prior.reach
+        """Where a part is expected."""
+        return self.elsewhere[part].reach if part in self.elsewhere else self.prior.reach
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
         """See `Target`: of the degrees of freedom of one part, by the past."""
@@ -119,6 +123,12 @@ class PoseTarget:
             told = self._told_of(tuple(range(len(hidden))))
             self._if_hidden[hidden] = told.if_hidden(np.array(hidden), *self.if_hidden)
         return self._if_hidden[hidden]
+
+    def outlines_of(self, part: int, samples: PlacedBodies) -> np.ndarray:
+        """What the outlines of the limbs that a part moves say (N,), the others being where they are."""
+        if self.outlines is None:
+            return np.zeros(len(samples.q))
+        return np.asarray(self.outlines.values(samples, self.parts.shapes[part])[0].sum(axis=1))
 
     def evidence(self, placed: PlacedBodies, features: Sequence[int] | np.ndarray) -> np.ndarray:
         """What the message says of some features of N poses (N,); -inf where they have no image."""

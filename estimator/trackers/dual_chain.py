@@ -235,20 +235,25 @@ def _of_all(evidence: Evidence) -> Evidence:
     return Evidence(evidence.density.of(np.flatnonzero(whole)), evidence.detection[whole])
 
 
-_PLAIN = PoseChainSettings(tempering=TemperingSettings(powers=1))
+_PLAIN = PoseChainSettings(particles=1000, tempering=TemperingSettings(powers=1))
 _IDLE = (
     ONLY_TO_BEGIN,
     *DYNAMICS_ALONE,
     idle_where(
-        "dual_chain.skin dual_chain.face_model dual_chain.evidence.shared dual_chain.points.mistaken",
+        "dual_chain.skin dual_chain.face_model dual_chain.evidence.shared dual_chain.evidence.hidden "
+        "dual_chain.points.mistaken",
         dual_chain__features=KEYPOINTS,
     ),
     idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
     idle_where(
-        "dual_chain.pose.kernels dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.tempering",
+        "dual_chain.pose.kernels dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.tempering "
+        "dual_chain.pose.lost dual_chain.pose.renewed",
         dual_chain__pose__draws=BY_PAST,
     ),
-    idle_where("dual_chain.pose.by_past dual_chain.pose.by_image", dual_chain__past=False),
+    idle_where(
+        "dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.lost dual_chain.pose.renewed",
+        dual_chain__past=False,
+    ),
     idle_where("dual_chain.pose.groups", dual_chain__chain=False),
     idle_where("dual_chain.pose.wide", dual_chain__pose__far=0.0),
     idle_where("dual_chain.pose.renewed", dual_chain__pose__lost=0.0),

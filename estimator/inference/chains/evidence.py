@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from estimator.inference.chains.feature_density import FeatureDensity
+from estimator.inference.chains.feature_density import FeatureDensity, heaviest
 from humanoid.support.settings import check, setting
 
 _WAYS = 600  # that are looked at
 _CLOSER = 4  # times as many as are kept are looked at closer
+_NEGLIGIBLE = 1e-6  # share of what is expected that counts for nothing
 _NEVER = -1e12  # score of what cannot be
 
 
@@ -99,10 +100,20 @@ def evidence_of(detections: Detections, settings: EvidenceSettings, prior: Featu
     ways, log_weight = ways[likely], log_weight[likely]
     density = _density(detections, ways, log_weight)
     if len(ways) > settings.most:
-        score = log_weight if prior is None else density.log_mass(prior.over(density.names))
-        kept = np.sort(np.argsort(-score, kind="stable")[: settings.most])
+        kept = _likeliest_ways(density, settings.most, prior)
         ways, density = ways[kept], _density(detections, ways[kept], log_weight[kept])
     return Evidence(density, ways)
+
+
+def _likeliest_ways(density: FeatureDensity, most: int, prior: FeatureDensity | None) -> np.ndarray:
+    """The associations (R,) that are likeliest by what is expected, and where there is room for more those that are by
+    the same, doubted."""
+    if prior is None:
+        return heaviest(density.log_weight, most)
+    prior = prior.over(density.names)
+    kept = heaviest(density.log_mass(prior), most, _NEGLIGIBLE)
+    others = np.argsort(-density.log_mass(prior.doubted()), kind="stable")
+    return np.sort([*kept, *others[~np.isin(others, kept)]][:most])
 
 
 @dataclass(frozen=True, eq=False)

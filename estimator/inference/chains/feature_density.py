@@ -13,6 +13,7 @@ from humanoid.support.errors import InputError
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _LEAST = 1e-300  # of a share of a mixture
+_DOUBT = 30.0  # times as far off as is likely may be what is looked at
 _ALIKE = 0.3  # standard deviations apart, and difference of their logarithms, of kernels that say the same
 
 
@@ -143,14 +144,15 @@ class FeatureDensity:
         """The heaviest kernels, at most so many and none with less than a share `least`; the sum keeps its weight.
 
         expected: over the same features, where kernels speak of different ones, so that their weights have different
-        units: what counts is then their mass under it.
+        units: what counts is then their mass under it, and for what room there is left that under the same, doubted.
         """
         if len(self.log_weight) == 1:
             return self
         log_mass = self.log_weight if expected is None else self.log_mass(expected)
-        share = np.exp(log_mass - np.logaddexp.reduce(log_mass))
-        kept = np.argsort(-share, kind="stable")[:most]
-        kept = np.sort(kept[share[kept] >= min(least, share.max())])
+        kept = heaviest(log_mass, most, least)
+        if expected is not None:
+            others = heaviest(self.log_mass(expected.doubted()), most, least)
+            kept = np.sort([*kept, *np.setdiff1d(others, kept)][:most])
         lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[kept])
         return replace(self.of(kept), log_weight=self.log_weight[kept] + lost)
 
@@ -169,6 +171,11 @@ class FeatureDensity:
             covariance = prior.covariance[0][np.ix_(dims, dims)] + self.covariance[np.ix_(rows, dims, dims)]
             mass[rows] += _log_normals(off[np.ix_(rows, dims)], covariance)
         return mass
+
+    def doubted(self) -> FeatureDensity:
+        """The same with larger deviations, by which to choose what else is looked at: a chain that is wrong of what it
+        expects must not be deaf to what would tell it so."""
+        return replace(self, covariance=_DOUBT**2 * self.covariance)
 
     def merged(self) -> FeatureDensity:
         """The heaviest of all kernels that say about the same, with the weight of all of them: those left over by
@@ -294,6 +301,14 @@ def _kernel_products(
         C[np.ix_(rows, new, new)] = rest + gain @ _block(C, both, both) @ np.swapaxes(gain, 1, 2)
     known = np.repeat(left.known[i[0]] | right.known[j[0]], 2)
     return weight, m.reshape(count, -1, 2), _definite(C, known)
+
+
+def heaviest(log_mass: np.ndarray, most: int, least: float = 0.0) -> np.ndarray:
+    """The kernels (R,) with the largest masses, in order of their numbers: at most so many, and none with less than a
+    share `least` of all, unless all have."""
+    share = np.exp(log_mass - np.logaddexp.reduce(log_mass))
+    kept = np.argsort(-share, kind="stable")[:most]
+    return np.sort(kept[share[kept] >= min(least, share.max())])
 
 
 def _kinds(known: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
