@@ -160,6 +160,7 @@ class PoseChain:
         """
         if self.settings.draws == BY_PAST:
             return self._by_past(self._target(prior, message))
+        self.told["samples"] = self.told["effective_sample_size"] = 0.0
         ways = self._ways(prior)
         few = max(int(self.settings.renewed * self.settings.particles), _FEWEST) if len(ways) > 1 else 0
         counts = (max(self.settings.particles - few, _FEWEST), few)
@@ -206,9 +207,9 @@ class PoseChain:
         told = target.told(target.prepared(drawn.x))
         possible = np.isfinite(told)
         log_weight = np.where(possible, told - drawn.told, -np.inf)
-        begun = max((other.guided for other in way.elsewhere.values()), default=0.0)
+        guides = [other.guided for other in way.elsewhere.values()] if self.outlines else []
         box = Box(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
-        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, begun)
+        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, max(guides, default=0.0))
         if result is None:
             return None
         if not way.elsewhere:
