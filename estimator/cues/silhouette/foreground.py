@@ -25,6 +25,7 @@ __all__ = [
 ]
 
 _BEHIND = 3.0  # px inside the outline where it is asked whether the background is known
+_BESIDE = 2  # px around one within which its contrast is compared
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _OUTLINE_SMOOTHING = 1.5  # standard deviation of the Gaussian that evens the outline's pixel steps out [px]
 _SMOOTHING_REACH = 8  # px around the foreground beyond which that and the slope see nothing of it
@@ -82,14 +83,17 @@ def _told_apart(
     squared: np.ndarray, elsewhere: np.ndarray, known: np.ndarray, settings: SilhouetteSettings
 ) -> np.ndarray:
     """Foreground (H, W) bool by squared departures from the background where this is known, and `elsewhere`."""
-    mask = _tidy(np.where(known, squared > 1.0, elsewhere), settings.smallest * squared.size)
-    return _trimmed(mask, np.where(known, squared, np.float32(0.0)), known)
+    mask = _tidy(((squared > 1.0) & known) | (elsewhere & ~known), settings.smallest * squared.size)
+    trimmed, box = np.zeros_like(mask), _box(mask, _BESIDE)
+    if trimmed[box].size:
+        trimmed[box] = _trimmed(mask[box], np.where(known[box], squared[box], np.float32(0.0)), known[box])
+    return trimmed
 
 
 def _trimmed(mask: np.ndarray, squared: np.ndarray, known: np.ndarray) -> np.ndarray:
     """A mask without the rim of pixels that show less than half of the contrast beside them: they are blur."""
     rim = mask & known & (cv2.erode(mask.astype(np.uint8), _NEIGHBOURS) == 0)
-    beside = cv2.dilate(squared, np.ones((5, 5), np.uint8))
+    beside = cv2.dilate(squared, np.ones((2 * _BESIDE + 1, 2 * _BESIDE + 1), np.uint8))
     return np.asarray(mask & ~(rim & (squared < np.float32(0.25) * beside)))
 
 
@@ -99,19 +103,44 @@ def _tidy(mask: np.ndarray, smallest: float) -> np.ndarray:
     filled = ~_larger(closed == 0, smallest)
     parts = np.zeros_like(filled)
     box = _box(filled, 0)
-    parts[box] = _larger(filled[box], smallest)
+    if parts[box].size:
+        parts[box] = _larger(filled[box], smallest)
     return parts
 
 
 def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
     """The parts of a mask that have at least so many pixels."""
-    _, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] < smallest
+    count, label = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
+    areas = np.zeros(count, np.int64)
+    _count(label, areas)
+    small = areas < smallest
     small[0] = False
     if not small.any():
         return mask
     small[0] = True
-    return np.asarray(~small[label])
+    large = np.empty_like(mask)
+    _of_parts(label, ~small, large)
+    return large
+
+
+@jit
+def _count(label, areas):  # type: ignore[no-untyped-def]
+    """Add the pixels of each part, label (H, W), to areas (P,)."""
+    for y in range(label.shape[0]):
+        begun, part = 0, label[y, 0]
+        for x in range(label.shape[1]):
+            if label[y, x] != part:
+                areas[part] += x - begun
+                begun, part = x, label[y, x]
+        areas[part] += label.shape[1] - begun
+
+
+@jit
+def _of_parts(label, kept, mask):  # type: ignore[no-untyped-def]
+    """Fill a mask (H, W) with whether the part that each pixel is in, label (H, W), is kept (P,) bool."""
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            mask[y, x] = kept[label[y, x]]
 
 
 def _box(mask: np.ndarray, margin: int) -> tuple[slice, slice]:

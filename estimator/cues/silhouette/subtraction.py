@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 
+from estimator.cues.silhouette.shading import WINDOW, mark_brightness, mark_texture
 from humanoid.support.compiled import jit
 from humanoid.support.settings import check, setting
 
-_WINDOW = 7  # pixels across in which the texture of image and background is compared
-_RIM = _WINDOW + 4  # pixels across in which a shadow's outline is joined to it
+_RIM = WINDOW + 4  # pixels across in which a shadow's outline is joined to it
 _SHADED = 0.1  # change of brightness that makes shadow or light
 _NOISE = 2.5  # smallest spread [grey values]: flicker, compression and rounding are never less
 _UNEXPLAINED = 0.35  # share of the texture's variance that may differ where the background shows through
@@ -55,6 +56,16 @@ class Background:
     spread: np.ndarray
     known: np.ndarray
 
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Inverse (H, W, 3) float32 of the spread, of no less than the noise."""
+        return np.asarray(np.float32(1.0) / np.maximum(self.spread, np.float32(_NOISE)))
+
+    @cached_property
+    def grey(self) -> np.ndarray:
+        """Brightness (H, W) float32 of the mean."""
+        return np.asarray(cv2.cvtColor(self.mean, cv2.COLOR_BGR2GRAY))
+
 
 @dataclass(frozen=True)
 class Departure:
@@ -80,68 +91,57 @@ def departure(picture: np.ndarray, background: Background, settings: SilhouetteS
     The background itself may have been learned in shadow, so that light counts as shadow does.
     """
     limit = np.float32(settings.threshold**2)
+    picture = np.ascontiguousarray(picture)
     squared = np.empty(picture.shape[:2], np.float32)
-    _squared_difference(np.ascontiguousarray(picture), background.mean, background.spread, np.float32(_NOISE), squared)
+    _squared_difference(picture, background.mean, background.scale, squared)
     shaded = np.zeros(squared.shape, bool)
     x, y, width, height = cv2.boundingRect((squared > limit).view(np.uint8))
     if width:
-        box = tuple(slice(max(0, start - _RIM), start + size + _RIM) for start, size in ((y, height), (x, width)))
-        scale = np.float32(1.0) / np.maximum(background.spread[box], np.float32(_NOISE))
-        shadow, shaded[box] = _shadow(picture[box].astype(np.float32), background.mean[box], scale, settings)
-        squared[box] = np.where(shadow, np.minimum(squared[box], np.float32(0.5) * limit), squared[box])
-    return Departure(squared / limit, shaded)
+        rows, columns = (slice(max(0, s - _RIM), s + size + _RIM) for s, size in ((y, height), (x, width)))
+        box = rows, columns
+        shadow, shaded[box] = _shadow(picture[box], background, box, settings)
+        np.minimum(squared[box], np.float32(0.5) * limit, out=squared[box], where=shadow)
+    squared /= limit
+    return Departure(squared, shaded)
 
 
 @jit
-def _squared_difference(picture, mean, spread, least, squared):  # type: ignore[no-untyped-def]
-    """Squared difference of a picture (H, W, 3) uint8 from mean (H, W, 3) float32 in standard deviations `spread`
-    (H, W, 3) float32, at least `least`, summed over the channels; fills squared (H, W) float32."""
+def _squared_difference(picture, mean, scale, squared):  # type: ignore[no-untyped-def]
+    """Squared difference of a picture (H, W, 3) uint8 from mean (H, W, 3) float32 in standard deviations, of which
+    `scale` (H, W, 3) float32 is the inverse, summed over the channels; fills squared (H, W) float32."""
     height, width = squared.shape
     row = np.empty(3 * width, np.float32)
     for y in range(height):
-        colours, expected, spreads = picture[y].ravel(), mean[y].ravel(), spread[y].ravel()
+        colours, expected, scales = picture[y].ravel(), mean[y].ravel(), scale[y].ravel()
         for i in range(3 * width):  # side by side, for the processor's vector units
-            difference = (np.float32(colours[i]) - expected[i]) * (np.float32(1.0) / max(spreads[i], least))
+            difference = (np.float32(colours[i]) - expected[i]) * scales[i]
             row[i] = difference * difference
         for x in range(width):
             squared[y, x] = row[3 * x] + row[3 * x + 1] + row[3 * x + 2]
 
 
 def _shadow(
-    image: np.ndarray, mean: np.ndarray, scale: np.ndarray, settings: SilhouetteSettings
+    picture: np.ndarray, background: Background, box: tuple[slice, slice], settings: SilhouetteSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where an image is the background at another brightness, and where texture proves it; (H, W) bool each.
-
-    `scale` (H, W, 3) is the inverse of the spread.
-    """
-    seen, expected = image * scale, mean * scale
-    power = np.maximum(_over_channels(expected * expected), np.float32(1e-6))
-    ratio = _over_channels(seen * expected) / power
-    off_colour = _over_channels((seen - ratio[..., None] * expected) ** 2)
-    possible = (ratio > settings.shadow) & (ratio < 1.0 / settings.shadow) & (off_colour < settings.threshold**2)
-    shows, textured = _texture(image, mean)
+    """Where the part of a picture in a box (H, W, 3) uint8 is the background at another brightness, and where texture
+    proves it; (H, W) bool each."""
+    possible, other, shows, textured = np.empty((4, *picture.shape[:2]), bool)
+    mark_brightness(
+        picture, background.mean[box], background.scale[box], np.float32(settings.shadow),
+        np.float32(1.0 / settings.shadow), np.float32(settings.threshold**2), np.float32(_SHADED), possible, other,
+    )  # fmt: skip
+    grey = cv2.cvtColor(picture.astype(np.float32), cv2.COLOR_BGR2GRAY)
+    seen, expected = (_reflected(values) for values in (grey, background.grey[box]))
+    noise = np.float32((1.5 * _NOISE) ** 2)
+    mark_texture(seen, expected, noise, np.float32(_UNEXPLAINED), shows, textured)
     shadow = possible & shows
-    shaded = shadow & (np.abs(ratio - np.float32(1.0)) > _SHADED)
+    shaded = shadow & other
     # the texture test fails along the shadow's own outline
-    rim = cv2.dilate(shaded.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)) > 0
+    rim = cv2.dilate(shaded.view(np.uint8), np.ones((_RIM, _RIM), np.uint8)).view(bool)
     return shadow | (possible & rim), shaded & textured
 
 
-def _over_channels(values: np.ndarray) -> np.ndarray:
-    """Sum over the channels of (H, W, 3), (H, W)."""
-    return np.asarray(cv2.transform(values, np.ones((1, 3), np.float32)))
-
-
-def _texture(image: np.ndarray, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the background's texture, brighter or darker, explains the image's; whether it has any. (H, W) bool."""
-    seen, expected = (cv2.cvtColor(values, cv2.COLOR_BGR2GRAY) for values in (image, mean))
-
-    def local(values: np.ndarray) -> np.ndarray:
-        return np.asarray(cv2.boxFilter(values, -1, (_WINDOW, _WINDOW)))
-
-    a, b = local(seen), local(expected)
-    gain = a / np.maximum(b, np.float32(1.0))
-    texture = gain * gain * (local(expected * expected) - b * b)
-    rest = local(seen * seen) - a * a - np.float32(2.0) * gain * (local(seen * expected) - a * b) + texture
-    noise = np.float32((1.5 * _NOISE) ** 2)
-    return rest < np.maximum(np.float32(_UNEXPLAINED) * texture, noise), texture > np.float32(4.0) * noise
+def _reflected(values: np.ndarray) -> np.ndarray:
+    """Values (H, W) with what a window about each of them sees beyond the border."""
+    beyond = WINDOW // 2
+    return np.asarray(cv2.copyMakeBorder(values, beyond, beyond, beyond, beyond, cv2.BORDER_REFLECT_101))
