@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from estimator.imaging.skin_kernels import mark_skin, shares_of_colours
 from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
@@ -16,6 +17,8 @@ _BINS = 64  # of either chromaticity
 _LEAST = 1e-5  # share of a colour that was not seen
 _MOST = 0.9  # of skin, the colours of which are looked for in the rest of the picture
 _BLACK = 60  # sum of B, G and R below which noise has any chromaticity
+_SMOOTHING = 1.0  # standard deviation of the Gaussian that a picture is smoothed with [px]
+_BEYOND = 8  # px beyond where the person can be that smoothing and the closing of holes see
 
 
 @dataclass(frozen=True)
@@ -124,11 +127,11 @@ def learned_skin(
     skin, rest = (_histogram(bins[discs == k], settings.smoothing) for k in (1, 0))
     log_ratio = np.log(skin / rest)
     rough = SkinModel(log_ratio, brightness, 0.0, 0.0, size)
-    share = float((_usual(skin)[bins[..., 0], bins[..., 1]] & ~_dark(total, rough, settings)).mean())
+    share = float((_usual(skin)[bins[..., 0], bins[..., 1]] & (total >= _darkest(rough, settings))).mean())
     if share > settings.most:
         problem = f"has the colour of the skin points in {share:.0%} of the picture"
         raise InputError(source, problem, remedy='clothes and a wall of other colours, or features = "keypoints"')
-    labels, areas = _components(_mask(picture, rough, foreground, settings))
+    labels, areas, _ = _components(_mask(picture, rough, foreground, settings))
     near = [_area_at(labels, areas, p, radius) for p in points[inside]]
     disc = np.pi * radius**2
     on_face = [a for a, f in zip(near, faces[inside], strict=True) if f]
@@ -144,13 +147,14 @@ def skin_blobs(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | N
 
     foreground (H, W) bool: where the person can be, None where that is not known.
     """
-    labels, areas = _components(_mask(picture, model, foreground, settings))
+    labels, areas, boxes = _components(_mask(picture, model, foreground, settings))
     least, most = settings.least * model.size**2, settings.largest * (model.face + 2.0 * model.hand)
     order = [k for k in np.argsort(-areas, kind="stable") if k > 0 and least <= areas[k] <= most]
     mean, covariance = np.zeros((len(order), 2)), np.zeros((len(order), 2, 2))
     for row, k in enumerate(order):
-        y, x = np.nonzero(labels == k)
-        places = np.stack([x, y], axis=1).astype(float)
+        left, top, width, height = boxes[k]
+        y, x = np.nonzero(labels[top : top + height, left : left + width] == k)
+        places = np.stack([x + left, y + top], axis=1).astype(float)
         mean[row] = places.mean(axis=0)
         off = places - mean[row]
         covariance[row] = off.T @ off / len(off) + np.eye(2) / 12.0  # a pixel has a size
@@ -160,8 +164,9 @@ def skin_blobs(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | N
 
 def _colours(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums (H, W) of B, G and R, and bins (H, W, 2) of the shares of red and green in them."""
-    total = picture.sum(axis=2, dtype=np.int64)
-    return total, picture[..., :0:-1].astype(np.int64) * _BINS // (total[..., None] + 1)
+    total, bins = np.empty(picture.shape[:2], np.int32), np.empty((*picture.shape[:2], 2), np.int32)
+    shares_of_colours(picture, np.float32(_BINS), total, bins)
+    return total, bins
 
 
 def _histogram(bins: np.ndarray, smoothing: float) -> np.ndarray:
@@ -181,26 +186,47 @@ def _usual(skin: np.ndarray) -> np.ndarray:
     return usual.reshape(skin.shape)
 
 
-def _dark(total: np.ndarray, model: SkinModel, settings: SkinSettings) -> np.ndarray:
-    """Where sums of B, G and R are lower than those of skin."""
-    return np.asarray(total < max(_BLACK, settings.darkest * model.brightness))
+def _darkest(model: SkinModel, settings: SkinSettings) -> float:
+    """The sum of B, G and R below which nothing is skin."""
+    return max(_BLACK, settings.darkest * model.brightness)
 
 
 def _mask(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, settings: SkinSettings) -> np.ndarray:
     """(H, W) uint8: skin, without specks, its small holes filled."""
-    total, bins = _colours(cv2.GaussianBlur(picture, (0, 0), 1.0))
-    mask = (model.log_ratio[bins[..., 0], bins[..., 1]] > np.log(settings.ratio)) & ~_dark(total, model, settings)
-    if foreground is not None:
-        mask &= foreground
-    kernel = np.ones((3, 3), np.uint8)
-    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    return np.asarray(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
+    mask = np.zeros(picture.shape[:2], np.uint8)
+    box = np.s_[:, :] if foreground is None else _about(foreground)
+    part = mask[box]
+    if part.size:
+        total, bins = _colours(cv2.GaussianBlur(picture[box], (0, 0), _SMOOTHING))
+        likely = model.log_ratio > np.log(settings.ratio)
+        mark_skin(total, bins, likely, float(_darkest(model, settings)), part)
+        if foreground is not None:
+            part &= foreground[box]
+        opened = cv2.morphologyEx(part, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        mask[box] = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    return mask
 
 
-def _components(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (H, W) and areas of the connected regions; 0 is everything else."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return labels, stats[:, cv2.CC_STAT_AREA]
+def _about(mask: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of a mask's true pixels and what is looked at beyond them; none where there are none."""
+    x, y, width, height = cv2.boundingRect(np.ascontiguousarray(mask).view(np.uint8))
+    if not width:
+        return slice(0), slice(0)
+    rows, columns = (slice(max(0, s - _BEYOND), s + size + _BEYOND) for s, size in ((y, height), (x, width)))
+    return rows, columns
+
+
+def _components(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Labels (H, W) of the connected regions of a mask (H, W) uint8, and of each its area and its box (left, top,
+    width, height); 0 is all else, with what area it has near them."""
+    x, y, width, height = cv2.boundingRect(mask)
+    # OpenCV numbers regions by blocks of two by two pixels: from an even place on they come in the same order
+    left, top = x - x % 2, y - y % 2
+    box = np.s_[top : max(y + height, 1), left : max(x + width, 1)]
+    labels = np.zeros(mask.shape, np.int32)
+    _, labels[box], stats, _ = cv2.connectedComponentsWithStats(mask[box], connectivity=8)
+    boxes = stats[:, : cv2.CC_STAT_AREA] + np.array([left, top, 0, 0], np.int32)
+    return labels, stats[:, cv2.CC_STAT_AREA], boxes
 
 
 def _area_at(labels: np.ndarray, areas: np.ndarray, point: np.ndarray, radius: int) -> float:
