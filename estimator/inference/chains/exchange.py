@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from estimator.inference.chains.evidence import Evidence
-from estimator.inference.chains.feature_density import FeatureDensity, product, uniform
+from estimator.inference.chains.feature_density import FeatureDensity, alike, kinds, product, uniform
 from humanoid.support.errors import InputError
 
 S = TypeVar("S")
@@ -95,20 +95,22 @@ def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity,
     """
     count = len(theirs.log_weight)
     i, j = np.divmod(np.arange(len(factor.log_weight)), count)
-    kinds, kind = np.unique(seen.known, axis=0, return_inverse=True)
-    heights = np.array([[_log_mean_height(theirs, b, ~known) for b in range(count)] for known in kinds])
-    log_weight = factor.log_weight + heights[kind.ravel()[i], j]
+    heights = np.empty((len(seen.known), count))
+    for rows in alike(seen.known):
+        heights[rows] = _log_mean_heights(theirs, ~seen.known[rows[0]])
+    log_weight = factor.log_weight + heights[i, j]
     if which:
         return replace(seen, log_weight=np.logaddexp.reduce(log_weight.reshape(-1, count), axis=1))
     return replace(factor, log_weight=log_weight, known=seen.known[i])
 
 
-def _log_mean_height(density: FeatureDensity, kernel: int, features: np.ndarray) -> float:
-    """Logarithm of the mean of a kernel's density of some features (F,) bool under itself, 0 where it says nothing."""
-    dims = np.flatnonzero(np.repeat(density.known[kernel] & features, 2))
-    if not len(dims):
-        return 0.0
-    return float(-0.5 * np.linalg.slogdet(4.0 * np.pi * density.covariance[kernel][np.ix_(dims, dims)])[1])
+def _log_mean_heights(density: FeatureDensity, features: np.ndarray) -> np.ndarray:
+    """Logarithms (K,) of the means of the kernels' densities of some features (F,) bool under themselves, 0 where they
+    say nothing."""
+    heights = np.zeros(len(density.known))
+    for rows, dims in kinds(density.known & features):
+        heights[rows] = -0.5 * np.linalg.slogdet(4.0 * np.pi * density.covariance[np.ix_(rows, dims, dims)])[1]
+    return heights
 
 
 def _check_common(expected: Sequence[FeatureDensity]) -> None:

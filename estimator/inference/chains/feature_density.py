@@ -74,7 +74,7 @@ class FeatureDensity:
         """Of each kernel the matrix (K, 2F, 2F), lower triangular, that makes offsets from its mean independent and
         normal, zero where it says nothing, and the logarithm (K,) of its height."""
         inverse, height = np.zeros_like(self.covariance), self.log_weight.astype(np.float64)
-        for rows, dims in _kinds(self.known):
+        for rows, dims in kinds(self.known):
             block = np.ix_(rows, dims, dims)
             factor = np.linalg.cholesky(self.covariance[block])
             inverse[block] = np.linalg.inv(factor)
@@ -99,13 +99,15 @@ class FeatureDensity:
 
     def over(self, names: Sequence[str]) -> FeatureDensity:
         """The same over these features, of which it says nothing where it had none."""
+        if self.names == tuple(names):
+            return self
         missing = [name for name in names if name not in self.names]
         wide = FeatureDensity(
             (*self.names, *missing),
             self.log_weight,
             np.hstack([self.known, np.zeros((len(self.known), len(missing)), dtype=bool)]),
             np.concatenate([self.mean, np.zeros((len(self.mean), len(missing), 2))], axis=1),
-            np.array([_grown(C, 2 * len(missing)) for C in self.covariance]),
+            _grown(self.covariance, 2 * len(missing)),
             None if self.alone is None else np.pad(self.alone, ((0, 0), (0, len(missing)))),
         )
         return wide if wide.names == tuple(names) else wide.marginal(names)
@@ -119,9 +121,7 @@ class FeatureDensity:
         log_weight, mean = left.log_weight[i] + right.log_weight[j], np.empty((len(i), len(names), 2))
         covariance = np.empty((len(i), 2 * len(names), 2 * len(names)))
         # kernels that speak of the same features are multiplied at once
-        kinds, kind = np.unique(np.hstack([left.known[i], right.known[j]]), axis=0, return_inverse=True)
-        for k in range(len(kinds)):
-            rows = np.flatnonzero(kind.ravel() == k)
+        for rows in alike(np.hstack([left.known[i], right.known[j]])):
             weight, mean[rows], covariance[rows] = _kernel_products(left, i[rows], right, j[rows])
             log_weight[rows] += weight
         some = [d.alone[rows] for d, rows in ((left, i), (right, j)) if d.alone is not None]
@@ -154,20 +154,19 @@ class FeatureDensity:
             others = heaviest(self.log_mass(expected.doubted()), most, least)
             kept = np.sort([*kept, *np.setdiff1d(others, kept)][:most])
         lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[kept])
-        return replace(self.of(kept), log_weight=self.log_weight[kept] + lost)
+        return self.of(kept, self.log_weight[kept] + lost)
 
-    def of(self, rows: np.ndarray) -> FeatureDensity:
-        """Some of the kernels, as heavy as they are."""
+    def of(self, rows: np.ndarray, log_weight: np.ndarray | None = None) -> FeatureDensity:
+        """Some of the kernels, as heavy as they are, or with other weights."""
+        log_weight = self.log_weight[rows] if log_weight is None else log_weight
         alone = None if self.alone is None else self.alone[rows]
-        return FeatureDensity(
-            self.names, self.log_weight[rows], self.known[rows], self.mean[rows], self.covariance[rows], alone
-        )
+        return FeatureDensity(self.names, log_weight, self.known[rows], self.mean[rows], self.covariance[rows], alone)
 
     def log_mass(self, expected: FeatureDensity) -> np.ndarray:
         """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""
         prior = expected.collapsed()
         mass, off = self.log_weight.copy(), (self.mean - prior.mean).reshape(len(self.mean), -1)
-        for rows, dims in _kinds(self.known & prior.known[0]):
+        for rows, dims in kinds(self.known & prior.known[0]):
             covariance = prior.covariance[0][np.ix_(dims, dims)] + self.covariance[np.ix_(rows, dims, dims)]
             mass[rows] += _log_normals(off[np.ix_(rows, dims)], covariance)
         return mass
@@ -175,6 +174,10 @@ class FeatureDensity:
     def doubted(self) -> FeatureDensity:
         """The same with larger deviations, by which to choose what else is looked at: a chain that is wrong of what it
         expects must not be deaf to what would tell it so."""
+        return self._doubted
+
+    @cached_property
+    def _doubted(self) -> FeatureDensity:
         return replace(self, covariance=_DOUBT**2 * self.covariance)
 
     def merged(self) -> FeatureDensity:
@@ -189,7 +192,7 @@ class FeatureDensity:
             target = int(k) if same is None else same
             weight[target] = np.logaddexp(weight[target], self.log_weight[k])
         rows = np.sort(kept)
-        return replace(self.of(rows), log_weight=weight[rows])
+        return self.of(rows, weight[rows])
 
     def _alike(self, a: int, b: int) -> bool:
         """Whether two kernels speak of the same, from about the same place with about the same spread."""
@@ -206,6 +209,10 @@ class FeatureDensity:
 
         A feature of which kernels with more than half of the weight say nothing is not spoken of.
         """
+        return self._collapsed
+
+    @cached_property
+    def _collapsed(self) -> FeatureDensity:
         share, size = self.weights, len(self.names)
         told = share @ self.known
         known = told > 0.5
@@ -260,9 +267,10 @@ def product(densities: Sequence[FeatureDensity], names: Sequence[str], most: int
 
 
 def _grown(covariance: np.ndarray, more: int) -> np.ndarray:
-    size = len(covariance)
-    grown = np.eye(size + more)
-    grown[:size, :size] = covariance
+    """Covariances (K, D, D) with so many more dimensions, of variance 1."""
+    count, size = covariance.shape[:2]
+    grown = np.tile(np.eye(size + more), (count, 1, 1))
+    grown[:, :size, :size] = covariance
     return grown
 
 
@@ -276,9 +284,9 @@ def _kernel_products(
     covariances, so that two kernels that contradict each other lose weight and nothing else.
     """
     count = len(i)
-    m, C = left.mean[i].reshape(count, -1).copy(), left.covariance[i].copy()
-    a, b = left.dims(int(i[0])), right.dims(int(j[0]))
-    both, new = np.intersect1d(a, b), np.setdiff1d(b, a)
+    m, C = left.mean[i].reshape(count, -1), left.covariance[i]
+    ours, theirs = left.known[i[0]], right.known[j[0]]
+    a, both, new = (np.flatnonzero(np.repeat(known, 2)) for known in (ours, ours & theirs, theirs & ~ours))
     weight = np.zeros(count)
     other_m, other_C = right.mean[j].reshape(count, -1), right.covariance[j]
     # right as N(both) N(new | both): the first updates what left knows, the second adds what it does not
@@ -292,15 +300,13 @@ def _kernel_products(
         weight = _log_normals(off[..., 0], S)
         K = np.swapaxes(np.linalg.solve(S, _block(C, both, a)), 1, 2)
         m[:, a] += (K @ off)[..., 0]
-        C[np.ix_(np.arange(count), a, a)] -= K @ _block(C, both, a)
+        C[:, a[:, None], a] -= K @ _block(C, both, a)
     if len(new):
         m[:, new] = other_m[:, new] + (gain @ (m - other_m)[:, both, None])[..., 0]
         cross = _block(C, a, both) @ np.swapaxes(gain, 1, 2)
-        rows = np.arange(count)
-        C[np.ix_(rows, a, new)], C[np.ix_(rows, new, a)] = cross, np.swapaxes(cross, 1, 2)
-        C[np.ix_(rows, new, new)] = rest + gain @ _block(C, both, both) @ np.swapaxes(gain, 1, 2)
-    known = np.repeat(left.known[i[0]] | right.known[j[0]], 2)
-    return weight, m.reshape(count, -1, 2), _definite(C, known)
+        C[:, a[:, None], new], C[:, new[:, None], a] = cross, np.swapaxes(cross, 1, 2)
+        C[:, new[:, None], new] = rest + gain @ _block(C, both, both) @ np.swapaxes(gain, 1, 2)
+    return weight, m.reshape(count, -1, 2), _definite(C, np.repeat(ours | theirs, 2))
 
 
 def heaviest(log_mass: np.ndarray, most: int, least: float = 0.0) -> np.ndarray:
@@ -311,12 +317,20 @@ def heaviest(log_mass: np.ndarray, most: int, least: float = 0.0) -> np.ndarray:
     return np.sort(kept[share[kept] >= min(least, share.max())])
 
 
-def _kinds(known: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def kinds(known: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """The kernels (R,) that speak of the same features, known (K, F) bool, and the coordinates (D,) of these: they are
     worked out at once. Those that speak of nothing are left out."""
-    kinds, kind = np.unique(known, axis=0, return_inverse=True)
-    for k in np.flatnonzero(kinds.any(axis=1)):
-        yield np.flatnonzero(kind.ravel() == k), np.flatnonzero(np.repeat(kinds[k], 2))
+    for rows in alike(known):
+        if known[rows[0]].any():
+            yield rows, np.flatnonzero(np.repeat(known[rows[0]], 2))
+
+
+def alike(known: np.ndarray) -> list[np.ndarray]:
+    """The numbers of rows (N, F) bool that are equal, together."""
+    rows: dict[bytes, list[int]] = {}
+    for k, row in enumerate(known):
+        rows.setdefault(row.tobytes(), []).append(k)
+    return [np.array(numbers) for numbers in rows.values()]
 
 
 def _block(matrices: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -341,7 +355,7 @@ def _definite(covariance: np.ndarray, known: np.ndarray) -> np.ndarray:
         least = np.maximum(values[:, -1:], 1e-12) * 1e-12
         part = (vectors * np.maximum(values, least)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
         part = 0.5 * (part + np.swapaxes(part, 1, 2))
-    result[np.ix_(np.arange(len(part)), dims, dims)] = part
+    result[:, dims[:, None], dims] = part
     return result
 
 
