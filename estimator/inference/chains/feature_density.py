@@ -165,11 +165,13 @@ class FeatureDensity:
     def log_mass(self, expected: FeatureDensity) -> np.ndarray:
         """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""
         prior = expected.collapsed()
-        mass, off = self.log_weight.copy(), (self.mean - prior.mean).reshape(len(self.mean), -1)
-        for rows, dims in kinds(self.known & prior.known[0]):
-            covariance = prior.covariance[0][np.ix_(dims, dims)] + self.covariance[np.ix_(rows, dims, dims)]
-            mass[rows] += _log_normals(off[np.ix_(rows, dims)], covariance)
-        return mass
+        both = np.repeat(self.known & prior.known[0], 2, axis=1)
+        # all at once: what one of them says nothing of is as far off as is expected, with a variance that adds nothing
+        off = np.where(both, (self.mean - prior.mean).reshape(both.shape), 0.0)
+        pair = both[:, :, None] & both[:, None, :]
+        covariance = np.where(pair, prior.covariance + self.covariance, np.eye(both.shape[1]))
+        silent = both.shape[1] - both.sum(axis=1)
+        return np.asarray(self.log_weight + (_log_normals(off, covariance) + 0.5 * _LOG_2PI * silent))
 
     def doubted(self) -> FeatureDensity:
         """The same with larger deviations, by which to choose what else is looked at: a chain that is wrong of what it
