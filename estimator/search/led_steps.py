@@ -163,7 +163,7 @@ def _back(L, x):  # type: ignore[no-untyped-def]
 
 @jit
 def _place(mean, root, kernel, points):  # type: ignore[no-untyped-def]
-    """Turn standard normal points (N, M, D) into those of kernels (N, M) with mean (N, E, D) and root (N, E, D, D)."""
+    """Turn standard normal points (N, M, D) into those of a kernel (N, M) each; mean (N, E, D), root (N, E, D, D)."""
     for n in range(points.shape[0]):
         for m in range(points.shape[1]):
             k = kernel[n, m]
@@ -173,7 +173,10 @@ def _place(mean, root, kernel, points):  # type: ignore[no-untyped-def]
 
 @jit
 def _log_densities(log_weight, mean, root, points, parts):  # type: ignore[no-untyped-def]
-    """Fill parts (N, E, M) with logarithms of each kernel's share of the density at points (N, M, D)."""
+    """Fill parts (N, E, M) with logarithms of each kernel's share of the density at points (N, M, D).
+
+    log_weight (N, E), mean (N, E, D), root (N, E, D, D): of `LedSteps`.
+    """
     count, kernels, size = mean.shape
     for n in range(count):
         for e in range(kernels):

@@ -68,8 +68,8 @@ def mark_texture(seen, expected, noise, unexplained, shows, textured):  # type: 
 
 @jit
 def _count(seen, expected, sign, sums):  # type: ignore[no-untyped-def]
-    """Add a row of two pictures, of their squares and product to sums (5, W), or with sign -1 take it away. Squares
-    have the precision of the pictures, so that in sums of float64 nothing is lost."""
+    """Add a row of two pictures, seen and expected (W,), of their squares and product to sums (5, W), or with sign -1
+    take it away. Squares have the precision of the pictures, so that in sums of float64 nothing is lost."""
     for x in range(len(seen)):
         a, b = seen[x], expected[x]
         sums[0, x] += sign * a
