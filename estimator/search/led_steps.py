@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.inference.chains.feature_density import FeatureDensity
+from estimator.numerics.linear import solve_definite
 from humanoid.support.compiled import jit
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -92,7 +93,8 @@ def _lead(  # type: ignore[no-untyped-def]
     """
     count, size = centres.shape
     kernels, pixels = means.shape
-    off, weighed, g = np.empty(pixels), np.empty((pixels, size)), np.empty(size)
+    off, weighed, pull, g = np.empty(pixels), np.empty((pixels, size)), np.empty(size), np.empty(size)
+    order = np.arange(size)
     for n in range(count):
         for k in range(kernels):
             for p in range(pixels):
@@ -105,51 +107,26 @@ def _lead(  # type: ignore[no-untyped-def]
             for p in range(pixels):
                 for o in range(pixels):
                     square += off[p] * precisions[k, p, o] * off[o]
+            for a in range(size):
+                pull[a] = 0.0
+                for p in range(pixels):
+                    pull[a] += weighed[p, a] * off[p]
             for length in range(std.shape[0]):
                 e = length * kernels + k
                 L = root[n, e]
                 for a in range(size):
-                    g[a] = 0.0
-                    for p in range(pixels):
-                        g[a] += weighed[p, a] * off[p]
                     for b in range(size):
                         L[a, b] = 1.0 / (std[length, a] * std[length, a]) if a == b else 0.0
                         if b <= a:
                             for p in range(pixels):
                                 L[a, b] += H[n, p, a] * weighed[p, b]
-                log_volume = _factor(L)
-                explained = _solve(L, g)
+                g[:] = pull
+                solve_definite(L, order, size, 0.0, L, g)
+                rest = square  # what no step explains, and the volume that is left
                 for a in range(size):
                     mean[n, e, a] = centres[n, a] + g[a]
-                    log_volume += math.log(std[length, a])
-                log_weight[n, e] = log_share[length] + heights[k] - 0.5 * (square - explained) - log_volume
-
-
-@jit
-def _factor(A):  # type: ignore[no-untyped-def]
-    """The lower triangular factor of A (D, D), positive definite, in its place; the logarithm of its determinant."""
-    log_determinant = 0.0
-    for a in range(A.shape[0]):
-        for b in range(a + 1):
-            t = A[a, b]
-            for c in range(b):
-                t -= A[a, c] * A[b, c]
-            A[a, b] = math.sqrt(t) if a == b else t / A[b, b]
-        log_determinant += math.log(A[a, a])
-    return log_determinant
-
-
-@jit
-def _solve(L, x):  # type: ignore[no-untyped-def]
-    """Solve L L^T y = x in place of x (D,), L lower triangular (D, D); returns x^T y."""
-    square = 0.0
-    for a in range(x.shape[0]):
-        for b in range(a):
-            x[a] -= L[a, b] * x[b]
-        x[a] /= L[a, a]
-        square += x[a] * x[a]
-    _back(L, x)
-    return square
+                    rest += 2.0 * math.log(std[length, a] * L[a, a]) - pull[a] * g[a]
+                log_weight[n, e] = log_share[length] + heights[k] - 0.5 * rest
 
 
 @jit

@@ -18,14 +18,14 @@ from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters
 from estimator.inference.particles import effective_count, normalised, systematic
-from estimator.inference.steps import Steps
+from estimator.inference.steps import Reach, Steps
 from estimator.inference.tempering import Tempered, TemperingSettings, tempered
 from estimator.inference.walk import Box
 from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_draws import PartDraws
-from estimator.search.pose_elsewhere import anywhere
+from estimator.search.pose_elsewhere import GUIDED, anywhere
 from estimator.search.pose_parts import PoseParts
-from estimator.search.pose_target import Elsewhere, Expected, PoseTarget
+from estimator.search.pose_target import Expected, PoseTarget
 from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting
@@ -85,7 +85,7 @@ class _Way(NamedTuple):
     right about all."""
 
     odds: float
-    elsewhere: Mapping[int, Elsewhere]
+    elsewhere: Mapping[int, Reach]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,17 +199,17 @@ class PoseChain:
         """Samples of the posterior with some parts elsewhere than where the past has them, and their evidence."""
         s = self.settings
         some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
-        target = replace(self._target(replace(prior, samples=prior.samples[some]), message), elsewhere=way.elsewhere)
-        drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts()
+        target = replace(self._target(prior, message), elsewhere=way.elsewhere)
+        drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
         if drawn is None:
             return None
         # parts were chosen by what is told of each alone: in the end they are weighed by what is told of all
         told = target.told(target.prepared(drawn.x))
         possible = np.isfinite(told)
         log_weight = np.where(possible, told - drawn.told, -np.inf)
-        guides = [other.guided for other in way.elsewhere.values()] if self.outlines else []
+        begun = GUIDED if way.elsewhere and self.outlines else 0.0
         box = Box(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
-        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, max(guides, default=0.0))
+        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, begun)
         if result is None:
             return None
         if not way.elsewhere:

@@ -13,6 +13,7 @@ import numpy as np
 from estimator.inference.particles import normalised, systematic
 from estimator.inference.steps import Steps
 from estimator.search.led_steps import LedSteps, Length, led_steps
+from estimator.search.pose_elsewhere import BY_IMAGE, GUIDED, TRIES
 from estimator.search.pose_target import PoseTarget
 from estimator.search.proposals.limb_ik import ImageProposal
 
@@ -46,9 +47,9 @@ class PartDraws:
     by_past: float
     by_image: float
 
-    def all_parts(self) -> Drawn | None:
-        """Poses of which every part was drawn; None where the image shows nothing that one can be drawn from."""
-        x = self.target.prior.samples
+    def all_parts(self, x: np.ndarray) -> Drawn | None:
+        """As many poses as there are at tangents x (N, nv), with every part drawn in turn; None where the image shows
+        nothing that one can be drawn from."""
         drawn: Drawn | None = Drawn(x, np.zeros(len(x)))
         for part in range(self.target.parts.count):
             drawn = None if drawn is None else self._with_part(drawn, part)
@@ -58,8 +59,8 @@ class PartDraws:
         """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
         its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
-        other, count = target.elsewhere.get(part), len(drawn.x)
-        x, before = (np.repeat(each, other.tries if other else 1, axis=0) for each in (drawn.x, drawn.told))
+        elsewhere, count = part in target.elsewhere, len(drawn.x)
+        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (drawn.x, drawn.told))
         reach = target.past_of(part)
         kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
         steps, centres = reach.steps, reach.centres[kernel]
@@ -78,8 +79,8 @@ class PartDraws:
             log_q = np.logaddexp(log_q, proposal.log_density(angles, placed) + log_shares[_BY_IMAGE])
         past = own if self.past else target.of_group(x, part)
         told = target.evidence(placed, target.parts.of_part[part])
-        if other and other.guided > 0.0:
-            told = told + other.guided * target.outlines_of(part, placed)
+        if elsewhere:
+            told = told + GUIDED * target.outlines_of(part, placed)
         ok &= np.isfinite(log_q) & np.isfinite(told)
         if not ok.any():
             return None
@@ -112,8 +113,7 @@ class PartDraws:
         """Of draws by past, led and by the image (3,)."""
         if not self.past:
             return np.array([0.0, 1.0, 0.0]) if part == 0 else np.array([0.0, 0.0, 1.0])
-        other = self.target.elsewhere.get(part)
-        by_image = (other.by_image if other else self.by_image) if seen else 0.0
+        by_image = (BY_IMAGE if part in self.target.elsewhere else self.by_image) if seen else 0.0
         by_past = min(self.by_past, 1.0 - by_image)
         return np.array([by_past, max(1.0 - by_past - by_image, 0.0), by_image])
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.search.jumps.anatomy import Anatomy, Limb
+from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.point_features import PointFeatures
 from estimator.search.proposals.limb_ik import LimbIK
 from estimator.search.rest import Rest
@@ -20,9 +20,9 @@ class PoseParts:
     """The parts of one body, of which the first is the trunk: everything that is in no limb.
 
     dofs: of each part. features: what is predicted of the body in an image; of_part: which of them each part moves, the
-    trunk's first; of_limb (F,): the limb of `graph` that each is on, -1 for none. limbs: all parts but the first; ik:
-    of each, for its outermost feature. shapes: for each part, which limbs of `graph` (G,) bool its degrees of freedom
-    move, and no part after it. rest: what joints return to. same [m]: see `Anatomy`.
+    trunk's first; of_limb (F,): the limb of `graph` that each is on, -1 for none. ik: of each limb, for its
+    outermost feature. shapes: for each part, which limbs of `graph` (G,) bool its degrees of freedom move, and no part
+    after it. rest: what joints return to.
     """
 
     body: Body
@@ -30,12 +30,10 @@ class PoseParts:
     graph: LimbGraph
     dofs: tuple[np.ndarray, ...]
     of_part: tuple[np.ndarray, ...]
-    limbs: tuple[Limb, ...]
     of_limb: np.ndarray
     ik: tuple[LimbIK, ...]
     shapes: tuple[np.ndarray, ...]
     rest: Rest
-    same: float
 
     @staticmethod
     def of(body: Body, anatomy: Anatomy, features: PointFeatures, graph: LimbGraph) -> PoseParts:
@@ -67,12 +65,10 @@ class PoseParts:
             graph,
             (trunk, *(limb.dofs for limb in limbs)),
             (on_trunk, *(features.ends(k) for k in chosen)),
-            tuple(limbs),
             np.array([next(iter(np.flatnonzero(joints == joint)), -1) for joint in features.joint], dtype=np.int64),
             tuple(ik),
             (np.asarray(~np.any(by_limb, axis=0)), *by_limb),
             Rest.of(body),
-            anatomy.same,
         )
 
     @property

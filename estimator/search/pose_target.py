@@ -19,18 +19,6 @@ from humanoid.kinematics.body import Body, PlacedBodies
 
 
 @dataclass(frozen=True, eq=False)
-class Elsewhere:
-    """Where a part may be if it is not where the past has it. by_image: share of the draws that come from where the
-    image shows its end. tries: draws for each that is kept. guided: the power of what outlines say of the part by which
-    these are chosen, beside what is told of its features."""
-
-    reach: Reach
-    by_image: float
-    tries: int
-    guided: float
-
-
-@dataclass(frozen=True, eq=False)
 class Expected:
     """What is expected of the next frame, in the tangent space at reference (nq,): centres (K, nv) of kernels with
     weights (K,), steps from there, and samples (N, nv)."""
@@ -66,7 +54,7 @@ class PoseTarget:
     outlines: OutlineLikelihood | None
     prior: Expected
     message: Message
-    elsewhere: Mapping[int, Elsewhere] = field(default_factory=dict)
+    elsewhere: Mapping[int, Reach] = field(default_factory=dict)
     pose_prior: PosePrior | None = None
     if_hidden: tuple[float, float] = (0.0, 0.0)
     _told: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
@@ -79,7 +67,7 @@ class PoseTarget:
 
     def past_of(self, part: int) -> Reach:
         """Where a part is expected."""
-        return self.elsewhere[part].reach if part in self.elsewhere else self.prior.reach
+        return self.elsewhere.get(part, self.prior.reach)
 
     def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
         """See `Target`: of the degrees of freedom of one part, by the past."""
@@ -95,20 +83,21 @@ class PoseTarget:
 
     def likelihood(self, samples: PlacedBodies) -> np.ndarray:
         """See `Target`: by outlines and silhouette, by which features are hidden, and by the learned prior of poses."""
-        value = np.zeros(len(samples.q))
-        if self.outlines is not None:
-            by_outlines, hidden = self.outlines.with_hidden(
-                samples, self.parts.features.points(samples), self.parts.of_limb
-            )
-            value += by_outlines + self._by_what_is_hidden(samples, hidden)
+        value = np.zeros(len(samples.q)) if self.outlines is None else self._by_picture(samples, self.outlines)
         return value if self.pose_prior is None else value - self.pose_prior.values(samples)
+
+    def _by_picture(self, samples: PlacedBodies, outlines: OutlineLikelihood) -> np.ndarray:
+        if not any(self.if_hidden):
+            return outlines.log_likelihood(samples)
+        value, hidden = outlines.with_hidden(samples, self.parts.features.points(samples), self.parts.of_limb)
+        return np.asarray(value + self._by_what_is_hidden(samples, hidden))
 
     def _by_what_is_hidden(self, samples: PlacedBodies, hidden: np.ndarray) -> np.ndarray:
         """By how much more the message says of poses (N,) since they hide features, (N, F) bool, which makes no
         detection of them likely: a hand that is seen is not behind the trunk, which its place in the image leaves
         open."""
         value = np.zeros(len(samples.q))
-        if not any(self.if_hidden) or not hidden.any():
+        if not hidden.any():
             return value
         told, pixels = self._told_of(tuple(range(self.parts.features.count))), self.pixels(samples)
         for which in np.unique(hidden[hidden.any(axis=1)], axis=0):
