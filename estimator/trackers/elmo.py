@@ -36,7 +36,7 @@ from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
-from humanoid.kinematics.body import Body
+from humanoid.kinematics.body import ROOT_JOINT, Body
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import check, setting
 
@@ -57,8 +57,8 @@ class ElmoSettings:
     beside those of the neighbours. away: what a pose pays [nats] that turns its back to the only camera in the first
     frame, or the first after some without the person: most people are filmed from in front, and depth hardly tells.
     jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
-    paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, the
-    likelihood of a frame sooner after the last with the person is weighed with the past by that share; 0 for never.
+    paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, a
+    frame sooner after the last with the person says by that share less of which way they face; 0 for never.
     settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
     with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
     likelihood has them and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
@@ -245,15 +245,28 @@ class Elmo(Begins):
 
     def _weighed(self, likely: Mixture, state: ElmoState, observation: Observation) -> Mixture:
         """Modes of the likelihood, weighed by the past (eq. 6)."""
-        elapsed, correlated = observation.time - state.seen, self.settings.correlated
-        std = diffusion_std(self.search.model.transition_std(1.0), elapsed, self._floor)
+        std = diffusion_std(self.search.model.transition_std(1.0), observation.time - state.seen, self._floor)
         modes, jump = [m.q for m in likely.modes], self.settings.jump
         wide = [m.covariance for m in likely.modes] if self.settings.settle else None
-        errs_alike = _silhouette(observation) and elapsed < correlated
-        new = elapsed / correlated if errs_alike else 1.0
-        weighed = reweighted(self.body, modes, new * likely.log_scores, state.mixture, std, jump, wide)
+        weighed = reweighted(self.body, modes, self._as_new(likely, state, observation), state.mixture, std, jump, wide)
         continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
         return mixture_of(tuple(continued), weighed.log_scores)
+
+    def _as_new(self, likely: Mixture, state: ElmoState, observation: Observation) -> np.ndarray:
+        """Log scores (L,) of modes by what is new in a frame.
+
+        A silhouette hardly shows which way a person faces, and its errors, which then decide, stay the same for a
+        while: by so much less the best mode that faces as before and the best that is turned round differ. Among those
+        that face one way nothing changes.
+        """
+        share = (observation.time - state.seen) / max(self.settings.correlated, 1e-9)
+        if share >= 1.0 or not self.body.has_free_root or not _silhouette(observation):
+            return likely.log_scores
+        poses = np.array([state.mixture.modes[0].q, *(mode.q for mode in likely.modes)])
+        ahead = self.body.placed(poses).placements[:, ROOT_JOINT, :3]
+        turned, scores = ahead[1:] @ ahead[0] < 0.0, likely.log_scores
+        best = np.array([scores[turned == way].max() for way in turned])
+        return np.asarray(scores - (1.0 - share) * best)
 
     def _settled(self, weighed: Mixture, state: ElmoState, case: FrameCase) -> Mixture:
         """The same modes with the transition from their parents, where they have one, in the energy. Those that come to
