@@ -12,7 +12,7 @@ from benchmarks import chains, chains_toy
 from benchmarks.chains import exactness
 from benchmarks.chains_toy import POINT, Belief, Crowd, Joint, ParticleWalk, Walk, seen
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
-from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, messages, step
+from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, Message, messages, step
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
 from estimator.inference.chains.kalman import PointChain, Points, PointSettings
 from humanoid.support.errors import InputError
@@ -170,15 +170,15 @@ def test_only_a_detection_of_its_own_speaks_against_a_hidden_feature(exchange: s
     detections, prior = blobs((100, 50), (60, 200)), expected_at((100, 50), (60, 200), (101, 52))
     evidence = evidence_of(detections, EvidenceSettings(), prior)
     told = messages([prior, prior], evidence, exchange)[0].evidence.reduced(1, expected=prior)
-    for way, alone in (((0, 1, 0), [False, True, False]), ((0, 1, -1), [True, True, False])):
+    for way, sharers in (((0, 1, 0), [2, 1, 2]), ((0, 1, -1), [1, 1, 0])):
         (row,) = np.flatnonzero((evidence.detection == way).all(axis=1))
         density = evidence.density.of(np.array([row]))
-        assert density.alone is not None
-        np.testing.assert_array_equal(density.alone[0], alone)
+        assert density.sharers is not None
+        np.testing.assert_array_equal(density.sharers[0], sharers)
         more = density.if_hidden(np.array([False, True, True]), -2.0, 1.0).log_weight - density.log_weight
         assert more[0] == pytest.approx(-2.0 + (way[2] < 0))
-    assert told.alone is not None
-    assert told.alone[0, 1]
+    assert told.sharers is not None
+    assert told.sharers[0, 1] == 1
 
 
 def test_far_detections_are_clutter() -> None:
@@ -298,6 +298,51 @@ def test_a_moving_point_is_followed_with_its_velocity() -> None:
     faded = CHAIN.predict(state, 2.0)
     assert abs(faded.mean[1, 2]) < 1.0
     assert np.sqrt(np.diag(faded.covariance)[4]) <= 100.0 * CHAIN.settings.loose + 1e-9
+
+
+def shared(places: dict[int, tuple[float, float]], covariance: np.ndarray, sharers: int) -> FeatureDensity:
+    """Of some features, by number, each in a detection of so many."""
+    known = np.isin(np.arange(3), list(places))
+    mean = np.array([places.get(f, (0.0, 0.0)) for f in range(3)])
+    return FeatureDensity(
+        HANDS, np.zeros(1), known[None], mean[None], np.kron(np.eye(3), covariance)[None], known[None] * sharers
+    )
+
+
+def test_a_detection_of_several_points_tells_each_no_more_than_once() -> None:
+    """However often it is told, a hand before the face is somewhere in its blob, one with a blob of its own is there.
+    In each direction the surer of both is believed, and of the weight nothing is lost."""
+    region = np.array([[900.0, 300.0], [300.0, 400.0]])
+    told = {n: Message(shared({1: (75.0, 210.0)}, region, n), uniform(HANDS)) for n in (1, 2)}
+    place = np.ix_([4, 5], [4, 5])
+    wide = CHAIN.begun(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 1e8 * np.eye(6))
+    once, again = CHAIN.update(wide, told[2])[0], wide
+    for _ in range(20):
+        again = CHAIN.update(again, told[2])[0]
+    np.testing.assert_allclose(again.covariance[place], region, rtol=1e-3)
+    np.testing.assert_allclose(again.mean, once.mean, atol=1e-2)
+    assert CHAIN.update(CHAIN.update(wide, told[1])[0], told[1])[0].covariance[4, 4] < 0.6 * region[0, 0]
+    narrow = begun()
+    after, weight = CHAIN.update(narrow, told[2])
+    np.testing.assert_allclose(after.mean, narrow.mean, atol=1e-3)
+    np.testing.assert_allclose(after.covariance, narrow.covariance, rtol=1e-4, atol=1e-4)
+    assert weight == pytest.approx(CHAIN.update(narrow, told[1])[1])
+
+
+def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:
+    """It was somewhere in the face's blob for half a second, and comes out of it far from the blob's middle."""
+    face, left, right = (100.0, 50.0), (45.0, 100.0), (140.0, 200.0)
+    suits = np.array([[1.0, 0.2, 0.2], [0.01, 1.0, 1.0], [0.01, 1.0, 1.0]])
+    covariance = np.array([900.0, 16.0, 16.0])[:, None, None] * np.eye(2)
+    last = Detections(HANDS, np.array([face, right, left]), covariance, suits, np.array([True, False, False]))
+    blob = Detections(HANDS, last.mean[:2], covariance[:2], suits[:2], last.merged[:2])
+    state = Points(np.array([[*face, 0, 0], [95.0, 60.0, 0, 0], [*right, 0, 0]]), begun().covariance)
+    for detections in [blob] * 12 + [last]:
+        prior = CHAIN.predict(state, 1 / 25)
+        phi = evidence_of(detections, EvidenceSettings(), CHAIN.features(prior))
+        told = messages([CHAIN.features(prior), uniform_like(prior)], phi, GATED)
+        state, _ = CHAIN.update(prior, told[0])
+    np.testing.assert_allclose(state.mean[1, :2], left, atol=10.0)
 
 
 def uniform_like(prior: Points) -> FeatureDensity:

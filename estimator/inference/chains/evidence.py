@@ -14,7 +14,6 @@ from humanoid.support.settings import check, setting
 
 _WAYS = 600  # that are looked at
 _CLOSER = 4  # times as many as are kept are looked at closer
-_NEGLIGIBLE = 1e-6  # share of what is expected that counts for nothing
 _NEVER = -1e12  # score of what cannot be
 
 
@@ -100,20 +99,10 @@ def evidence_of(detections: Detections, settings: EvidenceSettings, prior: Featu
     ways, log_weight = ways[likely], log_weight[likely]
     density = _density(detections, ways, log_weight)
     if len(ways) > settings.most:
-        kept = _likeliest_ways(density, settings.most, prior)
+        most = settings.most
+        kept = heaviest(log_weight, most) if prior is None else density.likeliest(prior.over(density.names), most)
         ways, density = ways[kept], _density(detections, ways[kept], log_weight[kept])
     return Evidence(density, ways)
-
-
-def _likeliest_ways(density: FeatureDensity, most: int, prior: FeatureDensity | None) -> np.ndarray:
-    """The associations (R,) that are likeliest by what is expected, and where there is room for more those that are by
-    the same, doubted."""
-    if prior is None:
-        return heaviest(density.log_weight, most)
-    prior = prior.over(density.names)
-    kept = heaviest(density.log_mass(prior), most, _NEGLIGIBLE)
-    others = np.argsort(-density.log_mass(prior.doubted()), kind="stable")
-    return np.sort([*kept, *others[~np.isin(others, kept)]][:most])
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,5 +209,5 @@ def _density(detections: Detections, ways: np.ndarray, log_weight: np.ndarray) -
     covariance = np.tile(np.eye(2 * size), (len(ways), 1, 1))
     for k, f in np.argwhere(known):
         covariance[k, 2 * f : 2 * f + 2, 2 * f : 2 * f + 2] = detections.covariance[ways[k, f]]
-    alone = known & ((ways[:, :, None] == ways[:, None, :]).sum(axis=2) == 1)
-    return FeatureDensity(detections.names, log_weight, known, mean, covariance, alone)
+    sharers = np.where(known, (ways[:, :, None] == ways[:, None, :]).sum(axis=2), 0)
+    return FeatureDensity(detections.names, log_weight, known, mean, covariance, sharers)

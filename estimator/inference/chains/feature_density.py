@@ -23,8 +23,8 @@ class FeatureDensity:
 
     names (F,): of the features. log_weight (K,). known (K, F) bool: which features a kernel speaks of; it is 1 over all
     others, as a chain is of features that it does not predict (Taycher et al. 2004, section 3). mean (K, F, 2) [px].
-    covariance (K, 2F, 2F) [px^2]: positive definite over what is known, anything over the rest. alone (K, F) bool:
-    features that a kernel takes for seen in a place where no other feature is seen; None for none.
+    covariance (K, 2F, 2F) [px^2]: positive definite over what is known, anything over the rest. sharers (K, F) int: of
+    how many features the detection is that a kernel has a feature in, itself included, 0 where in none; None for none.
 
     The weights need not sum to one: a product keeps its constant, which says how well its factors agree.
     """
@@ -34,7 +34,7 @@ class FeatureDensity:
     known: np.ndarray
     mean: np.ndarray
     covariance: np.ndarray
-    alone: np.ndarray | None = None
+    sharers: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         count, size = len(self.log_weight), len(self.names)
@@ -92,9 +92,9 @@ class FeatureDensity:
         index = [self.names.index(name) for name in names]
         dims = np.ravel([(2 * i, 2 * i + 1) for i in index]).astype(np.int64)
         covariance = self.covariance[:, dims][:, :, dims]
-        alone = None if self.alone is None else self.alone[:, index]
+        sharers = None if self.sharers is None else self.sharers[:, index]
         return FeatureDensity(
-            tuple(names), self.log_weight, self.known[:, index], self.mean[:, index], covariance, alone
+            tuple(names), self.log_weight, self.known[:, index], self.mean[:, index], covariance, sharers
         )
 
     def over(self, names: Sequence[str]) -> FeatureDensity:
@@ -108,7 +108,7 @@ class FeatureDensity:
             np.hstack([self.known, np.zeros((len(self.known), len(missing)), dtype=bool)]),
             np.concatenate([self.mean, np.zeros((len(self.mean), len(missing), 2))], axis=1),
             _grown(self.covariance, 2 * len(missing)),
-            None if self.alone is None else np.pad(self.alone, ((0, 0), (0, len(missing)))),
+            None if self.sharers is None else np.pad(self.sharers, ((0, 0), (0, len(missing)))),
         )
         return wide if wide.names == tuple(names) else wide.marginal(names)
 
@@ -124,14 +124,14 @@ class FeatureDensity:
         for rows in alike(np.hstack([left.known[i], right.known[j]])):
             weight, mean[rows], covariance[rows] = _kernel_products(left, i[rows], right, j[rows])
             log_weight[rows] += weight
-        some = [d.alone[rows] for d, rows in ((left, i), (right, j)) if d.alone is not None]
-        alone = np.logical_or.reduce(some) if some else None
-        return FeatureDensity(names, log_weight, known, mean, covariance, alone)
+        some = [d.sharers[rows] for d, rows in ((left, i), (right, j)) if d.sharers is not None]
+        sharers = np.maximum.reduce(some) if some else None
+        return FeatureDensity(names, log_weight, known, mean, covariance, sharers)
 
     def if_hidden(self, hidden: np.ndarray, seen: float, missed: float) -> FeatureDensity:
         """The same for states that hide features (F,) bool: a kernel weighs `seen` more, as a logarithm, for each of
         these that it takes for seen alone, and `missed` more for each that it says nothing of."""
-        alone = np.zeros_like(self.known) if self.alone is None else self.alone
+        alone = np.zeros_like(self.known) if self.sharers is None else self.sharers == 1
         more = seen * (alone & hidden).sum(axis=1) + missed * (~self.known & hidden).sum(axis=1)
         return replace(self, log_weight=self.log_weight + more)
 
@@ -144,23 +144,29 @@ class FeatureDensity:
         """The heaviest kernels, at most so many and none with less than a share `least`; the sum keeps its weight.
 
         expected: over the same features, where kernels speak of different ones, so that their weights have different
-        units: what counts is then their mass under it, and for what room there is left that under the same, doubted.
+        units: what counts is then their mass under it (`likeliest`).
         """
         if len(self.log_weight) == 1:
             return self
+        kept = heaviest(self.log_weight, most, least) if expected is None else self.likeliest(expected, most, least)
         log_mass = self.log_weight if expected is None else self.log_mass(expected)
-        kept = heaviest(log_mass, most, least)
-        if expected is not None:
-            others = heaviest(self.log_mass(expected.doubted()), most, least)
-            kept = np.sort([*kept, *np.setdiff1d(others, kept)][:most])
         lost = np.logaddexp.reduce(log_mass) - np.logaddexp.reduce(log_mass[kept])
         return self.of(kept, self.log_weight[kept] + lost)
+
+    def likeliest(self, expected: FeatureDensity, most: int, least: float = 1e-6) -> np.ndarray:
+        """The kernels (R,) with the largest masses under what is expected of the same features, and for what room there
+        is left those with the largest under the same, doubted; none with less than a share `least`."""
+        kept = heaviest(self.log_mass(expected), most, least)
+        doubted = self.log_mass(expected.doubted())
+        others = np.setdiff1d(heaviest(doubted, most, least), kept)
+        others = others[np.argsort(-doubted[others], kind="stable")]
+        return np.sort([*kept, *others][:most])
 
     def of(self, rows: np.ndarray, log_weight: np.ndarray | None = None) -> FeatureDensity:
         """Some of the kernels, as heavy as they are, or with other weights."""
         log_weight = self.log_weight[rows] if log_weight is None else log_weight
-        alone = None if self.alone is None else self.alone[rows]
-        return FeatureDensity(self.names, log_weight, self.known[rows], self.mean[rows], self.covariance[rows], alone)
+        sharers = None if self.sharers is None else self.sharers[rows]
+        return FeatureDensity(self.names, log_weight, self.known[rows], self.mean[rows], self.covariance[rows], sharers)
 
     def log_mass(self, expected: FeatureDensity) -> np.ndarray:
         """Logarithms (K,) of the mass of each kernel under what is expected of the same features, as one kernel."""

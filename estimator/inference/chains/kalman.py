@@ -11,6 +11,8 @@ from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
 from humanoid.support.settings import check, setting
 
+_NO_NEWS = 1e-6  # of what is known: precision of what tells nothing
+
 
 @dataclass(frozen=True)
 class PointSettings:
@@ -62,7 +64,9 @@ class PointChain:
     anything, and no other chain can tell it better.
 
     An update is by a mixture: every association moves the points by Kalman's rule, and all are then one normal density
-    with their mean and covariance. So clutter moves points in proportion to how likely it is one of them.
+    with their mean and covariance. So clutter moves points in proportion to how likely it is one of them. A detection
+    of several points, as of a hand before the face, tells of each no more than that it is in there, however often
+    (`_as_news`).
     """
 
     names: tuple[str, ...]
@@ -142,9 +146,34 @@ class PointChain:
         place = self._places[dims]
         off = told.mean[k].ravel()[dims] - mean[place]
         S = C[np.ix_(place, place)] + told.covariance[k][np.ix_(dims, dims)]
-        gain = np.linalg.solve(S, C[place]).T
+        S_news = C[np.ix_(place, place)] + self._as_news(C, told, k)[np.ix_(dims, dims)]
+        gain = np.linalg.solve(S_news, C[place]).T
         weight = told.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
         return mean + gain @ off, C - gain @ C[place], float(weight)
+
+    def _as_news(self, prior: np.ndarray, told: FeatureDensity, k: int) -> np.ndarray:
+        """Covariance (2F, 2F) [px^2] of a kernel of a message as measurements that are independent of the past; prior
+        (4F, 4F).
+
+        Where in a detection of several points one of them is stays the same from frame to frame, and is not measured
+        anew: a chain that took it so would after some frames be sure that a hand is in the middle of the face. So of
+        what a kernel says of such a point that alone is counted which is not known, in each direction: the point comes
+        out as certain as the more certain of the two, of which covariance intersection (Julier and Uhlmann 1997) is the
+        bound where nothing is known of how they depend on each other.
+        """
+        covariance = told.covariance[k]
+        if told.sharers is None or not (told.sharers[k] > 1).any():
+            return covariance
+        covariance = covariance.copy()
+        for f in np.flatnonzero(told.sharers[k] > 1):
+            block = slice(2 * f, 2 * f + 2)
+            place = self._places[block]
+            factor = np.linalg.cholesky(prior[np.ix_(place, place)])
+            white = np.linalg.solve(factor, np.linalg.solve(factor, covariance[block, block]).T)
+            variance, ways = np.linalg.eigh(white)
+            news = np.maximum(1.0 / variance - 1.0, _NO_NEWS)
+            covariance[block, block] += factor @ (ways * (1.0 / news - variance)) @ ways.T @ factor.T
+        return covariance
 
     @property
     def _places(self) -> np.ndarray:
