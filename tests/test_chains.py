@@ -144,7 +144,7 @@ def test_a_chain_that_has_hands_the_wrong_way_round_is_told_of_the_other() -> No
     chain = PointChain(HANDS, 400.0, PointSettings(), ((1, 2),))
     theirs = chain.features(chain.begun(points[1], 4.0 * np.eye(6)))
     told = messages([wrong, theirs], evidence)[0].evidence.log_density(points)
-    assert told[1] - told[0] == pytest.approx(np.log(0.9 / 0.1), abs=0.01)
+    assert told[1] - told[0] == pytest.approx(np.log((1.0 - 0.1 - 0.03) / 0.1), abs=0.01)
 
 
 def test_a_hand_that_is_missed_may_be_before_the_face_or_anywhere() -> None:
@@ -354,6 +354,25 @@ def test_points_are_stored_to_the_bit() -> None:
     again = Points.from_arrays(state.arrays())
     np.testing.assert_array_equal(again.mean, state.mean)
     np.testing.assert_array_equal(again.covariance, state.covariance)
+
+
+def test_a_point_that_follows_clutter_is_put_right() -> None:
+    """It has a hand in a piece of the face, and is sure of it; another chain knows which blob it is."""
+    right = np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]])
+    phi = evidence_of(blobs(*(tuple(p) for p in right)), EvidenceSettings())
+    pose = gaussian(HANDS, right, 400.0 * np.eye(6))
+    after = {}
+    for lost in (0.0, 0.03):
+        chain = PointChain(HANDS, 100.0, PointSettings(lost=lost), ((1, 2),))
+        state = begun()
+        state.mean[1, :2] = 110.0, 55.0
+        for _ in range(3):
+            prior = chain.predict(state, 0.04)
+            assert np.exp(chain.features(prior).log_weight).sum() == pytest.approx(1.0)
+            state = chain.update(prior, messages([pose, chain.features(prior)], phi, GATED)[1])[0]
+        after[lost] = state.mean[:, :2]
+    np.testing.assert_allclose(after[0.03], right, atol=10.0)
+    assert np.abs(after[0.0] - right).max() > 40.0
 
 
 def test_points_taken_for_each_other_are_put_right() -> None:

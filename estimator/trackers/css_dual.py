@@ -45,7 +45,10 @@ SPEC = Spec(
     settings=CssDualSettings(),
     idle=(
         *(rule.of_group("css", _GROUP) for rule in IDLE),
-        idle_where(f"{_GROUP}.beside.evidence.shared {_GROUP}.beside.points.mistaken", "a keypoint is of one landmark"),
+        idle_where(
+            f"{_GROUP}.beside.evidence.shared {_GROUP}.beside.points.mistaken {_GROUP}.beside.points.lost",
+            "a keypoint is of one landmark",
+        ),
         idle_where(
             f"{_GROUP}.beside.points {_GROUP}.beside.evidence {_GROUP}.beside.exchange", css_dual__beside__farthest=0.0
         ),

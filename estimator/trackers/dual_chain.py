@@ -241,7 +241,7 @@ _IDLE = (
     *DYNAMICS_ALONE,
     idle_where(
         "dual_chain.skin dual_chain.face_model dual_chain.evidence.shared dual_chain.evidence.hidden "
-        "dual_chain.points.mistaken",
+        "dual_chain.points.mistaken dual_chain.points.lost",
         dual_chain__features=KEYPOINTS,
     ),
     idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),

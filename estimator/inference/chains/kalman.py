@@ -32,6 +32,7 @@ class PointSettings:
     speed: float = setting(1.0, above=0)
     loose: float = setting(1.0, above=0)
     mistaken: float = setting(0.1, at_least=0, below=0.5)
+    lost: float = setting(0.03, at_least=0, below=0.5)
 
     def __post_init__(self) -> None:
         check(self)
@@ -60,8 +61,8 @@ class PointChain:
 
     names (F,). size [px]: the person's in the image, by which noise is measured. settings. alike: pairs of points, by
     number, that detections do not tell apart, as both hands: what is expected of them is also that the one is where the
-    other was thought to be. Without it a chain that took them for each other, as they met, is as sure of it as of
-    anything, and no other chain can tell it better.
+    other was thought to be, or somewhere else altogether. A chain that took them for each other, as they met, or one
+    for a piece of the face, would else be as sure of it as of anything, and no other chain could tell it better.
 
     An update is by a mixture: every association moves the points by Kalman's rule, and all are then one normal density
     with their mean and covariance. So clutter moves points in proportion to how likely it is one of them. A detection
@@ -124,18 +125,22 @@ class PointChain:
         return Points(mean.reshape(-1, 4), self.bounded(covariance)), total
 
     def _taken_for(self, prior: Points) -> list[tuple[float, Points]]:
-        """What is expected with its logarithm of probability, as it is and with each pair of those alike exchanged."""
-        mistaken = self.settings.mistaken
-        if not self.alike or not mistaken:
-            return [(0.0, prior)]
-        ways = [(float(np.log1p(-mistaken)), prior)]
-        for a, b in self.alike:
-            order = np.arange(len(self.names))
-            order[[a, b]] = b, a
-            entries = (4 * order[:, None] + np.arange(4)).ravel()
-            swapped = Points(prior.mean[order], prior.covariance[np.ix_(entries, entries)])
-            ways.append((float(np.log(mistaken / len(self.alike))), swapped))
-        return ways
+        """What is expected with its logarithm of probability: as it is, with each pair of those alike exchanged, with
+        each of them anywhere."""
+        mistaken, lost, pairs = self.settings.mistaken, self.settings.lost, len(self.alike)
+        ways = [(prior, 1.0 - mistaken - lost if pairs else 1.0)]
+        ways += [(_exchanged(prior, a, b), mistaken / pairs) for a, b in self.alike]
+        ways += [(self._anywhere(prior, k), lost / (2 * pairs)) for pair in self.alike for k in pair]
+        return [(float(np.log(share)), points) for points, share in ways if share > 0.0]
+
+    def _anywhere(self, prior: Points, k: int) -> Points:
+        """With one point as far off as can be, whatever the others do."""
+        own = slice(4 * k, 4 * k + 4)
+        covariance = prior.covariance.copy()
+        covariance[own], covariance[:, own] = 0.0, 0.0
+        s = self.settings
+        covariance[own, own] = self.size**2 * np.diag([s.loose**2, s.loose**2, s.speed**2, s.speed**2])
+        return Points(prior.mean, covariance)
 
     def _updated(self, prior: Points, told: FeatureDensity, k: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Mean (4F,), covariance and log weight after one kernel of a message."""
@@ -207,3 +212,11 @@ class PointChain:
         variance = np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-300)
         scale = np.where(place, np.minimum(1.0, np.sqrt(most / variance)), 1.0)
         return np.asarray(covariance * scale[..., :, None] * scale[..., None, :])
+
+
+def _exchanged(points: Points, a: int, b: int) -> Points:
+    """With two of them in each other's place."""
+    order = np.arange(len(points.mean))
+    order[[a, b]] = b, a
+    entries = (4 * order[:, None] + np.arange(4)).ravel()
+    return Points(points.mean[order], points.covariance[np.ix_(entries, entries)])
