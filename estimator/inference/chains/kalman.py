@@ -11,7 +11,7 @@ from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
 from humanoid.support.settings import check, setting
 
-_NO_NEWS = 1e-6  # of what is known: precision of what tells nothing
+_NEWS = 0.1  # share of what a shared detection tells of a point that the frame before did not tell
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class PointChain:
 
     An update is by a mixture: every association moves the points by Kalman's rule, and all are then one normal density
     with their mean and covariance. So clutter moves points in proportion to how likely it is one of them. A detection
-    of several points, as of a hand before the face, tells of each no more than that it is in there, however often
-    (`_as_news`).
+    of several points, as of a hand before the face, tells of each little more than that it is in there, however
+    often (`_as_news`).
     """
 
     names: tuple[str, ...]
@@ -160,11 +160,12 @@ class PointChain:
         """Covariance (2F, 2F) [px^2] of a kernel of a message as measurements that are independent of the past; prior
         (4F, 4F).
 
-        Where in a detection of several points one of them is stays the same from frame to frame, and is not measured
-        anew: a chain that took it so would after some frames be sure that a hand is in the middle of the face. So of
-        what a kernel says of such a point that alone is counted which is not known, in each direction: the point comes
-        out as certain as the more certain of the two, of which covariance intersection (Julier and Uhlmann 1997) is the
-        bound where nothing is known of how they depend on each other.
+        Where in a detection of several points one of them is stays much the same from frame to frame, and is not
+        measured anew: a chain that took it so would after half a second be sure that a hand is in the middle of the
+        face. So of what a kernel says of such a point that counts which is not known, in each direction, and beyond
+        that a tenth, as the point moves about in there. Without the tenth the point comes out as certain as the more
+        certain of the two, of which covariance intersection (Julier and Uhlmann 1997) is the bound where nothing is
+        known of how they depend on each other.
         """
         covariance = told.covariance[k]
         if told.sharers is None or not (told.sharers[k] > 1).any():
@@ -176,7 +177,7 @@ class PointChain:
             factor = np.linalg.cholesky(prior[np.ix_(place, place)])
             white = np.linalg.solve(factor, np.linalg.solve(factor, covariance[block, block]).T)
             variance, ways = np.linalg.eigh(white)
-            news = np.maximum(1.0 / variance - 1.0, _NO_NEWS)
+            news = np.maximum(1.0 / variance - 1.0, _NEWS / variance)
             covariance[block, block] += factor @ (ways * (1.0 / news - variance)) @ ways.T @ factor.T
         return covariance
 
