@@ -102,7 +102,7 @@ class _Missing:
         beside = np.array([place, place + np.array([0.0, 0.0, _TAKEN])])
         middle, edge = observation.cameras[0].project(beside)
         kept = np.linalg.norm(seen.mean - middle, axis=1) > np.linalg.norm(edge - middle)
-        return Detections(seen.names, seen.mean[kept], seen.covariance[kept], seen.suits[kept], seen.merged[kept])
+        return seen.of(kept)
 
 
 def parted(q: np.ndarray, on: np.ndarray) -> int:

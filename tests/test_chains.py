@@ -164,6 +164,17 @@ def test_a_hidden_feature_is_as_likely_detected_as_settings_say() -> None:
     np.testing.assert_allclose(hidden.log_density(points), known.log_density(points), rtol=1e-12)
 
 
+def test_two_hands_in_one_blob_are_further_from_its_middle_than_one() -> None:
+    """In the association in which both are in it each has the whole blob to be in; alone one is near its middle."""
+    blob = replace(blobs((100, 50), (105, 200)), together=np.tile(64.0 * np.eye(2), (2, 1, 1)))
+    evidence = evidence_of(blob, EvidenceSettings())
+    for way, variance in (((0, 1, 1), 64.0), ((0, 1, -1), 16.0)):
+        (row,) = np.flatnonzero((evidence.detection == way).all(axis=1))
+        np.testing.assert_array_equal(evidence.density.covariance[row][2:4, 2:4], variance * np.eye(2))
+    some = blob.of(np.array([1]))
+    assert (some.shared[0, 0, 0], some.covariance[0, 0, 0], len(some.suits)) == (64.0, 16.0, 1)
+
+
 @pytest.mark.parametrize("exchange", [GATED, PRINTED, ONE_WAY])
 def test_only_a_detection_of_its_own_speaks_against_a_hidden_feature(exchange: str) -> None:
     """What another feature hides is in that one's detection. The other chain's message changes nothing of this."""

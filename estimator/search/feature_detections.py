@@ -24,8 +24,8 @@ _SWAPPED = 0.02  # share of keypoints whose side is mistaken
 def of_blobs(names: Sequence[str], blobs: Blobs) -> Detections:
     """Each blob may be of each hand, and of the head, by its area; a merged one of several of them.
 
-    The middle of a hand is in the middle of its blob but for about half of the blob's spread; in one that is merged it
-    is anywhere in it.
+    The middle of a hand is in the middle of its blob but for about half of the blob's spread; in one that is merged, or
+    that is another's too, it is anywhere in it.
     """
     count = len(blobs.area)
     suits = np.zeros((count, len(names)))
@@ -35,8 +35,9 @@ def of_blobs(names: Sequence[str], blobs: Blobs) -> Detections:
         suits[:, f] = np.maximum(np.exp(-0.5 * off**2), _LEAST)
     suits[blobs.merged] = np.maximum(suits[blobs.merged], 0.2)
     scale = np.where(blobs.merged, 1.0, _WIDE) ** 2
-    covariance = blobs.covariance * scale[:, None, None] + _NOISE**2 * np.eye(2)
-    return Detections(tuple(names), blobs.mean, covariance, suits, blobs.merged)
+    noise = _NOISE**2 * np.eye(2)
+    covariance = blobs.covariance * scale[:, None, None] + noise
+    return Detections(tuple(names), blobs.mean, covariance, suits, blobs.merged, blobs.covariance + noise)
 
 
 def of_keypoints(names: Sequence[str], pixels: np.ndarray, sigma: np.ndarray) -> Detections:
@@ -62,7 +63,7 @@ def all_of(detections: Sequence[Detections]) -> Detections:
     """Those of several detectors of the same features."""
     arrays = [
         np.concatenate([getattr(each, name) for each in detections])
-        for name in ("mean", "covariance", "suits", "merged")
+        for name in ("mean", "covariance", "suits", "merged", "shared")
     ]
     return Detections(detections[0].names, *arrays)
 
@@ -70,5 +71,6 @@ def all_of(detections: Sequence[Detections]) -> Detections:
 def at_size(detections: Detections, old: tuple[int, int], new: tuple[int, int]) -> Detections:
     """Those of a picture of size `old`, in one resized to `new`."""
     ratio = np.array(new) / np.array(old)
-    covariance = detections.covariance * ratio[:, None] * ratio
-    return replace(detections, mean=resized_pixels(detections.mean, old, new), covariance=covariance)
+    covariance, together = (C * ratio[:, None] * ratio for C in (detections.covariance, detections.shared))
+    mean = resized_pixels(detections.mean, old, new)
+    return replace(detections, mean=mean, covariance=covariance, together=together)

@@ -49,7 +49,8 @@ class Detections:
 
     names (F,). mean (D, 2) [px], covariance (D, 2, 2) [px^2]: of the feature, if it is this detection. suits (D, F):
     probability that a detection of the feature looks like this, 0 where it cannot be. merged (D,) bool: it may well be
-    of several features at once, which are then anywhere in it.
+    of several features at once, which are then anywhere in it. together (D, 2, 2) [px^2]: covariance of a feature that
+    is in it with another; None where that is the same.
     """
 
     names: tuple[str, ...]
@@ -57,6 +58,19 @@ class Detections:
     covariance: np.ndarray
     suits: np.ndarray
     merged: np.ndarray
+    together: np.ndarray | None = None
+
+    @property
+    def shared(self) -> np.ndarray:
+        """Covariances (D, 2, 2) [px^2] of features that share them."""
+        return self.covariance if self.together is None else self.together
+
+    def of(self, rows: np.ndarray) -> Detections:
+        """Some of the detections."""
+        together = None if self.together is None else self.together[rows]
+        return Detections(
+            self.names, self.mean[rows], self.covariance[rows], self.suits[rows], self.merged[rows], together
+        )
 
     @staticmethod
     def none(names: tuple[str, ...]) -> Detections:
@@ -124,7 +138,7 @@ class _Pairs:
         for d in range(count):
             # what another hides makes no detection of its own: it is somewhere in that one, a density without clutter
             share = 1.0 if detections.merged[d] else settings.shared
-            second[:, d] = np.log(max(share, 1e-300)) + _log_area(detections.covariance[d])
+            second[:, d] = np.log(max(share, 1e-300)) + _log_area(detections.shared[d])
         expected = np.zeros_like(first)
         if prior is not None:
             expected[:, :-1] = _expected(detections, prior.over(detections.names).collapsed())
@@ -207,7 +221,8 @@ def _density(detections: Detections, ways: np.ndarray, log_weight: np.ndarray) -
     mean = np.zeros((len(ways), size, 2))
     mean[known] = detections.mean[ways[known]]
     covariance = np.tile(np.eye(2 * size), (len(ways), 1, 1))
-    for k, f in np.argwhere(known):
-        covariance[k, 2 * f : 2 * f + 2, 2 * f : 2 * f + 2] = detections.covariance[ways[k, f]]
     sharers = np.where(known, (ways[:, :, None] == ways[:, None, :]).sum(axis=2), 0)
+    for k, f in np.argwhere(known):
+        own = detections.covariance if sharers[k, f] == 1 else detections.shared
+        covariance[k, 2 * f : 2 * f + 2, 2 * f : 2 * f + 2] = own[ways[k, f]]
     return FeatureDensity(detections.names, log_weight, known, mean, covariance, sharers)
