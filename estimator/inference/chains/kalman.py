@@ -164,8 +164,8 @@ class PointChain:
         measured anew: a chain that took it so would after half a second be sure that a hand is in the middle of the
         face. So of what a kernel says of such a point that counts which is not known, in each direction, and beyond
         that a tenth, as the point moves about in there. Without the tenth the point comes out as certain as the more
-        certain of the two, of which covariance intersection (Julier and Uhlmann 1997) is the bound where nothing is
-        known of how they depend on each other.
+        certain of the two, which along one direction is covariance intersection (Julier and Uhlmann 1997), for what
+        depends on each other in unknown ways.
         """
         covariance = told.covariance[k]
         if told.sharers is None or not (told.sharers[k] > 1).any():
