@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from estimator.imaging.mask_box import box_about
 from estimator.imaging.skin_kernels import mark_skin, shares_of_colours
 from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
@@ -194,7 +195,7 @@ def _darkest(model: SkinModel, settings: SkinSettings) -> float:
 def _mask(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, settings: SkinSettings) -> np.ndarray:
     """(H, W) uint8: skin, without specks, its small holes filled."""
     mask = np.zeros(picture.shape[:2], np.uint8)
-    box = np.s_[:, :] if foreground is None else _about(foreground)
+    box = np.s_[:, :] if foreground is None else box_about(foreground, _BEYOND)
     part = mask[box]
     if part.size:
         total, bins = _colours(cv2.GaussianBlur(picture[box], (0, 0), _SMOOTHING))
@@ -205,15 +206,6 @@ def _mask(picture: np.ndarray, model: SkinModel, foreground: np.ndarray | None, 
         opened = cv2.morphologyEx(part, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
         mask[box] = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     return mask
-
-
-def _about(mask: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of a mask's true pixels and what is looked at beyond them; none where there are none."""
-    x, y, width, height = cv2.boundingRect(np.ascontiguousarray(mask).view(np.uint8))
-    if not width:
-        return slice(0), slice(0)
-    rows, columns = (slice(max(0, s - _BEYOND), s + size + _BEYOND) for s, size in ((y, height), (x, width)))
-    return rows, columns
 
 
 def _components(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

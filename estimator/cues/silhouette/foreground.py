@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.cues.silhouette.background import background_beside, learn_background, widened
 from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
+from estimator.imaging.mask_box import box_about
 from estimator.media.threads import one_thread
 from humanoid.support.compiled import jit
 
@@ -84,7 +85,7 @@ def _told_apart(
 ) -> np.ndarray:
     """Foreground (H, W) bool by squared departures from the background where this is known, and `elsewhere`."""
     mask = _tidy(((squared > 1.0) & known) | (elsewhere & ~known), settings.smallest * squared.size)
-    trimmed, box = np.zeros_like(mask), _box(mask, _BESIDE)
+    trimmed, box = np.zeros_like(mask), box_about(mask, _BESIDE)
     if trimmed[box].size:
         trimmed[box] = _trimmed(mask[box], np.where(known[box], squared[box], np.float32(0.0)), known[box])
     return trimmed
@@ -102,7 +103,7 @@ def _tidy(mask: np.ndarray, smallest: float) -> np.ndarray:
     closed = cv2.morphologyEx(cv2.medianBlur(mask.astype(np.uint8), 5), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     filled = ~_larger(closed == 0, smallest)
     parts = np.zeros_like(filled)
-    box = _box(filled, 0)
+    box = box_about(filled, 0)
     if parts[box].size:
         parts[box] = _larger(filled[box], smallest)
     return parts
@@ -143,14 +144,6 @@ def _of_parts(label, kept, mask):  # type: ignore[no-untyped-def]
             mask[y, x] = kept[label[y, x]]
 
 
-def _box(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
-    """Rows and columns of a mask's true pixels and so many around them; none where there are no such pixels."""
-    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
-    if not width:
-        return slice(0), slice(0)
-    return slice(max(0, y - margin), y + height + margin), slice(max(0, x - margin), x + width + margin)
-
-
 @one_thread()
 def silhouette_of(mask: np.ndarray, known: np.ndarray | None = None) -> Silhouette:
     """Silhouette of a mask (H, W) bool; `known` (H, W) bool: where the background is, everywhere unless given."""
@@ -169,7 +162,7 @@ def silhouette_of(mask: np.ndarray, known: np.ndarray | None = None) -> Silhouet
     index[label[outline[:, 1], outline[:, 0]]] = np.arange(len(outline))
     nearest, distance = np.empty(mask.shape, np.int32), np.empty(mask.shape, np.float32)
     _to_nearest(label, index, outline, nearest, distance)
-    near = _box(inside, _NEAR) if _off_border(inside) else np.s_[:, :]  # outlines there are left out
+    near = box_about(inside, _NEAR) if _off_border(inside) else np.s_[:, :]  # outlines there are left out
     distance[near] = _signed_distance(np.ascontiguousarray(inside[near]))
     x, y = np.round(boundary - _BEHIND * normal).astype(int).T
     certain = known[y.clip(0, len(known) - 1), x.clip(0, known.shape[1] - 1)]
@@ -204,7 +197,7 @@ def _outline(inside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     pixels = np.stack((order // height, order % height), axis=-1)
     x, y = pixels.T
     pixels = pixels[(x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)]
-    box = _box(inside, _SMOOTHING_REACH)
+    box = box_about(inside, _SMOOTHING_REACH)
     x, y = (pixels - (box[1].start, box[0].start)).T
     smooth = cv2.GaussianBlur(inside[box].astype(np.float32), (0, 0), _OUTLINE_SMOOTHING)
     slope = [cv2.Sobel(smooth, cv2.CV_32F, *order, scale=0.125)[y, x] for order in ((1, 0), (0, 1))]

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.cues.silhouette.shading import WINDOW, mark_brightness, mark_texture
+from estimator.imaging.mask_box import box_about
 from humanoid.support.compiled import jit
 from humanoid.support.settings import check, setting
 
@@ -95,10 +96,8 @@ def departure(picture: np.ndarray, background: Background, settings: SilhouetteS
     squared = np.empty(picture.shape[:2], np.float32)
     _squared_difference(picture, background.mean, background.scale, squared)
     shaded = np.zeros(squared.shape, bool)
-    x, y, width, height = cv2.boundingRect((squared > limit).view(np.uint8))
-    if width:
-        rows, columns = (slice(max(0, s - _RIM), s + size + _RIM) for s, size in ((y, height), (x, width)))
-        box = rows, columns
+    box = box_about(squared > limit, _RIM)
+    if shaded[box].size:
         shadow, shaded[box] = _shadow(picture[box], background, box, settings)
         np.minimum(squared[box], np.float32(0.5) * limit, out=squared[box], where=shadow)
     squared /= limit

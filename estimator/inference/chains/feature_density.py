@@ -135,11 +135,6 @@ class FeatureDensity:
         more = seen * (alone & hidden).sum(axis=1) + missed * (~self.known & hidden).sum(axis=1)
         return replace(self, log_weight=self.log_weight + more)
 
-    def without(self, names: Sequence[str]) -> FeatureDensity:
-        """The same that says nothing of some features."""
-        silent = np.array([name in names for name in self.names])
-        return replace(self, known=self.known & ~silent)
-
     def reduced(self, most: int, least: float = 1e-6, expected: FeatureDensity | None = None) -> FeatureDensity:
         """The heaviest kernels, at most so many and none with less than a share `least`; the sum keeps its weight.
 

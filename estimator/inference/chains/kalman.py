@@ -150,9 +150,9 @@ class PointChain:
             return mean, C, float(told.log_weight[k])
         place = self._places[dims]
         off = told.mean[k].ravel()[dims] - mean[place]
-        S = C[np.ix_(place, place)] + told.covariance[k][np.ix_(dims, dims)]
-        S_news = C[np.ix_(place, place)] + self._as_news(C, told, k)[np.ix_(dims, dims)]
-        gain = np.linalg.solve(S_news, C[place]).T
+        known, own = C[np.ix_(place, place)], np.ix_(dims, dims)
+        S = known + told.covariance[k][own]
+        gain = np.linalg.solve(known + self._as_news(C, told, k)[own], C[place]).T
         weight = told.log_weight[k] - 0.5 * (off @ np.linalg.solve(S, off) + np.linalg.slogdet(2.0 * np.pi * S)[1])
         return mean + gain @ off, C - gain @ C[place], float(weight)
 
@@ -167,11 +167,8 @@ class PointChain:
         certain of the two, which along one direction is covariance intersection (Julier and Uhlmann 1997), for what
         depends on each other in unknown ways.
         """
-        covariance = told.covariance[k]
-        if told.sharers is None or not (told.sharers[k] > 1).any():
-            return covariance
-        covariance = covariance.copy()
-        for f in np.flatnonzero(told.sharers[k] > 1):
+        covariance = told.covariance[k].copy()
+        for f in () if told.sharers is None else np.flatnonzero(told.sharers[k] > 1):
             block = slice(2 * f, 2 * f + 2)
             place = self._places[block]
             factor = np.linalg.cholesky(prior[np.ix_(place, place)])
