@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -25,7 +25,7 @@ from benchmarks.common import (
     tell,
     work_folder,
 )
-from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
+from benchmarks.elmo_clips import JOINTS, LEGS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
 from estimator.results.run_file import Run
@@ -71,13 +71,14 @@ class Task:
 
 @dataclass(frozen=True)
 class Result:
-    """seed: of clip and tracker. error (T): mean over `JOINTS` in the world [mm], NaN without a hypothesis. seconds: of
-    processor time a frame."""
+    """seed: of clip and tracker. error, legs (T): means over `JOINTS` and `LEGS` in the world [mm], NaN without a
+    hypothesis. seconds: of processor time a frame."""
 
     sequence: str
     tracker: str
     seed: int
     error: list[float]
+    legs: list[float]
     seconds: float
 
 
@@ -89,17 +90,20 @@ def tracked(task: Task) -> Result:
     looks_up = tracker in ("elmo", "psh")
     index = shuffled(task.index, task.film.folder / "shuffled.npz") if task.tracker == AT_RANDOM else task.index
     given = clip.first_frame if task.tracker in GIVEN else None
+    seen: dict[str, Any] = {"clips": clip.videos, "stereo": {"cam01": "cam01_right"}}
+    if task.film.depths:
+        seen = {"clips": {"cam01": clip.videos["cam01"]}, "depth": {"cam01": clip.depths["cam01"]}}
     subject = fitted(clip) if task.body == "fitted" else clip.subject
     run, times = timed_track(
-        given, clip.cameras, out, clips=clip.videos, cues=task.cues, subject=subject, fit="off",
-        tracker=tracker, seed=task.seed, settings=task.settings, stereo={"cam01": "cam01_right"},
+        given, clip.cameras, out, **seen, cues=task.cues, subject=subject, fit="off",
+        tracker=tracker, seed=task.seed, settings=task.settings,
         index=index if looks_up else None, end=task.until,
     )  # fmt: skip
-    error = errors(run, clip)
+    error, legs = (errors(run, clip, joints) for joints in (JOINTS, LEGS))
     removed(out)
     shown = f"{np.nanmean(error):.0f} mm, {times.cpu_tracking:.2f} s a frame"
     tell(f"{task.film.name}, {task.tracker}, seed {task.seed}: {shown}")
-    return Result(task.film.name, task.tracker, task.seed, error.tolist(), times.cpu_tracking)
+    return Result(task.film.name, task.tracker, task.seed, error.tolist(), legs.tolist(), times.cpu_tracking)
 
 
 def fitted(clip: RenderedClip) -> Subject:
@@ -122,12 +126,12 @@ def shuffled(index: Path, path: Path) -> Path:
     return path
 
 
-def errors(run: Run, clip: RenderedClip) -> np.ndarray:
-    """Mean errors (T,) over `JOINTS` of the likeliest hypothesis of every frame [mm], nothing aligned."""
+def errors(run: Run, clip: RenderedClip, joints: Sequence[str] = JOINTS) -> np.ndarray:
+    """Mean errors (T,) over some joints of the likeliest hypothesis of every frame [mm], nothing aligned."""
     with np.load(clip.truth) as truth:
         names, true = truth["landmark_names"].tolist(), truth["landmarks"]
-    ours = [run.body.landmark_names.index(name) for name in JOINTS]
-    theirs = [names.index(name) for name in JOINTS]
+    ours = [run.body.landmark_names.index(name) for name in joints]
+    theirs = [names.index(name) for name in joints]
     best = run.mode_landmarks[:, 0][:, ours]
     return np.asarray(1e3 * np.linalg.norm(best - true[: len(best), theirs], axis=2).mean(axis=1))
 
@@ -142,6 +146,7 @@ def main(
     frames: int = 1000,
     fps: float = 30.0,
     baseline: float = 0.12,
+    depth: Literal["stereo", "exact"] = "stereo",
     until: float | None = None,
     cues: str = "depth",
     seeds: Annotated[tuple[int, ...], Several] = (0,),
@@ -171,6 +176,8 @@ def main(
         Frames per second: 30, or 4 for section 4.2.
     baseline
         Metres between the cameras.
+    depth
+        Where it is from: stereo matching of the pair, or the renderer.
     until
         Seconds of each sequence that are tracked; all by default.
     cues
@@ -188,15 +195,19 @@ def main(
     check_known("--sequences", sequences, SEQUENCES)
     check_known("--trackers", trackers, (*TRACKERS, AT_RANDOM, BEGUN))
     with work_folder(work) as kept:
-        films = [Filmed(name, frames, folder, kept, fps, baseline, clip=s) for name in sequences for s in seeds]
+        films = [
+            Filmed(name, frames, folder, kept, fps, baseline, clip=s, depths=depth == "exact")
+            for name in sequences
+            for s in seeds
+        ]
         in_processes(filmed, films, jobs)
         own = nested(changes)
         settings = {t: together(PAPER.get(t, {}), _of(t, own)) for t in trackers}
         tasks = [Task(film, t, body, index, settings[t], film.clip, until, cues) for film in films for t in trackers]
         results = in_processes(tracked, tasks, jobs)
     show(results, trackers)
-    save(json, {"measure": "elmo", "body": body, "frames": frames, "fps": fps, "baseline": baseline, "cues": cues,
-                "runs": [asdict(result) for result in results]})  # fmt: skip
+    filming = {"frames": frames, "fps": fps, "baseline": baseline, "depth": depth, "cues": cues}
+    save(json, {"measure": "elmo", "body": body, **filming, "runs": [asdict(result) for result in results]})
 
 
 def _of(tracker: str, changes: dict[str, Any]) -> dict[str, Any]:
@@ -209,22 +220,30 @@ def show(results: list[Result], trackers: tuple[str, ...]) -> None:
     out, seeds = report.console(), sorted({result.seed for result in results})
     table = report.table(
         "errors [mm] over shoulders, elbows, wrists, neck and head, in the world",
-        "tracker: sequence", "mean", "deviation", "first frame", "over 100 mm", "lost at", "back", "s a frame",
+        "tracker: sequence", "mean", "deviation", "first frame", "over 100 mm", "lost at", "back", "legs", "s a frame",
     )  # fmt: skip
     for name in trackers:
         own = [result for result in results if result.tracker == name]
         for result in own:
             row = f"{name}: {result.sequence}" + (f", seed {result.seed}" if len(seeds) > 1 else "")
-            table.add_row(row, *cells(np.array(result.error)), f"{result.seconds:.2f}")
+            table.add_row(row, *cells(np.array(result.error)), *_means([result]))
         for seed in seeds if len(seeds) > 1 else ():
             of_seed = np.concatenate([result.error for result in own if result.seed == seed])
-            table.add_row(f"{name}: all, seed {seed}", *cells(of_seed)[:2], "", cells(of_seed)[3], "", "", "")
+            table.add_row(f"{name}: all, seed {seed}", *cells(of_seed)[:2], "", cells(of_seed)[3], *4 * [""])
         every = np.concatenate([result.error for result in own])
-        table.add_row(f"{name}: all", *cells(every)[:2], "", cells(every)[3], "", "",
-                      f"{np.mean([result.seconds for result in own]):.2f}")  # fmt: skip
+        table.add_row(f"{name}: all", *cells(every)[:2], "", cells(every)[3], "", "", *_means(own))
         table.add_section()
     out.print(table)
-    out.print(f"lost at: the first frame over {LOST:.0f} mm; back: whether a later one is under {FAR:.0f} mm.")
+    out.print(
+        f"lost at: the first frame over {LOST:.0f} mm; back: whether a later one is under {FAR:.0f} mm; legs: the mean"
+        " over knees and ankles [mm]."
+    )
+
+
+def _means(results: Sequence[Result]) -> tuple[str, str]:
+    """Of legs and time."""
+    legs = np.concatenate([result.legs for result in results])
+    return f"{np.nanmean(legs):.1f}", f"{np.mean([result.seconds for result in results]):.2f}"
 
 
 def cells(error: np.ndarray) -> tuple[str, ...]:

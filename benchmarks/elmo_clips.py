@@ -26,10 +26,12 @@ JOINTS = (
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "neck", "head_top",
 )  # fmt: skip
 """What errors are means over: shoulders, elbows, wrists, neck and head top."""
+LEGS = ("left_knee", "right_knee", "left_ankle", "right_ankle")
 FPS = 30.0
 DRIFT = 40.0  # degrees to either side that the heading drifts
 _DRIFT_SECONDS = 20.0  # of a swing to both sides
 _SEED = 7  # of room, clothes and noise, of the first clip of each
+_VIDEOS = Wanted()
 _CLOSE = 1.35  # how much longer the lens of the sequence is from which arms leave the picture
 
 
@@ -56,8 +58,8 @@ SEQUENCES = {
 @dataclass(frozen=True)
 class Filmed:
     """A sequence as it is rendered: frames at `fps`, the distance between the cameras [m], the size of the pictures,
-    where clips are kept, from when until when [s] a screen hides the person, and which clip of it: 0, or another with
-    another room, clothes and noise."""
+    where clips are kept, from when until when [s] a screen hides the person, which clip of it: 0, or another with
+    another room, clothes and noise, and whether there is exact depth beside it."""
 
     name: str
     frames: int
@@ -68,6 +70,7 @@ class Filmed:
     size: tuple[int, int] = (320, 240)
     hidden: tuple[tuple[float, float], ...] = ()
     clip: int = 0
+    depths: bool = False
 
     @property
     def clip_folder(self) -> Path:
@@ -75,7 +78,8 @@ class Filmed:
         how = f"{self.frames}_{self.fps:g}_{self.baseline:g}_{self.size[0]}"
         when = "".join(f"_{begin:.2f}-{end:.2f}" for begin, end in self.hidden)
         which = f"_clip{self.clip}" if self.clip else ""
-        return self.folder / f"{self.name}_{how}{when}{which}"
+        depths = "_depths" if self.depths else ""
+        return self.folder / f"{self.name}_{how}{when}{which}{depths}"
 
 
 def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
@@ -87,7 +91,8 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
         body = Body(subject or person())
         q = there_and_back(body, task.data / "mocap" / f"{sequence.motion}.bvh", task.frames, task.fps)
         view = ViewSettings(azimuth=sequence.azimuth, image_size=task.size, baseline=task.baseline, fill=0.85)
-        _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden, seed=_SEED + task.clip)
+        wanted, seed = Wanted(depths=task.depths), _SEED + task.clip
+        _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden, seed=seed, wanted=wanted)
         tell(f"{task.name}: rendered")
 
     return kept_clip(task.clip_folder, render)
@@ -112,6 +117,7 @@ def _write(
     close: bool = False,
     hidden: tuple[tuple[float, float], ...] = (),
     seed: int = _SEED,
+    wanted: Wanted = _VIDEOS,
 ) -> RenderedClip:
     """Render a motion (T, nq) before a textured room."""
     surface = surface_of(body, nodes=500)
@@ -123,7 +129,7 @@ def _write(
         body, q, np.arange(len(q)) / fps, fps, cameras, SceneSettings(background="textured", hidden=hidden),
         place_of(points, float(points[..., 2].min())),
     )  # fmt: skip
-    return write_shot(folder, shot, Draws(keypoints, room, sensors), DetectorSettings(), wanted=Wanted())
+    return write_shot(folder, shot, Draws(keypoints, room, sensors), DetectorSettings(), wanted=wanted)
 
 
 def there_and_back(body: Body, motion: Path, frames: int, fps: float) -> np.ndarray:

@@ -152,4 +152,5 @@ def kept_clip(folder: Path, render: Callable[[Path], object]) -> RenderedClip:
         folder / "cameras.json",
         folder / "truth.npz",
         folder / "subject.urdf",
+        depths={path.name: path for path in sorted((folder / "depths").glob("*"))},
     )

@@ -11,7 +11,7 @@ from benchmarks.limb_learning import motion, unseen_by
 from benchmarks.pose_prior_clips import captured_files
 from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
-from estimator.inference.particles import Particles
+from estimator.inference.particles import Particles, normalised
 from estimator.limbs.likelihood import LimbLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
@@ -24,7 +24,8 @@ class AnnealedOnLimbs:
     """Driftless dynamics on the tree, with noise (nv,) a frame that was learned; the energy is minus the sum of the
     limbs' log likelihood ratios at a pose.
 
-    q (nq,): the first pose, of which all particles start.
+    q (nq,): the first pose, of which all particles start. likely (N,): weights of the particles by the likelihood as it
+    is, of which Sigal et al. take their expected distances; the particles' own are of the last layer's power.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class AnnealedOnLimbs:
         self.particles = Particles(
             np.repeat(q[None], particles, axis=0), np.full(particles, 1.0 / particles), np.zeros(particles, dtype=int)
         )
+        self.likely = self.particles.weights
 
     def step(self, rng: np.random.Generator, likelihood: LimbLikelihood | None) -> Particles:
         """The particles of the next frame; None where nobody is seen."""
@@ -44,7 +46,7 @@ class AnnealedOnLimbs:
 
         if likelihood is None:
             p = self.particles
-            self.particles = Particles(disperse(p.states, 1.0), p.weights, p.owner)
+            self.particles, self.likely = Particles(disperse(p.states, 1.0), p.weights, p.owner), p.weights
             return self.particles
 
         def energies(q: np.ndarray, owner: np.ndarray) -> np.ndarray:
@@ -53,6 +55,7 @@ class AnnealedOnLimbs:
             return -np.maximum(np.sum(ratios, axis=0), -1e6)
 
         self.particles, _ = anneal(rng, self.particles, self._annealing, disperse, energies, self._spread)
+        self.likely = normalised(-energies(self.particles.states, self.particles.owner))[0]
         return self.particles
 
     def _spread(self, q: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -152,7 +152,7 @@ def _annealed(run: LimbRun) -> Figures:
         away = np.linalg.norm(markers.of_poses(graph, body, particles.states) - true, axis=2).mean(axis=1)
         rows["frame"].append(frame)
         rows["assembled"].append(float(1e3 * away[int(np.argmax(particles.weights))]))
-        rows["expected"].append(float(1e3 * particles.weights @ away))
+        rows["expected"].append(float(1e3 * rival.likely @ away))
     return rows
 
 

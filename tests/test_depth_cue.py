@@ -122,6 +122,18 @@ def test_what_moves_goes_before_what_is_nearer() -> None:
         assert chosen.sum() == mine.stop - mine.start
 
 
+def test_a_moving_part_some_way_off_is_the_person_s_and_a_moving_piece_is_a_person() -> None:
+    """A raised leg hides the hip: of trunk and standing leg there is nothing between, and seen from the side neither is
+    large."""
+    trunk, leg = box([3.0, 0.0, 0.5], [0.2, 0.2, 0.5], 130), box([3.0, 0.0, -0.25], [0.15, 0.15, 0.4], 80, 1)
+    cupboard = box([1.5, 0.9, 0.0], [0.4, 0.4, 0.9], 1000, 2)
+    places, area = np.concatenate([trunk, leg, cupboard]), np.full(1210, 4e-4)
+    person = np.arange(1210) < 210
+    np.testing.assert_array_equal(nearest_thing(points_at(places), area, UP, 0.1, None, person), person)
+    known = nearest_thing(points_at(places), area, UP, 0.1, None, np.zeros(1210, dtype=bool))
+    np.testing.assert_array_equal(known, ~person)  # nothing moves: the pieces are too small
+
+
 def test_precision_is_the_surface_s_across_and_loose_along_it() -> None:
     rng = np.random.default_rng(2)
     normals = rng.standard_normal((50, 3))

@@ -32,7 +32,7 @@ class StereoSettings:
     """
 
     nearest: float = setting(0.8, above=0)
-    block: int = setting(9, at_least=1)
+    block: int = setting(5, at_least=1)
     uniqueness: int = setting(10, at_least=0)
     agreement: int = setting(1, at_least=0)
     speck: int = setting(100, at_least=0)

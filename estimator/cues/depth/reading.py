@@ -19,6 +19,7 @@ from estimator.terms.upright import world_up
 
 _ON_GRID = 20_000  # pixels that are looked at, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
+_ASIDE = 0.25  # of a jump that just counts: what is farther behind its near side does not lie on that
 _LEAST = 20  # points that say something
 _SCENE_FRAMES, _FLOOR_POINTS = 9, 2000
 
@@ -107,7 +108,7 @@ def _person(pictures: CameraPictures, instant: int, settings: DepthSettings, sce
     grid = scene.grid
     depth = scene.source.at(instant)
     points, where = _seen(depth, grid, settings)
-    jumps = _jumps(depth, grid)
+    jumps, behind = _jumps(depth, grid)
     if scene.floor is not None:
         height = scene.floor.height(points.places)
         above = height > settings.floor + 2.0 * points.along * np.abs(points.rays @ scene.floor.normal)
@@ -115,7 +116,8 @@ def _person(pictures: CameraPictures, instant: int, settings: DepthSettings, sce
     area = np.square(grid.step * points.across)
     values = depth.depth[grid.rows[where], grid.columns[where]]
     moved = scene.farthest[where] - values > _JUMP + 3.0 * depth.noise * np.square(scene.farthest[where])
-    mine = nearest_thing(points, area, scene.up, settings.gap, jumps[where], moved, len(grid.rows))
+    between = behind[where] | (jumps[where] & ~moved)  # thin limbs are all edge
+    mine = nearest_thing(points, area, scene.up, settings.gap, between, moved, len(grid.rows))
     if np.count_nonzero(mine) < _LEAST:
         return None
     points = points.some(mine)
@@ -131,16 +133,18 @@ def _grid(source: DepthSource) -> Grid:
     return Grid(rows, columns, directions, step)
 
 
-def _jumps(depth: DepthMap, grid: Grid) -> np.ndarray:
-    """Which of the grid's pixels (P,) lie at a jump of the depth: what is seen there may lie between two things."""
+def _jumps(depth: DepthMap, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the grid's pixels (P,) lie at a jump of the depth, where what is seen may lie between two things, and
+    which of these not on its near side."""
     rows, columns = grid.rows // grid.step, grid.columns // grid.step
     values = np.full((rows.max() + 1, columns.max() + 1), np.nan, np.float32)
     values[rows, columns] = depth.depth[grid.rows, grid.columns]
     around, known = np.ones((3, 3), np.uint8), np.isfinite(values)
     far = cv2.dilate(np.where(known, values, np.float32(0.0)), around)
     near = cv2.erode(np.where(known, values, np.float32(_FAR)), around)
-    jump = far - near > _JUMP + 3.0 * depth.noise * np.square(near)
-    return np.asarray(jump[rows, columns])
+    least = _JUMP + 3.0 * depth.noise * np.square(near)
+    jump = far - near > least
+    return jump[rows, columns], (jump & (values - near > _ASIDE * least))[rows, columns]
 
 
 def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[Points, np.ndarray]:
