@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.cues.silhouette.cue import Outline
 from estimator.imaging.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family, Origin
@@ -44,10 +46,7 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
     associations = search.associations(observation)
     starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, how.away, k)]
     case = FrameCase(associations, 0.0, search.likelihood(observation, starts[0].q))
-    candidates = [
-        c for side in sides(search.body, starts, looks) for c in descended(search, side, looks, observation, case, how)
-    ]
-    return search.best_of(candidates, case, count, rng)
+    return best_reached(search, sides(search.body, starts, looks), looks, observation, case, how, count, rng)
 
 
 def example_starts(body: Body, looks: Sequence[Looked], away: float = 0.0, association: int = 0) -> list[Hypothesis]:
@@ -72,6 +71,42 @@ def sides(body: Body, starts: Sequence[Hypothesis], looks: Sequence[Looked]) -> 
     away = turned_away(body, body.placed(np.array([h.q for h in starts])), looks[0].frame) > 90.0
     both = ([h for h, a in zip(starts, away.tolist(), strict=True) if a is side] for side in (False, True))
     return [side for side in both if side]
+
+
+def best_reached(
+    search: ModeSearch,
+    groups: Sequence[Sequence[Hypothesis]],
+    looks: Sequence[Looked],
+    observation: Observation,
+    case: FrameCase,
+    how: Descent,
+    count: int,
+    rng: np.random.Generator | None = None,
+) -> Mixture:
+    """The `count` best distinct modes that are reached from groups of starts, each searched apart: in the case without
+    the silhouette, see `without_silhouette`; these, and the starts at earlier modes, are refined and ranked in all of
+    it."""
+    wide = without_silhouette(search, observation, case, groups[0][0].q)
+    candidates = [c for group in groups for c in descended(search, group, looks, observation, wide, how)]
+    if wide is not case:
+        best = search.distinct(candidates, count + search.settings.spare)
+        kept = [h for group in groups for h in group if h.origin.family is Family.KEPT]
+        candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, case)
+    return search.best_of(candidates, case, count, rng)
+
+
+def without_silhouette(search: ModeSearch, observation: Observation, case: FrameCase, q: np.ndarray) -> FrameCase:
+    """What examples are searched in: the case without the silhouette where depth shows the person too, since from poses
+    far off it leads astray. q (nq,): about where the body is."""
+    if search.sight.cue == Outline.name or not shows_silhouette(observation):
+        return case
+    without = tuple(cues.changed(**{Outline.name: None}) for cues in observation.cues)
+    return case._replace(likelihood=search.likelihood(replace(observation, cues=without), q))
+
+
+def shows_silhouette(observation: Observation) -> bool:
+    """Whether some camera has one."""
+    return any(Outline.name in cues for cues in observation.cues)
 
 
 def descended(

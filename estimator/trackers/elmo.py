@@ -14,7 +14,6 @@ import numpy as np
 
 from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
-from estimator.cues.silhouette.cue import Outline
 from estimator.imaging.observation import Observation
 from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
@@ -26,7 +25,7 @@ from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
-from estimator.search.from_examples import Descent, descended, example_starts, sides
+from estimator.search.from_examples import Descent, best_reached, example_starts, shows_silhouette, sides
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
@@ -54,8 +53,9 @@ class ElmoSettings:
     from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
     so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
     are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
-    beside those of the neighbours. away: what a pose pays [nats] that turns its back to the only camera in the first
-    frame, or the first after some without the person: most people are filmed from in front, and depth hardly tells.
+    beside those of the neighbours; twice as many of both in a frame without a past. away: what a pose pays [nats] that
+    turns its back to the only camera in the first frame, or the first after some without the person: most people are
+    filmed from in front, and depth hardly tells.
     jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
     paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, a
     frame sooner after the last with the person says by that share less of which way they face; 0 for never.
@@ -72,9 +72,9 @@ class ElmoSettings:
     modes: int = setting(5, at_least=1)
     rounds: int = setting(_USUAL.rounds, at_least=0)
     survivors: int = setting(_USUAL.survivors, at_least=1)
-    recombined: int = setting(_USUAL.recombined, at_least=0)
+    recombined: int = setting(_USUAL.recombined // 2, at_least=0)
     recombined_of: int = setting(_USUAL.recombined_of, at_least=1)
-    limbs: int = setting(_USUAL.limbs, at_least=0)
+    limbs: int = setting(_USUAL.limbs // 2, at_least=0)
     away: float = setting(_USUAL.away, at_least=0)
     jump: float = setting(12.0, above=0)
     correlated: float = setting(0.15, at_least=0)
@@ -86,10 +86,10 @@ class ElmoSettings:
     def __post_init__(self) -> None:
         check(self)
 
-    @property
-    def descent(self) -> Descent:
-        """Those of them that say how modes are searched from examples."""
-        return Descent(**{name: getattr(self, name) for name in Descent._fields})
+    def descent(self, *, anew: bool = True) -> Descent:
+        """Those of them that say how modes are searched from examples. anew: in a frame without a past."""
+        how = Descent(**{name: getattr(self, name) for name in Descent._fields})
+        return how._replace(recombined=2 * how.recombined, limbs=2 * how.limbs) if anew else how
 
 
 @dataclass(frozen=True)
@@ -213,22 +213,8 @@ class Elmo(Begins):
         s, search = self.settings, self.search
         if s.rounds == 0:
             return self._likeliest(starts, case)
-        wide = self._wide(case, observation, starts[0].q)
         groups = sides(self.body, starts, looks) if anew else [starts]
-        candidates = [c for some in groups for c in descended(search, some, looks, observation, wide, s.descent)]
-        if wide is not case:
-            best = search.distinct(candidates, s.modes + search.settings.spare)
-            kept = [h for h in starts if h.origin.family is Family.KEPT]
-            candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, case)
-        return search.best_of(candidates, case, s.modes)
-
-    def _wide(self, case: FrameCase, observation: Observation, q: np.ndarray) -> FrameCase:
-        """What examples are searched in: the case without the silhouette where depth is there too, since from poses far
-        off the silhouette leads astray; modes are refined and ranked in all of it. q (nq,): about where the body is."""
-        if self.search.sight.cue == Outline.name or not _silhouette(observation):
-            return case
-        without = tuple(cues.changed(**{Outline.name: None}) for cues in observation.cues)
-        return case._replace(likelihood=self.search.likelihood(replace(observation, cues=without), q))
+        return best_reached(search, groups, looks, observation, case, s.descent(anew=anew), s.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
@@ -260,7 +246,7 @@ class Elmo(Begins):
         that face one way nothing changes.
         """
         share = (observation.time - state.seen) / max(self.settings.correlated, 1e-9)
-        if share >= 1.0 or not self.body.has_free_root or not _silhouette(observation):
+        if share >= 1.0 or not self.body.has_free_root or not shows_silhouette(observation):
             return likely.log_scores
         poses = np.array([state.mixture.modes[0].q, *(mode.q for mode in likely.modes)])
         ahead = self.body.placed(poses).placements[:, ROOT_JOINT, :3]
@@ -297,11 +283,6 @@ class Elmo(Begins):
     ) -> tuple[ElmoState, FrameResult]:
         after, result = judged(self.search, observation, mixture, told)
         return ElmoState(after.mixture, after.time, after.time), result
-
-
-def _silhouette(observation: Observation) -> bool:
-    """Whether some camera has one."""
-    return any(Outline.name in cues for cues in observation.cues)
 
 
 def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
