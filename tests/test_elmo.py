@@ -28,13 +28,13 @@ from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
 from estimator.search.examples.lookup import Looked, either_way
 from estimator.search.frame_search import FrameCase
-from estimator.search.from_examples import Descent, example_starts, without_silhouette
+from estimator.search.from_examples import example_starts, without_silhouette
 from estimator.search.hypothesis import Hypothesis
 from estimator.synthesis.examples import training
 from estimator.synthesis.examples.pictures import ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import PAIRS_AT_ONCE, train_index
-from estimator.trackers.elmo import Elmo, ElmoSettings, ElmoState
+from estimator.trackers.elmo import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
@@ -459,12 +459,6 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
     wide = without_silhouette(tracker.search, by_both, case, body.neutral).likelihood
     assert wide is not None
     assert [set(camera.cues) for camera in wide.cameras] == [{"depth"}]
-
-
-def test_a_frame_without_a_past_is_searched_as_any_tracker_s_first_and_others_by_half_the_limbs() -> None:
-    settings, first = ElmoSettings(), Descent()
-    assert settings.descent(anew=True) == first
-    assert settings.descent(anew=False) == first._replace(recombined=first.recombined // 2, limbs=first.limbs // 2)
 
 
 def test_a_silhouette_that_comes_soon_says_less_of_the_heading() -> None:
