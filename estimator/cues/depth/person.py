@@ -46,11 +46,12 @@ def nearest_thing(
     areas = np.bincount(thing, area, count + 1)
     moving = np.zeros(count + 1) if moved is None else np.bincount(thing, area * moved, count + 1)
     areas[np.bincount(thing, minlength=count + 1) > FILLS * (pixels or np.inf)] = 0.0
-    best = _nearest(points, thing, areas, moving, up)
+    moves = moving >= MOVING * areas
+    best = _nearest(points, thing, areas, moves, up)
     if best == 0:
         return mine
     beside, near = _beside(labels, best, 2), _beside(labels, best, 4)
-    smaller = [k for k in near if areas[k] < areas[best] and (k in beside or moving[k] >= MOVING * areas[k])]
+    smaller = [k for k in near if areas[k] < areas[best] and (k in beside or moves[k])]
     parts = [best, *smaller]
     touched = ndimage.binary_dilation(np.isin(labels, parts), _TOUCHING)[tuple(cell.T)]
     return np.asarray(np.where(sure, np.isin(thing, parts), touched))
@@ -63,19 +64,19 @@ def _beside(labels: np.ndarray, thing: int, cells: int) -> list[int]:
     return numbers
 
 
-def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, moving: np.ndarray, up: np.ndarray) -> int:
+def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, moves: np.ndarray, up: np.ndarray) -> int:
     """Number of the nearest thing that can be a person and moves, or of the nearest if none does, 0 for none. thing
-    (N,): each point's, from 1. areas, moving: of each thing, and what of that has moved [m^2]."""
+    (N,): each point's, from 1. areas [m^2], moves (bool): of each thing."""
     nearest, best = (True, np.inf), 0
-    still = moving < MOVING * areas
-    for k in (1 + np.flatnonzero(areas[1:] >= np.where(still[1:], LEAST_AREA, LEAST_MOVING_AREA))).tolist():
+    enough = areas >= np.where(moves, LEAST_MOVING_AREA, LEAST_AREA)
+    for k in (1 + np.flatnonzero(enough[1:])).tolist():
         own = points.places[thing == k]
         extent = np.ptp(np.percentile(own, [1.0, 99.0], axis=0), axis=0)
         tall = float(np.ptp(np.percentile(own @ up, [1.0, 99.0])))
         if extent.max() > LARGEST or tall < LEAST_HEIGHT:
             continue
         distance = float(np.median(points.across[thing == k]))  # in proportion to the depth
-        rank = bool(still[k]), distance
+        rank = not moves[k], distance
         if rank < nearest:
             nearest, best = rank, k
     return best
