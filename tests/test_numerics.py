@@ -1,4 +1,5 @@
-"""Small linear systems against LAPACK; alignments against what they were made from and against their neighbours."""
+"""Small linear systems against LAPACK; alignments against what they were made from and against their neighbours; the
+closest places against all distances."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.numerics.alignment import rotation_onto, similarity_onto
+from estimator.numerics.closest import closest
 from estimator.numerics.linear import eliminate, solve_definite
 
 
@@ -109,3 +111,19 @@ def test_points_without_an_extent_are_only_moved() -> None:
     turn = rotation_onto(line, line[:, [1, 0, 2]])
     assert turn[:, 0] == pytest.approx([0.0, 1.0, 0.0])
     assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("count", [1, 255, 256, 257, 700])
+def test_the_closest_of_all(count: int) -> None:
+    """By all distances, over the seams of its blocks; of equals the first."""
+    rng = np.random.default_rng(7)
+    places, among = rng.normal(size=(count, 3)), rng.normal(size=(40, 3))
+    twice = np.concatenate([among, among])
+    which, squared = closest(places, twice)
+    all_squared = np.square(places[:, None] - twice).sum(axis=2)
+    np.testing.assert_array_equal(which, all_squared.argmin(axis=1))
+    np.testing.assert_allclose(squared, all_squared.min(axis=1), rtol=1e-12)
+
+
+def test_nothing_is_infinitely_far() -> None:
+    assert np.isinf(closest(np.zeros((3, 3)), np.zeros((0, 3)))[1]).all()

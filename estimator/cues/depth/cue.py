@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from estimator.cues.base import CameraView, Cue, Matcher, Shown
 from estimator.cues.cue_picture import CuePicture, Dots, dimmed
@@ -99,11 +97,7 @@ class DepthMatcher(Matcher):
         surface = self.view.surface
         nodes = np.flatnonzero(prediction.visible) if prediction.visible.any() else np.arange(len(surface.joint))
         places = points_in_world(posed, surface.joint[nodes], surface.local[nodes])
-        return closest_points(self._tree, places, nodes), closest_nodes(self._points, places, nodes)
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(self._points.places)
+        return closest_points(self._points, places, nodes), closest_nodes(self._points, places, nodes)
 
     def agreement(self, prediction: Prediction) -> float | None:
         """Share of the points that lie on the body's front as the camera sees it."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from estimator.imaging.depth_map import Points
+from estimator.numerics.closest import closest
 
 BACK = 400  # points that look for a node, at most
 
@@ -24,16 +24,16 @@ def spread_over(count: int, most: int) -> np.ndarray:
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
 
 
-def closest_points(tree: cKDTree, places: np.ndarray, nodes: np.ndarray) -> Pairs:
-    """For each of some nodes (N,) int, at places (N, 3) [m], the closest of the points in a tree."""
-    return Pairs(nodes, tree.query(places)[1])
+def closest_points(points: Points, places: np.ndarray, nodes: np.ndarray) -> Pairs:
+    """For each of some nodes (N,) int, at places (N, 3) [m], the closest of the points."""
+    return Pairs(nodes, closest(places, points.places)[0])
 
 
 def closest_nodes(points: Points, places: np.ndarray, nodes: np.ndarray) -> Pairs:
     """For some of the points the closest of the nodes (N,) int at places (N, 3) [m]: what is seen has to be somebody's,
     or an arm could hide in the trunk."""
     chosen = spread_over(len(points), BACK)
-    return Pairs(nodes[cKDTree(places).query(points.places[chosen])[1]], chosen)
+    return Pairs(nodes[closest(points.places[chosen], places)[0]], chosen)
 
 
 def surface_precision(points: Points, normals: np.ndarray, noise: float, slide: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from estimator.cues.depth.cue import Depth
 from estimator.cues.depth.matching import spread_over
 from estimator.imaging.observation import Observation
+from estimator.numerics.closest import closest
 from estimator.search.jumps.anatomy import Limb
 from humanoid.kinematics.body import Body, directions_in_world, points_in_world
 from humanoid.shape.surface import Surface
@@ -104,26 +105,44 @@ def _score(placements, joint, local, normal, eyes, points, left, beside, scale, 
     """Fill score (N,) for placements (N, njoints, 12) of a limb whose nodes are on joint (L,) at local (L, 3) with
     normal (L, 3): those that face one of the eyes (E, 3), from the points (P, 3); and back, for the points left (R,)
     int, whose squared distances from the rest of the body are beside (R,). scale (3,): the squared distance that counts
-    as log 2, how many other nodes face an eye, and how many points there are."""
-    nearest, x, normal_world = np.empty(len(left)), np.empty(3), np.empty(3)
+    as log 2, how many other nodes face an eye, and how many points there are.
+    """
+    nodes, count = np.empty((placements.shape[0] * len(joint), 3)), np.zeros(placements.shape[0] + 1, np.int64)
+    for n in range(placements.shape[0]):
+        count[n + 1] = count[n] + _facing_nodes(placements[n], joint, local, normal, eyes, nodes[count[n] :])
+    off = np.log1p(closest(nodes[: count[-1]], points)[1] / scale[0])
+    apart, nearest = np.ascontiguousarray(points[left].T), np.empty(len(left))
     for n in range(placements.shape[0]):
         nearest[:] = beside
-        off, count = 0.0, 0
-        for i in range(joint.shape[0]):
-            M = placements[n, joint[i]]
-            for k in range(3):
-                x[k] = M[k] * local[i, 0] + M[3 + k] * local[i, 1] + M[6 + k] * local[i, 2] + M[9 + k]
-                normal_world[k] = M[k] * normal[i, 0] + M[3 + k] * normal[i, 1] + M[6 + k] * normal[i, 2]
-            if not _faces(x, normal_world, eyes):
-                continue
-            least = np.inf
-            for p in range(points.shape[0]):
-                least = min(least, _squared(points[p], x))
-            off += np.log1p(least / scale[0])
+        for i in range(count[n], count[n + 1]):
+            _keep_closer(nearest, apart, nodes[i])
+        own = max(scale[1] + count[n + 1] - count[n], 1.0)
+        score[n] = off[count[n] : count[n + 1]].sum() / own + np.log1p(nearest / scale[0]).sum() / scale[2]
+
+
+@jit
+def _facing_nodes(placements, joint, local, normal, eyes, nodes):  # type: ignore[no-untyped-def]
+    """Fill the first of nodes (L, 3) with the places in the world of those of a limb that face one of the eyes (E, 3),
+    and say how many: on joint (L,) at local (L, 3) with normal (L, 3); placements (njoints, 12)."""
+    x, normal_world, count = np.empty(3), np.empty(3), 0
+    for i in range(joint.shape[0]):
+        M = placements[joint[i]]
+        for k in range(3):
+            x[k] = M[k] * local[i, 0] + M[3 + k] * local[i, 1] + M[6 + k] * local[i, 2] + M[9 + k]
+            normal_world[k] = M[k] * normal[i, 0] + M[3 + k] * normal[i, 1] + M[6 + k] * normal[i, 2]
+        if _faces(x, normal_world, eyes):
+            nodes[count] = x
             count += 1
-            for r in range(len(left)):
-                nearest[r] = min(nearest[r], _squared(points[left[r]], x))
-        score[n] = off / max(scale[1] + count, 1.0) + np.log1p(nearest / scale[0]).sum() / scale[2]
+    return count
+
+
+@jit
+def _keep_closer(squared, places, x):  # type: ignore[no-untyped-def]
+    """Lower the squared distances (P,) of places (3, P) to those from x (3,) that are less."""
+    a, b, c = x[0], x[1], x[2]
+    for p in range(squared.shape[0]):
+        off = (places[0, p] - a) ** 2 + (places[1, p] - b) ** 2 + (places[2, p] - c) ** 2
+        squared[p] = min(squared[p], off)
 
 
 @jit
@@ -133,9 +152,3 @@ def _faces(x, normal, eyes):  # type: ignore[no-untyped-def]
         if (x[0] - eyes[e, 0]) * normal[0] + (x[1] - eyes[e, 1]) * normal[1] + (x[2] - eyes[e, 2]) * normal[2] < 0.0:
             return True
     return False
-
-
-@jit
-def _squared(a, b):  # type: ignore[no-untyped-def]
-    """Squared distance of a (3,) from b (3,)."""
-    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
