@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,19 +19,22 @@ from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
-from estimator.limbs.instant import limb_views, shows_person
+from estimator.inference.particles import normalised
+from estimator.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.limbs.likelihood import LimbLikelihood
 from estimator.modes.mixture import Mode
 from estimator.modes.mixture import mixture_of as mixture_of_modes
 from estimator.optimise.solution import CONVERGED
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.limb_state import LimbState
+from estimator.trackers.loose_limbed import LooseLimbed
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.limbs.limb import limb_placements
 
 LOOSE = "loose-limbed"
 _SURE = 0.005, 0.02  # m, rad: how well the first pose is known
+_NEVER = -1e6  # log likelihood of what cannot be
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,9 @@ class LimbRun:
         return {**asdict(self), "motion": Path(self.motion).name, "noise": bool(self.noise)}
 
     def work(self, kept: Kept) -> Figures:
-        """Errors of every frame [mm]: `beliefs`, expected over the samples; `assembled`, of the best pose, and
-        `expected`, over the hypotheses or particles; seconds of processor time; `sides`: whether left is left."""
+        """Errors of every frame [mm]: `beliefs`, expected over the samples; `likely`, the same weighed by each sample's
+        normalised likelihood, as the paper does; `assembled`, of the best pose, and `expected`, over the hypotheses or
+        particles; seconds of processor time; `sides`: whether left is left."""
         return _annealed(self) if self.noise else _loose(self)
 
 
@@ -87,16 +91,18 @@ def _clip(run: LimbRun) -> LimbClip:
 def _loose(run: LimbRun) -> Figures:
     clip = _clip(run)
     settings = settings_for(LOOSE, changes={"loose_limbed": json.loads(run.settings)})
-    tracker = make_tracker(LOOSE, clip.body, settings)
+    tracker = cast(LooseLimbed, make_tracker(LOOSE, clip.body, settings))
     state = true_state(clip, run.begin - 1, settings.own.propagation.samples) if run.start == "pose" else None
     frames = FrameByFrame(tracker, run.seed, state=state)
     rows: dict[str, list[Any]] = {}
+    shown: dict[int, Observation] = {}
     for frame in range(run.begin, run.end + 2):  # the last is only looked ahead to
-        seen = _observation(run, clip, frame)
+        shown[frame] = _observation(run, clip, frame)
         began = time.process_time()
-        result = frames.push(seen)
+        result = frames.push(shown[frame])
         if result is not None:
-            _told(rows, clip, result, time.process_time() - began)
+            spent = time.process_time() - began
+            _told(rows, clip, result, spent, tracker.instants.log_ratio(shown.pop(result.index)))
     return rows
 
 
@@ -104,7 +110,9 @@ def _observation(run: LimbRun, clip: LimbClip, frame: int) -> Observation:
     return clip.observation(frame, blank=frame in run.blank, detected=run.detected)
 
 
-def _told(rows: dict[str, list[Any]], clip: LimbClip, result: FrameResult, seconds: float) -> None:
+def _told(
+    rows: dict[str, list[Any]], clip: LimbClip, result: FrameResult, seconds: float, log_ratio: LimbLogRatio | None
+) -> None:
     markers, graph, body = Markers.of(clip.graph), clip.graph, clip.body
     true = markers.of_poses(graph, body, clip.q[result.index])
     row: dict[str, Any] = {"frame": result.index, "status": result.status, "seconds": seconds}
@@ -113,6 +121,9 @@ def _told(rows: dict[str, list[Any]], clip: LimbClip, result: FrameResult, secon
         placed = [placements_of(p) for p in points]
         t, R = (np.stack([p[k] for p in placed], axis=1) for k in (0, 1))
         row["beliefs"] = markers.expected_error(true, t, R, weights.T)
+        if log_ratio is not None:
+            seen = [normalised(np.maximum(log_ratio(k, t[:, k], R[:, k]), _NEVER))[0] for k in range(len(points))]
+            row["likely"] = markers.expected_error(true, t, R, np.stack(seen, axis=1))
     if len(result.q):
         away = np.linalg.norm(markers.of_poses(graph, body, result.q) - true, axis=2).mean(axis=1)
         exchanged = markers.places(*(a[list(graph.mirror)] for a in limb_placements(graph, body, clip.q[result.index])))
@@ -125,8 +136,8 @@ def _told(rows: dict[str, list[Any]], clip: LimbClip, result: FrameResult, secon
             "penetration": float(result.penetration[0]),
             "beyond": float(_beyond_limits(clip, result.q)),
         }
-    for key in ("frame", "status", "seconds", "beliefs", "assembled", "expected", "nearest", "sides", "penetration",
-                "beyond"):  # fmt: skip
+    for key in ("frame", "status", "seconds", "beliefs", "likely", "assembled", "expected", "nearest", "sides",
+                "penetration", "beyond"):  # fmt: skip
         rows.setdefault(key, []).append(row.get(key))
 
 
@@ -174,4 +185,4 @@ def true_state(clip: LimbClip, frame: int, samples: int) -> LimbState:
         velocity=np.zeros(nv),
     )
     when = frame / 30.0
-    return LimbState(tuple(beliefs), mixture_of_modes((mode,), np.zeros(1)), when, when)
+    return LimbState(tuple(beliefs), mixture_of_modes((mode,), np.zeros(1)), when, when, when)

@@ -55,8 +55,8 @@ def tracker(**changes: Any) -> Any:
     )
 
 
-def track(state: LimbState | None = None, first: int = 0) -> tuple[list[FrameResult], list[LimbState]]:
-    frames = FrameByFrame(tracker(), SEED, state=state)
+def track(state: LimbState | None = None, first: int = 0, **changes: Any) -> tuple[list[FrameResult], list[LimbState]]:
+    frames = FrameByFrame(tracker(**changes), SEED, state=state, before=observations()[:first])
     results, states = [], []
     for observation in observations()[first:]:
         result = frames.push(observation)
@@ -111,6 +111,23 @@ def test_resumed_is_uninterrupted() -> None:
         assert np.array_equal(a.weight, b.weight)
 
 
+def test_with_smoothing_the_frame_before_is_inferred_again() -> None:
+    """What is believed then is of the frame before, as soon as it has a past; after a blank frame it is not looked back
+    at. Resumed is uninterrupted."""
+    known = true_state(clip(), BEGIN - 1, 40)
+    results, states = track(known, smoothing=True)
+    frame = 1.0 / 30.0
+    assert [round((s.time - s.believed) / frame) for s in states] == [1, 1, 2, 3]
+    assert [r.status for r in results] == ["tracked", "tracked", "unobserved", "tracked"]
+    assert error(results[1]) < 40.0
+    for k in (1, 2):
+        stored = tracker(smoothing=True).state_from(states[k - 1].arrays())
+        again, _ = track(stored, first=k, smoothing=True)
+        for a, b in zip(results[k:], again, strict=True):
+            assert np.array_equal(a.q, b.q)
+            assert np.array_equal(a.weight, b.weight)
+
+
 def test_damaged_states_are_refused() -> None:
     arrays = from_nothing()[1][0].arrays()
     for name, value in {
@@ -118,6 +135,7 @@ def test_damaged_states_are_refused() -> None:
         "limb_weights": 2.0 * arrays["limb_weights"],
         "limb_status": np.full(len(arrays["limb_status"]), "fine"),
         "seen": np.array(99.0),
+        "believed": np.array(99.0),
     }.items():
         with pytest.raises(ValueError, match=r"limb|seen"):
             tracker().state_from(arrays | {name: value})
@@ -139,6 +157,11 @@ def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
     # the paper's 94: three times 18, and 40 in time; what is believed of the past stays, and is told nothing
     assert len(graph.potentials) == 94 - 18 - 10
     assert sum(i // 10 == j // 10 for i, j in graph.potentials) == 2 * 18
+    # with the frame before inferred again all of the 94, and what is believed of its own past
+    instants = [replace(instants[0], time=k / 30.0) for k in (1, 2, 3)]
+    graph = window(potentials, 0.01, instants, Past(0.0, believed))
+    assert sum(max(edge) < 30 for edge in graph.potentials) == 94
+    assert len(graph.potentials) == 94 + 10
     with pytest.raises(InputError, match="of 1 s"):
         window(potentials, 0.01, [instants[0], replace(instants[1], time=instants[0].time + 1.0)])
 

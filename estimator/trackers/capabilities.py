@@ -96,6 +96,27 @@ class LooksAhead(Protocol[S]):
         ...
 
 
+@runtime_checkable
+class LooksBack(Protocol[S]):
+    """Looks ahead and is shown the frames before, too. frames_behind: how many, fewer at the beginning of a clip."""
+
+    @property
+    def frames_behind(self) -> int:
+        """See the class."""
+        ...
+
+    def step(
+        self,
+        rng: np.random.Generator,
+        state: S,
+        observation: Observation,
+        following: Sequence[Observation] = (),
+        before: Sequence[Observation] = (),
+    ) -> tuple[S, FrameResult]:
+        """As `LooksAhead.step`; before: the last frames in order, with their pictures' cues."""
+        ...
+
+
 def energy_of(tracker: Tracker[Any], name: str) -> ModeSearch:
     """The search whose energy the hypotheses of a tracker of some name have; raises InputError where they have none."""
     if not isinstance(tracker, HasEnergy):
@@ -106,6 +127,11 @@ def energy_of(tracker: Tracker[Any], name: str) -> ModeSearch:
 def frames_ahead(tracker: Tracker[Any]) -> int:
     """How many of the following frames a tracker is shown."""
     return tracker.frames_ahead if isinstance(tracker, LooksAhead) else 0
+
+
+def frames_behind(tracker: Tracker[Any]) -> int:
+    """How many of the frames before a tracker is shown."""
+    return tracker.frames_behind if isinstance(tracker, LooksBack) else 0
 
 
 def sharing(tracker: Tracker[Any], processes: int) -> AbstractContextManager[None]:

@@ -29,7 +29,7 @@ from estimator.trackers.beginning import enough_keypoints
 from humanoid.limbs.limb import LimbGraph
 from humanoid.support.settings import check
 
-_KEPT = 2  # instants whose views are kept: that to come is asked for again as the present one
+_KEPT = 3  # instants whose views are kept: that to come is asked for again as the present one, and as the last
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from humanoid.kinematics.body import Body
 
 _FIELDS = {
     "seen": Field("f"),
+    "believed": Field("f"),
     "limb_points": Field("f", ("L", "N", "size")),
     "limb_weights": Field("f", ("L", "N")),
     "limb_status": Field("U", ("L",)),
@@ -25,19 +26,21 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class LimbState:
-    """beliefs (L): of each limb in the last frame that was searched. mixture: poses of the last frame. time [s]: of
-    that. seen [s]: of the last frame that was searched."""
+    """mixture: poses of the last frame. time [s]: of that. seen [s]: of the last frame that was searched. beliefs (L):
+    of each limb at `believed` [s], which is that frame or the one before."""
 
     beliefs: Beliefs
     mixture: Mixture
     time: float
     seen: float
+    believed: float
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
         return {
             **MixtureState(self.mixture, self.time).arrays(),
             "seen": np.array(self.seen),
+            "believed": np.array(self.believed),
             **belief_arrays(self.beliefs),
         }
 
@@ -46,18 +49,19 @@ class LimbState:
         """The inverse of `arrays`, of so many limbs; raises DamageError for arrays that cannot be."""
         state = MixtureState.from_arrays(arrays, body)
         check_arrays(arrays, _FIELDS, {"L": limbs, "size": PLACEMENTS.size})
-        points, weights, seen = arrays["limb_points"], arrays["limb_weights"], float(arrays["seen"])
+        points, weights = arrays["limb_points"], arrays["limb_weights"]
+        seen, believed = float(arrays["seen"]), float(arrays["believed"])
         if weights.shape != points.shape[:2] or not (weights >= 0.0).all() or not np.allclose(weights.sum(axis=1), 1.0):
             raise DamageError("limb_weights are no shares of limb_points")
         if not np.allclose(np.linalg.norm(points[:, :, 3:], axis=2), 1.0):
             raise DamageError("limb_points have quaternions of another length than 1")
-        if not seen <= state.time:
-            raise DamageError(f"limbs were seen at {seen:g} s, after {state.time:g}")
+        if not believed <= seen <= state.time:
+            raise DamageError(f"limbs were believed at {believed:g} s, seen at {seen:g} s, after {state.time:g}")
         known = [str(status) for status in arrays["limb_status"]]
         if not set(known) <= {OK, UNEXPLAINED, APART}:
             raise DamageError("limb_status has what is no status")
         beliefs = tuple(Belief(PLACEMENTS, p, w, s) for p, w, s in zip(points, weights, known, strict=True))
-        return LimbState(beliefs, state.mixture, state.time, seen)
+        return LimbState(beliefs, state.mixture, state.time, seen, believed)
 
 
 def belief_arrays(beliefs: Beliefs) -> dict[str, np.ndarray]:

@@ -43,8 +43,9 @@ class LooseLimbedSettings:
     detail: which bodies are limbs of their own, "paper" or "fine" (`humanoid.limbs`). limbs: a TOML file with changes
     to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs, else
     such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
-    a past. tied: share of what the next frame is told of each limb that is as the assembled poses have it; 0 in the
-    paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
+    a past. smoothing: the frame before is inferred again with this one and the next, as in the paper; without, what was
+    believed of it stays. tied: share of what the next frame is told of each limb that is as the assembled poses have
+    it; 0 in the paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
     `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
     start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
     each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
@@ -57,6 +58,7 @@ class LooseLimbedSettings:
     potentials: str = ""
     outlier: float = setting(0.01, above=0, below=1)
     propagation: BeliefSettings = field(default_factory=BeliefSettings)
+    smoothing: bool = False
     tied: float = setting(0.5, at_least=0, at_most=1)
     start_kernels: int = setting(200, at_least=2)
     start_samples: int = setting(200, at_least=1)
@@ -73,7 +75,8 @@ class LooseLimbedSettings:
 
 
 class LooseLimbed:
-    """The recipe: what is believed of the frame before stays, and this frame and the next are inferred together.
+    """The recipe: what is believed of the past stays, and this frame and the next are inferred together; with
+    `smoothing` those and the frame before, of whose own past it then is.
 
     Start, track and recovery are one: what is believed of the past is one more message, if there is any.
 
@@ -88,6 +91,11 @@ class LooseLimbed:
         self._search = search  # its energy is not that of the hypotheses, which limbs have drawn: no `HasEnergy`
         self.body: Body = search.body
         self.settings = settings or LooseLimbedSettings()
+
+    @property
+    def frames_behind(self) -> int:
+        """See `estimator.trackers.capabilities.LooksBack`."""
+        return int(self.settings.smoothing)
 
     @cached_property
     def graph(self) -> LimbGraph:
@@ -127,12 +135,13 @@ class LooseLimbed:
         state: LimbState,
         observation: Observation,
         following: Sequence[Observation] = (),
+        before: Sequence[Observation] = (),
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.LooksAhead`."""
+        """See `estimator.trackers.capabilities.LooksBack`."""
         if not self.can_start(observation):
             after, result = carried(self._search, state.mixture, observation.time - state.time, observation)
-            return LimbState(state.beliefs, after.mixture, after.time, state.seen), result
-        return self._searched(rng, state, observation, following)
+            return replace(state, mixture=after.mixture, time=after.time), result
+        return self._searched(rng, state, observation, following, before)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> LimbState:
         """See `estimator.trackers.base.Tracker`."""
@@ -144,14 +153,26 @@ class LooseLimbed:
         state: LimbState | None,
         observation: Observation,
         following: Sequence[Observation],
+        before: Sequence[Observation] = (),
     ) -> tuple[LimbState, FrameResult]:
-        past = self._past(state, observation.time)
-        graph = self.window(rng, past, observation, following)
-        result, mixture = self.inferred(rng, graph, state, observation, anew=past is None)
-        beliefs = result.beliefs[: len(self.graph.limbs)]
-        told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(beliefs)}
+        behind = self._behind(state, before)
+        past = self._past(state, behind[0].time if behind else observation.time)
+        graph = self.window(rng, past, observation, following, behind)
+        result, mixture = self.inferred(rng, graph, state, observation, anew=past is None, behind=len(behind))
+        limbs = len(self.graph.limbs)
+        present = result.beliefs[len(behind) * limbs : (len(behind) + 1) * limbs]
+        told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(present)}
         after, judgement = judged(self._search, observation, mixture, told)
-        return LimbState(self._tied(rng, beliefs, mixture), mixture, after.time, after.time), judgement
+        believed, beliefs = after.time, self._tied(rng, present, mixture)
+        if state is not None and behind:
+            believed, beliefs = state.seen, self._tied(rng, result.beliefs[:limbs], state.mixture)
+        elif state is not None and past is not None and self.settings.smoothing:
+            believed, beliefs = state.believed, state.beliefs  # the past of what the next frame looks back at
+        return LimbState(beliefs, mixture, after.time, after.time, believed), judgement
+
+    def _behind(self, state: LimbState | None, before: Sequence[Observation]) -> list[Observation]:
+        """What of the frames before is inferred again: the last, if the person was seen and its past is known."""
+        return [o for o in before if state is not None and state.believed < o.time == state.seen]
 
     def inferred(
         self,
@@ -161,13 +182,14 @@ class LooseLimbed:
         observation: Observation,
         *,
         anew: bool,
+        behind: int = 0,
         watch: Watch | None = None,
     ) -> tuple[Propagated, Mixture]:
-        """What is believed of the nodes of a window, and the poses that are made of its first frame; anew: without a
-        past, in several rounds. watch: see `propagate_batch`, of all rounds."""
+        """What is believed of the nodes of a window, and the poses that are made of the frame with so many of the
+        window behind it; anew: without a past, in several rounds. watch: see `propagate_batch`, of all rounds."""
         how, limbs = self.propagation(anew=anew), len(self.graph.limbs)
         result = propagate_batch(rng, graph, how, watch=watch)
-        mixture = self._assembled(rng, result.beliefs[:limbs], state, observation)
+        mixture = self._assembled(rng, result.beliefs[behind * limbs : (behind + 1) * limbs], state, observation)
         for _ in range(self.settings.start_rounds - 1 if anew else 0):
             again = propagate_batch(rng, graph, how, said_by(graph, limbs, self._limbs_in(mixture)), watch)
             other = self._assembled(rng, again.beliefs[:limbs], state, observation)
@@ -189,10 +211,10 @@ class LooseLimbed:
         return tuple(tied)
 
     def _past(self, state: LimbState | None, time: float) -> Past | None:
-        """What was believed, unless that is longer ago than the potentials know of."""
-        if state is None or time - state.seen > self.potentials.longest:
+        """What was believed before a frame, unless that is longer ago than the potentials know of."""
+        if state is None or time - state.believed > self.potentials.longest:
             return None
-        return Past(state.seen, state.beliefs)
+        return Past(state.believed, state.beliefs)
 
     def _limbs_in(self, mixture: Mixture) -> np.ndarray:
         """Points (L, K, 7) of the limbs in the poses of a mixture."""
@@ -213,11 +235,16 @@ class LooseLimbed:
         return bool(seen[0] >= seen[1])
 
     def window(
-        self, rng: np.random.Generator, past: Past | None, observation: Observation, following: Sequence[Observation]
+        self,
+        rng: np.random.Generator,
+        past: Past | None,
+        observation: Observation,
+        following: Sequence[Observation],
+        behind: Sequence[Observation] = (),
     ) -> Graph:
-        """The graph of a frame and of those of the following that are looked at."""
+        """The graph of a frame, of those behind it and of those of the following that are looked at."""
         reader = self.instants
-        shown = [observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
+        shown = [*behind, observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
         instants = [reader.instant(rng, o, anew=past is None) for o in shown]
         return window(self.potentials, self.settings.outlier, instants, past)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Generic, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.trackers.base import State, Tracker
-from estimator.trackers.capabilities import LooksAhead, frames_ahead
+from estimator.trackers.capabilities import LooksAhead, LooksBack, frames_ahead, frames_behind
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.leaps import LastFrame, LeapCheck
 
@@ -26,20 +26,31 @@ class FrameByFrame(Generic[S]):
     same as an uninterrupted one. Frames before the first that the tracker can start from are "unobserved" and have no
     hypotheses. A frame in which the root leapt is "hard", see `estimator.tracking.leaps`.
 
-    Attributes
+    Parameters
     ----------
     state: the tracker's after the last frame that was searched, None before the first. last: what tells leaps from
-    there.
+        there. before: the frames before the first that is given, at least as many as the tracker looks back at.
+
+    Attributes
+    ----------
+    state, last: as they are now.
     """
 
     def __init__(
-        self, tracker: Tracker[S], seed: int, *, state: S | None = None, last: LastFrame | None = None
+        self,
+        tracker: Tracker[S],
+        seed: int,
+        *,
+        state: S | None = None,
+        last: LastFrame | None = None,
+        before: Iterable[Observation] = (),
     ) -> None:
         self.tracker, self.seed = tracker, seed
         self.state, self.last = state, last
         self._check = LeapCheck(tracker.body)
         self._ahead = frames_ahead(tracker)
         self._waiting: deque[Observation] = deque()
+        self._before = deque(before, maxlen=frames_behind(tracker))
 
     def push(self, observation: Observation) -> FrameResult | None:
         """Take the next frame; the result of the one that now has all that follow it, None where there is none yet."""
@@ -58,7 +69,9 @@ class FrameByFrame(Generic[S]):
         return self.state.arrays() | ({} if self.last is None else self.last.arrays())
 
     def _next(self) -> FrameResult:
-        result = self._searched(self._waiting.popleft(), tuple(self._waiting))
+        observation = self._waiting.popleft()
+        result = self._searched(observation, tuple(self._waiting))
+        self._before.append(observation)
         self.last = LastFrame.after(self.last, result)
         return result
 
@@ -72,7 +85,9 @@ class FrameByFrame(Generic[S]):
             else:
                 self.state, result = tracker.init(rng, observation)
             return result
-        if isinstance(tracker, LooksAhead):
+        if isinstance(tracker, LooksBack):
+            self.state, result = tracker.step(rng, self.state, observation, following, tuple(self._before))
+        elif isinstance(tracker, LooksAhead):
             self.state, result = tracker.step(rng, self.state, observation, following)
         else:
             self.state, result = tracker.step(rng, self.state, observation)

@@ -12,6 +12,7 @@ import numpy as np
 from estimator.imaging.observation import Observation
 from estimator.sequences.source import Cues, Progress
 from estimator.trackers.base import State, Tracker
+from estimator.trackers.capabilities import frames_behind
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.leaps import LastFrame
@@ -44,7 +45,7 @@ def run(
     `cues` gives what the pictures of a frame show; without it keypoints alone are looked at. A tracker that looks ahead
     is given the frames that follow, too. How a frame is treated: `estimator.tracking.frame_by_frame.FrameByFrame`.
     """
-    frames = FrameByFrame(tracker, seed, state=state, last=last)
+    frames = FrameByFrame(tracker, seed, state=state, last=last, before=_before(tracker, observations[:first], cues))
     for result in _results(frames, observations[first:], cues):
         yield result, frames.state
 
@@ -52,11 +53,19 @@ def run(
 def _results(frames: FrameByFrame[S], observations: Iterable[Observation], cues: Cues | None) -> Iterator[FrameResult]:
     """Each as soon as it is there; the pictures of each frame are read once, in order."""
     for observation in observations:
-        seen = observation if cues is None else replace(observation, cues=cues.at(observation.index))
-        result = frames.push(seen)
+        result = frames.push(_seen(observation, cues))
         if result is not None:
             yield result
     yield from frames.rest()
+
+
+def _before(tracker: Tracker[S], done: Sequence[Observation], cues: Cues | None) -> list[Observation]:
+    """Of the frames that are done those that the tracker looks back at."""
+    return [_seen(observation, cues) for observation in done[max(0, len(done) - frames_behind(tracker)) :]]
+
+
+def _seen(observation: Observation, cues: Cues | None) -> Observation:
+    return observation if cues is None else replace(observation, cues=cues.at(observation.index))
 
 
 def run_into(
@@ -72,7 +81,7 @@ def run_into(
     progress: Progress | None = None,
 ) -> None:
     """`run`, each frame stored as soon as it is done; `progress` is told how many of how many are."""
-    frames = FrameByFrame(tracker, seed, state=state, last=last)
+    frames = FrameByFrame(tracker, seed, state=state, last=last, before=_before(tracker, observations[:first], cues))
     for done, result in enumerate(_results(frames, observations[first:], cues), first + 1):
         writer.append(result, frames.stored())
         if progress is not None:

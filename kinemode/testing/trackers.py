@@ -79,14 +79,15 @@ class _TrackerCheck:
     def track(self, frames: Sequence[Observation], state: Any = None, first: int = 0, of: Any = None) -> list[Told]:
         """Every frame from `first` on, with a generator of its own as in `estimator.tracking.runner.run`."""
         tracker = self.make() if of is None else of
-        ahead = getattr(tracker, "frames_ahead", 0)
+        ahead, behind = getattr(tracker, "frames_ahead", 0), getattr(tracker, "frames_behind", 0)
         told = []
         for k in range(first, len(frames)):
             seen, result = frames[k], None
             rng = np.random.default_rng((self.seed, seen.index))
             following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead else ()
             if state is not None:
-                state, result = tracker.step(rng, state, seen, *following)
+                before = (tuple(frames[max(0, k - behind) : k]),) if behind else ()
+                state, result = tracker.step(rng, state, seen, *following, *before)
             elif tracker.can_start(seen):
                 state, result = tracker.init(rng, seen, *following)
             told.append(Told(result, state))
