@@ -95,5 +95,18 @@ def test_the_energy_is_that_of_the_closest_pairs_both_ways(body: Body, surface: 
         forth = np.log1p(squared[front & limb].min(axis=1) / scale).sum() / front.sum()
         return float(forth + np.log1p(squared[front].min(axis=0) / scale).mean())
 
-    scores = bank._scores(poses[1], 0, changed, points)
+    scores = bank._scores(poses[1], 0, body.placed(changed).placements, points)
     assert scores == pytest.approx([plain(q) for q in changed], abs=1e-9)
+
+
+def test_limbs_that_are_tried_are_not_alike(bank: LimbBank, body: Body, surface: Surface, poses: np.ndarray) -> None:
+    """An arm that is there sixty times and a little off is tried once; the others are as good as can be without it."""
+    rng = np.random.default_rng(2)
+    same = np.repeat(poses[3][None], 60, axis=0)
+    same[:, body.bounded_q] += rng.normal(0.0, 0.005, (60, len(body.bounded_q)))
+    tried = bank.best(poses[3], 0, same, seen(body, surface, poses[3]), 5)
+    limb = bank.limbs[0].landmarks[1:]
+    arms = np.array([body.landmarks(body.at(q))[limb] for q in tried])
+    apart = np.linalg.norm(arms[:, None] - arms, axis=3).max(axis=2)
+    assert len(tried) == 5
+    assert apart[~np.eye(5, dtype=bool)].min() > 0.06

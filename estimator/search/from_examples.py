@@ -31,6 +31,7 @@ class Descent(NamedTuple):
     recombined: int = 6
     recombined_of: int = 2
     limbs: int = 800
+    again: int = 1
     away: float = 3.0
 
 
@@ -85,13 +86,17 @@ def best_reached(
 ) -> Mixture:
     """The `count` best distinct modes that are reached from groups of starts, each searched apart: in the case without
     the silhouette, see `without_silhouette`; these, and the starts at earlier modes, are refined and ranked in all of
-    it."""
+    it, limbs tried again."""
     wide = without_silhouette(search, observation, case, groups[0][0].q)
     candidates = [c for group in groups for c in descended(search, group, looks, observation, wide, how)]
     if wide is not case:
         best = search.distinct(candidates, count + search.settings.spare)
         kept = [h for group in groups for h in group if h.origin.family is Family.KEPT]
         candidates = search.explored([c.hypothesis._replace(q=c.q) for c in best] + kept, case)
+        seen = _seen_for_limbs(search, observation, looks, how)
+        for _ in range(how.again):
+            best = search.distinct(candidates, how.recombined_of)
+            candidates = candidates + search.explored(_recombined(search, best, looks, seen, how), case)
     return search.best_of(candidates, case, count, rng)
 
 
@@ -120,21 +125,30 @@ def descended(
     """Where short searches lead from the starts: how many reach a mode does not count. What the pictures say is asked
     anew in every round, as in ICP, and only the best go on."""
     candidates = search.explored(starts, case)
-    image = search.model.settings.image
-    seen = seen_points(observation, image.depth_noise, image.depth_nu) if looks and how.recombined else None
+    seen = _seen_for_limbs(search, observation, looks, how)
     for left in reversed(range(how.rounds - 1)):
         best = search.distinct(candidates, how.survivors)
         again = [c.hypothesis._replace(q=c.q) for c in best]
-        if left > 0 and seen is not None:
+        if left > 0:
             again += _recombined(search, best[: how.recombined_of], looks, seen, how)
         candidates = search.explored(again, case)
     return candidates
 
 
+def _seen_for_limbs(
+    search: ModeSearch, observation: Observation, looks: Sequence[Looked], how: Descent
+) -> SeenPoints | None:
+    """What limbs of examples are ranked by; None where none are tried."""
+    image = search.model.settings.image
+    return seen_points(observation, image.depth_noise, image.depth_nu) if looks and how.recombined else None
+
+
 def _recombined(
-    search: ModeSearch, poses: Sequence[Candidate], looks: Sequence[Looked], seen: SeenPoints, how: Descent
+    search: ModeSearch, poses: Sequence[Candidate], looks: Sequence[Looked], seen: SeenPoints | None, how: Descent
 ) -> list[Hypothesis]:
-    """Poses with one of their limbs as one of the examples has it."""
+    """Poses with one of their limbs as one of the examples has it; none where nothing is seen of limbs."""
+    if seen is None:
+        return []
     bank = search.examples.limbs(search.model.image.surface, search.jumps.limbs, how.limbs)
     alike, hypotheses = np.concatenate([look.q for look in looks]), []
     for c in poses:

@@ -53,8 +53,9 @@ class ElmoSettings:
     from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
     so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
     are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
-    beside those of the neighbours. away: what a pose pays [nats] that turns its back to the only camera in the first
-    frame, or the first after some without the person: most people are filmed from in front, and depth hardly tells.
+    beside those of the neighbours. again: so often they are tried once more where the silhouette counts too, in the
+    first frame, or the first after some without the person. away: what a pose pays [nats] then that turns its back to
+    the only camera: most people are filmed from in front, and depth hardly tells.
     jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
     paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, a
     frame sooner after the last with the person says by that share less of which way they face; 0 for never.
@@ -74,6 +75,7 @@ class ElmoSettings:
     recombined: int = setting(_USUAL.recombined, at_least=0)
     recombined_of: int = setting(_USUAL.recombined_of, at_least=1)
     limbs: int = setting(_USUAL.limbs, at_least=0)
+    again: int = setting(_USUAL.again, at_least=0)
     away: float = setting(_USUAL.away, at_least=0)
     jump: float = setting(12.0, above=0)
     correlated: float = setting(0.15, at_least=0)
@@ -212,8 +214,9 @@ class Elmo(Begins):
         s, search = self.settings, self.search
         if s.rounds == 0:
             return self._likeliest(starts, case)
-        groups = sides(self.body, starts, looks) if anew else [starts]
-        return best_reached(search, groups, looks, observation, case, s.descent, s.modes)
+        if not anew:
+            return best_reached(search, [starts], looks, observation, case, s.descent._replace(again=0), s.modes)
+        return best_reached(search, sides(self.body, starts, looks), looks, observation, case, s.descent, s.modes)
 
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""

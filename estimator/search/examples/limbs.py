@@ -20,6 +20,7 @@ from humanoid.support.compiled import jit
 
 _STILL = 0.25  # rad: a local search finds what moves less
 _NODES, _POINTS = 40, 200  # of a limb, and of what a camera sees, at most
+_ALIKE = 0.1  # m: limbs none of whose parts are farther apart lead to one mode
 
 
 class SeenPoints(NamedTuple):
@@ -67,6 +68,7 @@ class LimbBank:
         self._others = [np.setdiff1d(np.arange(len(surface.joint)), own) for own in nodes]
         self._nodes = [own[spread_over(len(own), _NODES)] for own in nodes]
         self._thinned = [len(few) / len(own) for few, own in zip(self._nodes, nodes, strict=True)]
+        self._parts = [_middles(surface, own) for own in nodes]
 
     def with_limb(self, q: np.ndarray, k: int, others: np.ndarray) -> np.ndarray:
         """A pose q (nq,) with its k-th limb as other poses (N, nq) have it, (N, nq); not clamped."""
@@ -76,28 +78,50 @@ class LimbBank:
 
     def best(self, q: np.ndarray, k: int, others: np.ndarray, seen: SeenPoints, count: int) -> np.ndarray:
         """Of a pose q (nq,) with its k-th limb as the bank's poses or others (N, nq) have it the `count` that lie best
-        on what is seen, (count, nq): a cheap likeness of ELMO's eq. 1, both ways, in which no part hides another."""
+        on what is seen, or as many as are not alike, (C, nq): by a cheap likeness of ELMO's eq. 1, both ways, in which
+        no part hides another."""
         changed = self.with_limb(q, k, np.concatenate([others, self.q]))
-        score = self._scores(q, k, changed, seen)
-        best = np.argsort(score, kind="stable")[:count]
+        placements = self.body.placed(changed).placements
+        order = np.argsort(self._scores(q, k, placements, seen), kind="stable")
+        best = order[_apart(self._places_of_parts(k, placements)[order], count)]
         return np.array([self.body.clamp(pose) for pose in changed[best]])
 
-    def _scores(self, q: np.ndarray, k: int, changed: np.ndarray, seen: SeenPoints) -> np.ndarray:
-        """Energy (N,) of each changed pose, but for what does not change."""
+    def _places_of_parts(self, k: int, placements: np.ndarray) -> np.ndarray:
+        """Where the middles of the k-th limb's parts are in the world [m], (N, J, 3) of placements (N, njoints, 12)."""
+        joints, local = self._parts[k]
+        T_world_joint = placements[:, joints]
+        columns = T_world_joint[..., :9].reshape(*T_world_joint.shape[:2], 3, 3)
+        return np.asarray(np.einsum("njcr,jc->njr", columns, local) + T_world_joint[..., 9:])
+
+    def _scores(self, q: np.ndarray, k: int, placements: np.ndarray, seen: SeenPoints) -> np.ndarray:
+        """Energy (N,) of the pose changed to placements (N, njoints, 12), but for what does not change."""
         s, mine = self.surface, self._nodes[k]
         others, posed = self._others[k], self.body.at(q)
         rest = points_in_world(posed, s.joint[others], s.local[others])
         normals = directions_in_world(posed, s.joint[others], s.normal[others])
         rest = rest[(np.einsum("ni,eni->en", normals, rest - seen.eyes[:, None]) < 0.0).any(axis=0)]
         beside = cKDTree(rest).query(seen.points)[0] if len(rest) else np.full(len(seen.points), np.inf)
-        score, scale = (
-            np.empty(len(changed)),
-            (seen.nu * seen.std**2, self._thinned[k] * len(rest), float(len(seen.points))),
-        )
-        placements, limb = self.body.placed(changed).placements, (s.joint[mine], s.local[mine], s.normal[mine])
+        score, limb = np.empty(len(placements)), (s.joint[mine], s.local[mine], s.normal[mine])
+        scale = seen.nu * seen.std**2, self._thinned[k] * len(rest), float(len(seen.points))
         left = beside > seen.std  # the others belong to the rest of the body
         _score(placements, *limb, seen.eyes, seen.points, np.flatnonzero(left), np.square(beside[left]), scale, score)
         return score
+
+
+def _middles(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The joints (J,) that nodes are on, and the middles (J, 3) of those on each in its frame [m]."""
+    joints = np.unique(surface.joint[nodes])
+    return joints, np.array([surface.local[nodes[surface.joint[nodes] == j]].mean(axis=0) for j in joints])
+
+
+def _apart(places: np.ndarray, count: int) -> list[int]:
+    """The first `count` of limbs with parts at places (N, J, 3) that are not alike, or as many as there are."""
+    far = np.full(len(places), np.inf)
+    chosen: list[int] = []
+    while len(chosen) < count and (far > _ALIKE).any():
+        chosen.append(int(np.argmax(far > _ALIKE)))
+        far = np.minimum(far, np.linalg.norm(places - places[chosen[-1]], axis=2).max(axis=1))
+    return chosen
 
 
 @jit
