@@ -60,18 +60,23 @@ class LimbBank:
         self.body, self.surface, self.q = body, surface, q
         place = dict(zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True))
         moved = np.flatnonzero(q.std(axis=0) > _STILL)
-        able = [limb for limb in limbs if set(limb.dofs.tolist()) <= place.keys()]
-        self.limbs = [limb for limb in able if np.isin([place[dof] for dof in limb.dofs.tolist()], moved).any()]
-        self._places = [[place[dof] for dof in limb.dofs.tolist()] for limb in self.limbs]
+        turned = [_behind(body, int(limb.dofs[0])) for limb in limbs]
+        able = [k for k, dofs in enumerate(turned) if set(dofs) <= place.keys()]
+        chosen = [k for k in able if np.isin([place[dof] for dof in limbs[k].dofs.tolist()], moved).any()]
+        self.limbs = [limbs[k] for k in chosen]
+        self._places = [[place[dof] for dof in turned[k]] for k in chosen]
         moves = np.array([body.support(joint) for joint in surface.joint])
         nodes = [np.flatnonzero(moves[:, limb.dofs[0]]) for limb in self.limbs]
         self._others = [np.setdiff1d(np.arange(len(surface.joint)), own) for own in nodes]
         self._nodes = [own[spread_over(len(own), _NODES)] for own in nodes]
         self._thinned = [len(few) / len(own) for few, own in zip(self._nodes, nodes, strict=True)]
-        self._parts = [_middles(surface, own) for own in nodes]
+        self._parts = [_parts(body, surface, limb, own) for limb, own in zip(self.limbs, nodes, strict=True)]
+        placements = body.placed(q).placements
+        self._T_root_parts = [_about(placements, part.root, part.joints) for part in self._parts]
 
     def with_limb(self, q: np.ndarray, k: int, others: np.ndarray) -> np.ndarray:
-        """A pose q (nq,) with its k-th limb as other poses (N, nq) have it, (N, nq); not clamped."""
+        """A pose q (nq,) with its k-th limb, and what that carries, as other poses (N, nq) have it, (N, nq); not
+        clamped."""
         changed = np.repeat(q[None], len(others), axis=0)
         changed[:, self._places[k]] = others[:, self._places[k]]
         return changed
@@ -80,38 +85,79 @@ class LimbBank:
         """Of a pose q (nq,) with its k-th limb as the bank's poses or others (N, nq) have it the `count` that lie best
         on what is seen, or as many as are not alike, (C, nq): by a cheap likeness of ELMO's eq. 1, both ways, in which
         no part hides another."""
-        changed = self.with_limb(q, k, np.concatenate([others, self.q]))
-        placements = self.body.placed(changed).placements
+        placements = self._placed(q, k, others)
         order = np.argsort(self._scores(q, k, placements, seen), kind="stable")
-        best = order[_apart(self._places_of_parts(k, placements)[order], count)]
-        return np.array([self.body.clamp(pose) for pose in changed[best]])
+        middles = _in_world(placements, self._parts[k].middle)
+        best = order[_apart(middles[order], count)]
+        return np.array([self.body.clamp(p) for p in self.with_limb(q, k, np.concatenate([others, self.q])[best])])
 
-    def _places_of_parts(self, k: int, placements: np.ndarray) -> np.ndarray:
-        """Where the middles of the k-th limb's parts are in the world [m], (N, J, 3) of placements (N, njoints, 12)."""
-        joints, local = self._parts[k]
-        T_world_joint = placements[:, joints]
-        columns = T_world_joint[..., :9].reshape(*T_world_joint.shape[:2], 3, 3)
-        return np.asarray(np.einsum("njcr,jc->njr", columns, local) + T_world_joint[..., 9:])
+    def _placed(self, q: np.ndarray, k: int, others: np.ndarray) -> np.ndarray:
+        """Placements (N + B, J, 12) in the world of the k-th limb's joints as other poses (N, nq) and the bank's have
+        it, on a pose q (nq,)."""
+        root, joints, _ = self._parts[k]
+        T_root_parts = np.concatenate(
+            [_about(self.body.placed(others).placements, root, joints), self._T_root_parts[k]]
+        )
+        columns = T_root_parts.reshape(*T_root_parts.shape[:2], 4, 3)
+        T_world_root = self.body.at(q).placements[root]
+        turned = np.einsum("cr,njkc->njkr", T_world_root[:9].reshape(3, 3), columns)
+        turned[:, :, 3] += T_world_root[9:]
+        return np.asarray(turned.reshape(T_root_parts.shape))
 
     def _scores(self, q: np.ndarray, k: int, placements: np.ndarray, seen: SeenPoints) -> np.ndarray:
-        """Energy (N,) of the pose changed to placements (N, njoints, 12), but for what does not change."""
+        """Energy (N,) of a pose q (nq,) with the joints of its k-th limb at placements (N, J, 12), but for what is the
+        same in all."""
         s, mine = self.surface, self._nodes[k]
         others, posed = self._others[k], self.body.at(q)
         rest = points_in_world(posed, s.joint[others], s.local[others])
         normals = directions_in_world(posed, s.joint[others], s.normal[others])
         rest = rest[(np.einsum("ni,eni->en", normals, rest - seen.eyes[:, None]) < 0.0).any(axis=0)]
         beside = cKDTree(rest).query(seen.points)[0] if len(rest) else np.full(len(seen.points), np.inf)
-        score, limb = np.empty(len(placements)), (s.joint[mine], s.local[mine], s.normal[mine])
+        joint = np.searchsorted(self._parts[k].joints, s.joint[mine])
+        score, limb = np.empty(len(placements)), (joint, s.local[mine], s.normal[mine])
         scale = seen.nu * seen.std**2, self._thinned[k] * len(rest), float(len(seen.points))
         left = beside > seen.std  # the others belong to the rest of the body
         _score(placements, *limb, seen.eyes, seen.points, np.flatnonzero(left), np.square(beside[left]), scale, score)
         return score
 
 
-def _middles(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The joints (J,) that nodes are on, and the middles (J, 3) of those on each in its frame [m]."""
+class _Parts(NamedTuple):
+    """The joint that a limb hangs on, the joints (J,) that its nodes are on, and in the frame of each the middle (J, 3)
+    of its nodes [m]."""
+
+    root: int
+    joints: np.ndarray
+    middle: np.ndarray
+
+
+def _parts(body: Body, surface: Surface, limb: Limb, nodes: np.ndarray) -> _Parts:
+    """Of a limb with some nodes."""
     joints = np.unique(surface.joint[nodes])
-    return joints, np.array([surface.local[nodes[surface.joint[nodes] == j]].mean(axis=0) for j in joints])
+    middle = np.array([surface.local[nodes[surface.joint[nodes] == j]].mean(axis=0) for j in joints])
+    return _Parts(int(body.model.parents[int(body.tree.dof_joint[limb.dofs[0]])]), joints, middle)
+
+
+def _behind(body: Body, first: int) -> list[int]:
+    """A degree of freedom and those that it turns."""
+    turned = {first}
+    for dof in range(first + 1, body.nv):
+        if int(body.tree.dof_parent[dof]) in turned:
+            turned.add(dof)
+    return sorted(turned)
+
+
+def _about(placements: np.ndarray, root: int, joints: np.ndarray) -> np.ndarray:
+    """Placements (N, J, 12) of some joints in the frame of another, of all in the world (N, njoints, 12)."""
+    columns = placements[:, joints].reshape(len(placements), len(joints), 4, 3)
+    columns[:, :, 3] -= placements[:, None, root, 9:]
+    R_world_root = placements[:, root, :9].reshape(-1, 3, 3)  # transposed
+    return np.asarray(np.einsum("ncr,njkr->njkc", R_world_root, columns).reshape(len(placements), len(joints), 12))
+
+
+def _in_world(placements: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Where points (J, 3) of joints at placements (N, J, 12) are, (N, J, 3)."""
+    columns = placements[..., :9].reshape(*placements.shape[:2], 3, 3)
+    return np.asarray(np.einsum("njcr,jc->njr", columns, local) + placements[..., 9:])
 
 
 def _apart(places: np.ndarray, count: int) -> list[int]:
@@ -126,7 +172,7 @@ def _apart(places: np.ndarray, count: int) -> list[int]:
 
 @jit
 def _score(placements, joint, local, normal, eyes, points, left, beside, scale, score):  # type: ignore[no-untyped-def]
-    """Fill score (N,) for placements (N, njoints, 12) of a limb whose nodes are on joint (L,) at local (L, 3) with
+    """Fill score (N,) for placements (N, J, 12) of a limb whose nodes are on joint (L,) of these at local (L, 3) with
     normal (L, 3): those that face one of the eyes (E, 3), from the points (P, 3); and back, for the points left (R,)
     int, whose squared distances from the rest of the body are beside (R,). scale (3,): the squared distance that counts
     as log 2, how many other nodes face an eye, and how many points there are.
@@ -147,7 +193,7 @@ def _score(placements, joint, local, normal, eyes, points, left, beside, scale, 
 @jit
 def _facing_nodes(placements, joint, local, normal, eyes, nodes):  # type: ignore[no-untyped-def]
     """Fill the first of nodes (L, 3) with the places in the world of those of a limb that face one of the eyes (E, 3),
-    and say how many: on joint (L,) at local (L, 3) with normal (L, 3); placements (njoints, 12)."""
+    and say how many: on joint (L,) at local (L, 3) with normal (L, 3); placements (J, 12)."""
     x, normal_world, count = np.empty(3), np.empty(3), 0
     for i in range(joint.shape[0]):
         M = placements[joint[i]]
