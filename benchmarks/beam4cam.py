@@ -5,6 +5,7 @@ that differ by their rounding, tell the spread."""
 from __future__ import annotations
 
 import json as json_module
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,7 +27,7 @@ from benchmarks.common import (
     tell,
     work_folder,
 )
-from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
+from benchmarks.scores import COLUMNS, FAR_MM, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
 from estimator.results.reference_motion import Reference
 from humanoid.support.atomic import replacing
@@ -53,7 +54,7 @@ class Task:
     """One run: of a view, with the pictures for some of `CUES`.
 
     copy: of the keypoints, 0 for what they are. folder, keypoints: of the clip, and of its keypoints there. work: where
-    the run goes. how: arguments of `timed_track`.
+    the run goes. masks: folder of the person's, None where the background is learned. how: arguments of `timed_track`.
     """
 
     view: str
@@ -63,6 +64,7 @@ class Task:
     folder: Path
     keypoints: str
     work: Path
+    masks: Path | None
     how: dict[str, Any]
 
 
@@ -71,13 +73,27 @@ def cameras_of(view: str) -> tuple[str, ...]:
     return CAMERAS if view == TOGETHER else tuple(view.split("+"))
 
 
+def masks_of(folder: Path, names: Iterable[str]) -> dict[str, Path]:
+    """Masks of each camera there: a folder of pictures or a video of its name; raises InputError without one."""
+    masks = {}
+    for name in names:
+        given = [path for path in sorted(folder.glob(f"{name}*")) if path.name == name or path.stem == name]
+        if not given:
+            raise InputError(folder, f"has no masks of {name}", remedy=f"{name}/00000.png, ... or {name}.mp4")
+        masks[name] = given[0]
+    return masks
+
+
 def tracked(task: Task) -> Result:
     names = cameras_of(task.view)
     seen = CUES[task.cues] if task.keypoints != NONE else SEEN_ALONE
-    files, how = None, {"fit": "off", **task.how}
+    files, how = None, dict(task.how)
     if task.keypoints != NONE:
         files = {name: copied(task.folder / task.keypoints / f"{name}.json", task.copy, task.work) for name in names}
-        how = task.how
+    else:
+        how["fit"] = "off"
+    if task.masks is not None and SEEN_ALONE in seen:
+        how["masks"] = masks_of(task.masks, names)
     pictures = seen != "off"
     clips = {name: task.folder / "videos" / f"{name}.mp4" for name in names} if pictures else None
     out = task.work / f"{task.view}_{task.cues.replace(' ', '_')}_{task.keypoints}_{task.seed}_{task.copy}.run"
@@ -119,6 +135,8 @@ def main(
     tracker: str = "css",
     modes: int | None = None,
     keypoints: str = "keypoints",
+    subject: str = "human34",
+    masks: Path | None = None,
     changes: Changes = (),
     jobs: int = 1,
     work: Work = None,
@@ -141,18 +159,23 @@ def main(
     keypoints
         keypoints, or keypoints_multicrop for the cleaner ones; none for the pictures alone, the subject as it is, with
         a tracker that can.
+    subject
+        A built-in name, fitted to the keypoints where there are any, or a URDF file that `kinemode fit` wrote.
+    masks
+        A folder of the person's masks, cam01/00000.png and so on or cam01.mp4, where the silhouette is looked at;
+        without it a background is learned from the clip.
     changes
         Changes to the settings, as cost.nu=8 css.scale=4.
     jobs
         Runs at a time, each in a process of its own.
     """
     folder, settings = beam_folder(data), nested(changes)
-    how = {"tracker": tracker, "modes": modes, "settings": settings}
+    how = {"tracker": tracker, "modes": modes, "settings": settings, "subject": subject}
     runs = [(seed, copy) for seed in seeds for copy in copies]
     shown = checked(views, CAMERAS if cues else (*CAMERAS, TOGETHER))
     with work_folder(work) as kept:
         tasks = [
-            Task(view, cue, seed, copy, folder, keypoints, kept, how)
+            Task(view, cue, seed, copy, folder, keypoints, kept, masks, how)
             for cue in (CUES if cues else (ALONE,))
             for view in shown
             for seed, copy in runs
@@ -196,6 +219,9 @@ def print_table(by_view: dict[str, list[Result]], runs: int) -> None:
     out.width = max(out.width, 180)
     out.print(made)
     out.print(LEGEND)
+    for view, results in by_view.items():
+        worst, far = max(s.worst for s, _ in results), max(s.far for s, _ in results)
+        out.print(f"{view}: {worst:.1f} mm in the worst frame, {far} over {FAR_MM:.0f} mm")
     if runs > 1:
         print_spread(by_view)
     if TOGETHER in by_view:
@@ -241,6 +267,7 @@ def figures(by_view: dict[str, list[Result]], runs: list[tuple[int, int]], how: 
     return {
         "tracker": how["tracker"],
         "settings": how["settings"],
+        "subject": how["subject"],
         "views": {
             view: [
                 {"seed": seed, "copy": copy, "fps": rate, **asdict(s)}

@@ -44,6 +44,7 @@ class Scores:
     mpjpe, pa: the best trajectory, smoothed over the whole clip. lag_mpjpe, lag_pa: some frames behind the track.
     filtered_mpjpe, filtered_pa: the best of each frame as it was tracked, without looking back.
     best_mpjpe, best_pa: of that of a frame's K hypotheses nearest to the reference (best of K).
+    worst: mpjpe of the worst frame. far: frames where it is over `FAR_MM`.
     violations: frames where any hypothesis leaves a joint limit. overlap, overlap_all: largest interpenetration of the
     best hypothesis and of all modes. overlap_frames: frames where the best overlaps by over 10 mm.
     converged: share of the modes whose KKT residual is below the tolerance. kkt, kkt_all: largest residual among those,
@@ -58,6 +59,8 @@ class Scores:
     filtered_pa: float
     best_mpjpe: float
     best_pa: float
+    worst: float
+    far: int
     violations: int
     overlap: float
     overlap_all: float
@@ -72,6 +75,8 @@ def score(run: Run, reference: Reference) -> Scores:
     best = evaluate(run, reference)
     modes = run.mode_landmarks
     names, time, lagged = run.body.landmark_names, run.time, fixed_lag(run)
+    pairs = paired(names, time, reference)
+    frames = 1e3 * mpjpe(pairs.of(run.landmarks), pairs.truth, pairs.shared.root)
     lag = evaluate_points(names, lagged, lagged[:, None], time, reference)
     filtered = evaluate_points(names, modes[:, 0], modes[:, :1], time, reference)
     residual = run.mode_kkt_residual[np.isfinite(run.mode_kkt_residual)]
@@ -86,6 +91,8 @@ def score(run: Run, reference: Reference) -> Scores:
         filtered_pa=1e3 * filtered["pa_mpjpe"],
         best_mpjpe=1e3 * best.best_of_k_mpjpe,
         best_pa=1e3 * best.best_of_k_pa_mpjpe,
+        worst=float(np.nanmax(frames, initial=0.0)),
+        far=int(np.sum(frames > FAR_MM)),
         violations=max(limit_violations(run.body, q) for q in (run.q, *np.moveaxis(run.mode_q, 1, 0))),
         overlap=1e3 * best.penetration,
         overlap_all=1e3 * largest_penetration(run.body, run.mode_q.reshape(-1, run.body.nq)),
@@ -117,7 +124,7 @@ def fixed_lag(run: Run) -> np.ndarray:
 def mean_scores(scores: Iterable[Scores]) -> Scores:
     """Mean errors and convergence, worst of the rest."""
     rows = [asdict(s) for s in scores]
-    worst = ("violations", "overlap", "overlap_all", "overlap_frames", "kkt", "kkt_all")
+    worst = ("worst", "far", "violations", "overlap", "overlap_all", "overlap_frames", "kkt", "kkt_all")
     return Scores(**{f.name: (max if f.name in worst else np.mean)([r[f.name] for r in rows]) for f in fields(Scores)})
 
 

@@ -17,7 +17,7 @@ from estimator.inference.beliefs.space import PLACEMENTS, Space, placements_of, 
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family
 from estimator.search.assembly import AssemblySettings, assembled
-from estimator.search.limb_choices import Mistakes, choices
+from estimator.search.limb_choices import Mistakes, choices, instead, outermost
 from estimator.search.limb_places import limb_places
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
@@ -402,3 +402,20 @@ def test_each_choice_is_one_mistake() -> None:
     arm = graph_of("arm8")
     beliefs = about(np.random.default_rng(0), points_at("arm8", body_of("arm8").neutral), 1e-3, 1e-3)
     assert all(np.isfinite(c.cost) for c in choices(arm, limb_places(arm, beliefs, 0.25, 3), MISTAKES))
+
+
+def test_an_outermost_limb_elsewhere_leaves_those_it_hangs_on_free() -> None:
+    name = "human34"
+    graph = graph_of(name)
+    places = limb_places(
+        graph, about(np.random.default_rng(0), points_at(name, body_of(name).neutral), 1e-3, 1e-3), 0.25, 3
+    )
+    base, k = choices(graph, places, MISTAKES)[0], graph.names.index("right_forearm")
+    assert sorted(graph.names[i] for i in outermost(graph)) == [
+        "left_forearm", "left_shank", "right_forearm", "right_shank"
+    ]  # fmt: skip
+    elsewhere = places.of[graph.names.index("left_forearm")][0]
+    (made,) = instead(graph, base, {k: [elsewhere]}, 3.0)
+    assert made.cost == base.cost + 3.0
+    assert made.places[k] is elsewhere
+    assert [graph.names[i] for i, p in enumerate(made.places) if p is None] == ["right_upper_arm"]

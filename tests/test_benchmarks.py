@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import mocap, mocap_person, outline, sequences
+from benchmarks import beam4cam, mocap, mocap_person, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
 from estimator.cameras.camera import guessed_camera
@@ -158,3 +158,13 @@ def test_widths_of_an_outline_are_those_of_a_disc() -> None:
     assert outline._reach(np.ones_like(disc), np.array([40.0, 30.0]), np.array([1.0, 0.0])) == np.inf
     ratios = outline.summed([outline.Width("thigh", body, 10.0) for body in (8.0, 9.0, 13.0)])
     assert ratios == {"thigh": (0.9, pytest.approx(0.85), pytest.approx(1.1), 3)}
+
+
+def test_masks_are_a_folder_or_a_film_of_the_camera_s_name(tmp_path: Path) -> None:
+    (tmp_path / "cam01").mkdir()
+    (tmp_path / "cam02.mp4").touch()
+    (tmp_path / "cam011.mp4").touch()
+    masks = beam4cam.masks_of(tmp_path, ("cam01", "cam02"))
+    assert masks == {"cam01": tmp_path / "cam01", "cam02": tmp_path / "cam02.mp4"}
+    with pytest.raises(InputError, match="has no masks of cam03"):
+        beam4cam.masks_of(tmp_path, ("cam03",))

@@ -11,10 +11,14 @@ import pytest
 from benchmarks.limb_detectors import RATES, instant_rates, right
 from estimator.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of, points_of
+from estimator.limbs.features import PERSON, SCENE
+from estimator.limbs.left_over import LeftOver
 from estimator.limbs.likelihood import LimbLikelihood, LimbView, limb_view
 from estimator.limbs.visual_hull import visual_hull
+from estimator.search.limb_choices import outermost
 from estimator.search.shouters.contract import Shout, Shouts
 from estimator.search.shouters.hull import HullSettings, hull_shouts
+from estimator.search.shouters.left_over import left_over_places
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from tests.builders import bent, body_of, camera_at
@@ -150,3 +154,31 @@ def test_what_is_right() -> None:
     assert right(shout, np.zeros(3), np.eye(3)).tolist() == [True, False, False, True]
     rates = instant_rates((shout, shout), np.array([[0.0, 0.0, 5.0], np.zeros(3)]), R[:2], (1, 0))
     np.testing.assert_allclose(rates, [[0.0, 1.0, 0.5, 0.75, 4.0], [1.0, 1.0, 0.5, 0.75, 4.0]])
+
+
+def test_what_a_pose_leaves_over_is_what_it_does_not_cover(person) -> None:
+    graph, views, t, R = person
+    left_over, arm = LeftOver(graph.limbs, views), graph.names.index("right_forearm")
+    assert left_over.share(t, R) < 0.01
+    assert left_over.share(t + 50.0 * np.eye(3)[0], R) == pytest.approx(len(views), abs=0.1)
+    inside = t.copy()
+    inside[arm] = t[graph.names.index("torso")]
+    assert left_over.share(inside, R) > left_over.share(t, R) + 0.02
+    for whole, rest in zip(views, left_over.views(inside, R), strict=True):
+        assert ((rest.foreground == SCENE) == (whole.foreground == SCENE)).all()
+        assert 0.0 < (rest.foreground == PERSON).sum() < 0.3 * (whole.foreground == PERSON).sum()
+
+
+def test_a_forearm_taken_for_the_trunk_is_shouted_where_it_is(person) -> None:
+    graph, views, t, R = person
+    arm, wrong = graph.names.index("right_forearm"), t.copy()
+    wrong[arm] = t[graph.names.index("torso")]
+    left = LeftOver(graph.limbs, views).views(wrong, R)
+    likelihood = LimbLikelihood(graph.limbs, views)
+    places = left_over_places(np.random.default_rng(0), graph, likelihood, left, HullSettings())
+    assert set(places) <= set(outermost(graph))
+    length = graph.limbs[arm].length
+    true = np.stack([t[arm], t[arm] + length * R[arm, :, 2]])
+    heard = [placements_of(place.point[None]) for place in places[arm]]
+    ends = [np.stack([a[0], a[0] + length * b[0, :, 2]]) for a, b in heard]
+    assert min(np.linalg.norm(e - true, axis=1).mean() for e in ends) < 0.1

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.imaging.observation import Observation
 from estimator.inference.beliefs.graph import Belief
+from estimator.limbs.left_over import LeftOver
 from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.optimise.covariance import mode_covariance
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
-from estimator.search.limb_choices import Choice, Mistakes, choices
-from estimator.search.limb_places import limb_places
+from estimator.search.limb_choices import Choice, Mistakes, choices, instead
+from estimator.search.limb_places import Place, limb_places
 from estimator.search.limb_pulls import LimbPulls, LimbScores, Near, Stiffness
 from estimator.search.mode_search import ModeSearch, Scored
 from estimator.terms.limb_targets import LimbPull, LimbTargets
@@ -45,6 +47,9 @@ class AssemblySettings:
     beliefs know these already. least_ratio [nats]: in weights no limb counts for less than this. rounds: how often the
     modes are moved on by the likelihood near them, sampled at `samples` places about each limb, normal deviates of
     near_place [m] and near_turn [rad].
+
+    left_over [nats]: what a hypothesis pays for all of the person in a view, of which it pays the share that no limb of
+    it covers. Above 0, outermost limbs are also looked for in what the best hypothesis leaves over.
     Raises InputError where a value cannot be.
     """
 
@@ -69,6 +74,7 @@ class AssemblySettings:
     samples: int = setting(60, at_least=10)
     near_place: float = setting(0.02, above=0)
     near_turn: float = setting(0.1, above=0)
+    left_over: float = setting(0.0, at_least=0)
 
     def __post_init__(self) -> None:
         check(self)
@@ -102,6 +108,8 @@ def assembled(
     count: int = 5,
     settings: AssemblySettings | None = None,
     rng: np.random.Generator | None = None,
+    left_over: LeftOver | None = None,
+    heard: Mapping[int, Sequence[Place]] = MappingProxyType({}),
 ) -> Mixture:
     """The `count` best distinct poses whose limbs are where they are believed to be, as a mixture.
 
@@ -118,6 +126,7 @@ def assembled(
     search: of the body. graph: its limbs, or those of the same subject with other lengths. beliefs (L): of each limb,
     of `PLACEMENTS`; one without points draws nothing. observation: the frame, its pictures left to the likelihood.
     before: the mixture of a frame `elapsed` [s] ago. rng: of what is sampled near modes; without one nothing is.
+    left_over: the person in the pictures, None where that does not count. heard: by outermost limb, other places.
 
     Raises
     ------
@@ -126,10 +135,11 @@ def assembled(
     s = settings or AssemblySettings()
     places = limb_places(graph, beliefs, s.apart, s.clusters)
     made = choices(graph, places, Mistakes(s.exchange, s.least, s.same))
+    made += instead(graph, made[0], heard, s.exchange)
     weight, pulls = np.where(places.explained, 1.0, s.doubted), LimbPulls(graph, search.body)
     fine = tuple(pulls.of_choice(choice, weight, s.fine(len(observation.cameras))) for choice in made)
     case = FrameCase(search.associations(observation), elapsed, None, fine)
-    frame = _Frame(search, graph, pulls, case, likelihood, before, s)
+    frame = _Frame(search, graph, pulls, case, likelihood, before, s, left_over)
     coarse = [pulls.of_choice(choice, weight, s.coarse) for choice in made]
     drawn = frame.drawn(coarse)
     hypotheses = [h for q, k in drawn for h in frame.hypotheses(q, k, made[k])]
@@ -151,6 +161,7 @@ class _Frame(NamedTuple):
     likelihood: LimbScores | None
     before: Mixture | None
     settings: AssemblySettings
+    left_over: LeftOver | None
 
     @property
     def parents(self) -> tuple[Mode, ...]:
@@ -189,15 +200,20 @@ class _Frame(NamedTuple):
         return (best, float(handed_on[best])) if paid[best] <= self.settings.jump else (-1, 0.0)
 
     def scores(self, searched: Sequence[Scored]) -> np.ndarray:
-        """Log-weights (N,) of hypotheses as far as they are searched: their own, and what the limbs' likelihood says of
-        them."""
+        """Log-weights (N,) of hypotheses as far as they are searched: their own, what the limbs' likelihood says of
+        them, and what they leave over of the person."""
         own, s = np.array([c.score for c in searched]), self.settings
-        if self.likelihood is None or s.likelihood == 0.0 or not searched:
+        likelihood = self.likelihood if s.likelihood > 0.0 else None
+        if (likelihood is None and self.left_over is None) or not searched:
             return own
         poses = np.array([c.mode.q if isinstance(c, Refined) else c.q for c in searched])
         t, R = limb_placements(self.graph, self.search.body, poses)
+        if self.left_over is not None:
+            own -= s.left_over * np.array([self.left_over.share(*placed) for placed in zip(t, R, strict=True)])
+        if likelihood is None:
+            return own
         for limb in range(len(self.graph.limbs)):
-            ratio = self.likelihood.log_ratio(limb, t[:, limb], R[:, limb])
+            ratio = likelihood.log_ratio(limb, t[:, limb], R[:, limb])
             own += s.likelihood * np.fmax(ratio, s.least_ratio)
         return own
 

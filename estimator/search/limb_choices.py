@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +57,24 @@ def choices(graph: LimbGraph, places: Places, mistakes: Mistakes) -> list[Choice
     turned += [_turned(c, range(len(graph.limbs)), mistakes.exchange) for c in exchanged[:1]]
     apart = [c for limbs in outwards for c in _apart(graph, places, base, limbs, mistakes)]
     return _distinct([base, *apart, *exchanged, *turned, *_next_places(places, base, mistakes.least)])
+
+
+def outermost(graph: LimbGraph) -> list[int]:
+    """Limbs of one side that nothing hangs on."""
+    return [i for i, m in enumerate(graph.mirror) if i != m and _outwards(graph, i) == [i]]
+
+
+def instead(graph: LimbGraph, base: Choice, places: Mapping[int, Sequence[Place]], cost: float) -> list[Choice]:
+    """Outermost limbs elsewhere, one at a time; those of its side that it hangs on have no place then, and follow."""
+    made = []
+    for limb, others in places.items():
+        inwards = [i for i, m in enumerate(graph.mirror) if i != m and limb in _outwards(graph, i)]
+        for place in others:
+            choice = base
+            for i in inwards:
+                choice = _with(choice, i, place if i == limb else None, 0.0)
+            made.append(choice._replace(cost=base.cost + cost))
+    return made
 
 
 def _outwards(graph: LimbGraph, start: int) -> list[int]:

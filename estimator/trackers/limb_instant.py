@@ -16,6 +16,7 @@ from estimator.inference.beliefs.mixture import Density
 from estimator.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.limbs.left_over import LeftOver
 from estimator.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
 from estimator.limbs.volume import common_box
 from estimator.limbs.window import Instant
@@ -87,6 +88,11 @@ class InstantReader:
             return None
         box = self.box(observation)
         return LimbLikelihood(self._graph.limbs, views, settings=self._seen.pictures, box=box)
+
+    def left_over(self, observation: Observation) -> LeftOver | None:
+        """The person in the pictures of a frame, against which poses are held; None where no view shows where."""
+        views = [view for view in self._views(observation) if view.foreground.size]
+        return LeftOver(self._graph.limbs, views) if views else None
 
     def instant(self, rng: np.random.Generator, observation: Observation, *, anew: bool) -> Instant:
         """What is measured in a frame. anew: nothing is known of the frame before, so that importance functions are

@@ -20,7 +20,9 @@ from estimator.limbs.potentials import LimbPotentials
 from estimator.limbs.window import Beliefs, Past, said_by, window
 from estimator.modes.mixture import Mixture
 from estimator.search.assembly import AssemblySettings, assembled
+from estimator.search.limb_places import Place
 from estimator.search.mode_search import ModeSearch
+from estimator.search.shouters.left_over import left_over_places
 from estimator.trackers.defaults import ONLY_FILTERS
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.limb_instant import InstantReader, SeenSettings, ShoutSettings
@@ -266,10 +268,20 @@ class LooseLimbed:
     ) -> Mixture:
         before, elapsed = (None, 0.0) if state is None else (state.mixture, observation.time - state.time)
         pictures, s = self.instants.pictures(observation), self.settings
-        return assembled(
-            self._search, self.graph, beliefs, observation, pictures, before, elapsed,
-            count=s.modes, settings=s.assembly, rng=rng,
-        )  # fmt: skip
+        left_over = self.instants.left_over(observation) if s.assembly.left_over > 0.0 else None
+
+        def put_together(heard: Mapping[int, Sequence[Place]]) -> Mixture:
+            return assembled(
+                self._search, self.graph, beliefs, observation, pictures, before, elapsed,
+                count=s.modes, settings=s.assembly, rng=rng, left_over=left_over, heard=heard,
+            )  # fmt: skip
+
+        mixture = put_together({})
+        if left_over is None or pictures is None:
+            return mixture
+        views = left_over.views(*limb_placements(self.graph, self.body, mixture.modes[0].q))
+        heard = left_over_places(rng, self.graph, pictures, views, s.shout.hull)
+        return put_together(heard) if heard else mixture
 
 
 # of a body alone, for those that are tracked again: graphs and drawn potentials take seconds
