@@ -78,7 +78,7 @@ class ElmoSettings:
     again: int = setting(_USUAL.again, at_least=0)
     away: float = setting(_USUAL.away, at_least=0)
     jump: float = setting(12.0, above=0)
-    correlated: float = setting(0.15, at_least=0)
+    correlated: float = setting(0.5, at_least=0)
     settle: bool = True
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
