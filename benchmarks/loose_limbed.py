@@ -27,10 +27,12 @@ from kinemode.terminal import report
 WALK, TURN, PUNCH = "walk_straight_07_01", "walk_turn_26_01", "punch_02_05"
 BEGIN, END = 11, 70  # frames of the walk that are tracked
 LOST = 250.0  # mm
-AS_PRINTED = {"propagation": {"product": {"sighted": False}}, "shout": {"by_hull": False}, "tied": 0.0}
-ALONE: dict[str, Any] = {"shout": {"by_hull": False}}
+NOTHING_LEFT: dict[str, Any] = {"assembly": {"left_over": 0.0}}
+ALONE: dict[str, Any] = {"shout": {"by_hull": False}, **NOTHING_LEFT}
+AS_PRINTED: dict[str, Any] = {"propagation": {"product": {"sighted": False}}, "tied": 0.0, **ALONE}
 WALKS: dict[str, dict[str, Any]] = {
     "shouters": {},
+    "nothing looked for in what is left over": NOTHING_LEFT,
     "no shouters": ALONE,
     "no shouters, smoothing": ALONE | {"smoothing": True},
     "as printed, past fixed": AS_PRINTED,
@@ -91,7 +93,7 @@ def main(
             runs = {
                 label: [
                     LimbRun(files[WALK], BEGIN, END, s, label, settings=json_module.dumps(changes))
-                    for s in seeds[: len(seeds) if changes in ({}, ALONE) else FEW]
+                    for s in seeds[: len(seeds) if changes == {} else FEW]
                 ]
                 for label, changes in WALKS.items()
             }

@@ -49,7 +49,7 @@ class AssemblySettings:
     near_place [m] and near_turn [rad].
 
     left_over [nats]: what a hypothesis pays for all of the person in a view, of which it pays the share that no limb of
-    it covers. Above 0, outermost limbs are also looked for in what the best hypothesis leaves over.
+    it covers. Above 0, outermost limbs are also looked for in what the best hypothesis leaves over; 0 in the paper.
     Raises InputError where a value cannot be.
     """
 
@@ -74,7 +74,7 @@ class AssemblySettings:
     samples: int = setting(60, at_least=10)
     near_place: float = setting(0.02, above=0)
     near_turn: float = setting(0.1, above=0)
-    left_over: float = setting(0.0, at_least=0)
+    left_over: float = setting(60.0, at_least=0)
 
     def __post_init__(self) -> None:
         check(self)
