@@ -11,6 +11,7 @@ import numpy as np
 import kinemode as km
 from benchmarks.common import Data, beam_folder, start, tell
 from benchmarks.outline import drawn
+from estimator.cues.silhouette.background import grab
 from estimator.media.threads import one_thread
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
@@ -19,7 +20,7 @@ from kinemode.target import made_folder
 SCALE = 0.45  # of the pictures that are cut
 CORE, NEAR, REACH, FAR = 11, 4, 22, 36  # px about the body's outline: within it surely the person, beyond it ...
 _BODY = 7  # px within the outline: what the cut lost of the body
-_PAD, _ROUNDS, _NODES = 70, 3, 4000
+_PAD, _STEPS, _NODES = 70, 3, 4000
 _LEAST = 40  # px of a hole that is one
 
 
@@ -52,14 +53,13 @@ def cut_out(picture: np.ndarray, body: np.ndarray) -> np.ndarray:
     x, y, width, height = cv2.boundingRect(body.astype(np.uint8))
     rows = slice(max(0, y - _PAD), y + height + _PAD)
     columns = slice(max(0, x - _PAD), x + width + _PAD)
-    near, whole = _smaller(picture[rows, columns]), body[rows, columns]
-    about = _smaller(whole.astype(np.uint8) * 255) > 127
+    whole = body[rows, columns].astype(np.uint8) * 255
+    about = cv2.resize(whole, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA) > 127
     label = np.full(about.shape, cv2.GC_BGD, np.uint8)
     label[_grown(about, FAR)] = cv2.GC_PR_BGD
     label[_grown(about, NEAR)] = cv2.GC_PR_FGD
     label[_shrunk(about, CORE)] = cv2.GC_FGD
-    cv2.setRNGSeed(0)
-    cv2.grabCut(near, label, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), _ROUNDS, cv2.GC_INIT_WITH_MASK)
+    grab(picture[rows, columns], label, _STEPS)
     cut = _without_specks((label % 2 == 1) & _grown(about, REACH) | _shrunk(about, _BODY), about)
     mask = np.zeros(body.shape, bool)
     size = whole.shape[::-1]
@@ -77,10 +77,6 @@ def _without_specks(cut: np.ndarray, about: np.ndarray) -> np.ndarray:
         inside = holes == k
         kept |= inside & (stats[k, cv2.CC_STAT_AREA] < _LEAST or about[inside].mean() > 0.8)
     return kept
-
-
-def _smaller(picture: np.ndarray) -> np.ndarray:
-    return np.asarray(cv2.resize(picture, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA))
 
 
 def _disc(px: float) -> np.ndarray:

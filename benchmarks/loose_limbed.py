@@ -40,6 +40,7 @@ WALKS: dict[str, dict[str, Any]] = {
 }
 STARTS = {WALK: (11, 20, 29, 38, 47, 56, 65), TURN: (10, 25, 40, 55, 70, 85, 100), PUNCH: (10, 30, 50, 70, 90, 110)}
 FEW = 3  # seeds of what is only looked at beside
+BESIDE = ("as printed", "smoothing")
 BLANK = (20, 21, 22, 23, 24)
 RECOVERY_END = 35
 Flag = Annotated[bool, Parameter(negative="")]
@@ -93,7 +94,7 @@ def main(
             runs = {
                 label: [
                     LimbRun(files[WALK], BEGIN, END, s, label, settings=json_module.dumps(changes))
-                    for s in seeds[: len(seeds) if changes == {} else FEW]
+                    for s in seeds[: FEW if any(word in label for word in BESIDE) else len(seeds)]
                 ]
                 for label, changes in WALKS.items()
             }

@@ -22,14 +22,13 @@ _SHIFT = 4  # bits of a pixel's fraction
 class LeftOver:
     """The views of one instant, against which poses of some limbs are held.
 
-    limbs: of a limb graph. views: those without a foreground map say nothing.
+    limbs: of a limb graph. views: with foreground maps.
     """
 
     def __init__(self, limbs: Sequence[Limb], views: Sequence[LimbView]) -> None:
         self._corners = [_corners(limb) for limb in limbs]
-        self._views = [view for view in views if view.foreground.size]
-        middle = _EVERY // 2
-        self._person = [view.foreground[middle::_EVERY, middle::_EVERY] == PERSON for view in self._views]
+        self._views, middle = views, _EVERY // 2
+        self._person = [view.foreground[middle::_EVERY, middle::_EVERY] == PERSON for view in views]
 
     def share(self, t: np.ndarray, R: np.ndarray) -> float:
         """Share of the person's pixels that no limb covers, at t (L, 3) [m], R (L, 3, 3): the sum over the views."""

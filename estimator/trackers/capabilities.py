@@ -97,8 +97,8 @@ class LooksAhead(Protocol[S]):
 
 
 @runtime_checkable
-class LooksBack(Protocol[S]):
-    """Looks ahead and is shown the frames before, too. frames_behind: how many, fewer at the beginning of a clip."""
+class LooksBack(LooksAhead[S], Protocol[S]):
+    """Is shown the frames before, too. frames_behind: how many, fewer at the beginning of a clip."""
 
     @property
     def frames_behind(self) -> int:

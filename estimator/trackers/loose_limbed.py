@@ -165,11 +165,12 @@ class LooseLimbed:
         present = result.beliefs[len(behind) * limbs : (len(behind) + 1) * limbs]
         told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(present)}
         after, judgement = judged(self._search, observation, mixture, told)
-        believed, beliefs = after.time, self._tied(rng, present, mixture)
         if state is not None and behind:
             believed, beliefs = state.seen, self._tied(rng, result.beliefs[:limbs], state.mixture)
         elif state is not None and past is not None and self.settings.smoothing:
             believed, beliefs = state.believed, state.beliefs  # the past of what the next frame looks back at
+        else:
+            believed, beliefs = after.time, self._tied(rng, present, mixture)
         return LimbState(beliefs, mixture, after.time, after.time, believed), judgement
 
     def _behind(self, state: LimbState | None, before: Sequence[Observation]) -> list[Observation]:

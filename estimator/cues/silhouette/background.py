@@ -131,7 +131,7 @@ def _cut(picture: np.ndarray, of: KnownBody) -> np.ndarray:
     label = np.full(size[::-1], cv2.GC_PR_BGD, np.uint8)
     label[_reduced(of.body, size) > 0.5] = cv2.GC_PR_FGD
     _instruct(label, of)
-    _grab(picture, label)
+    grab(picture, label)
     return _enlarged(cv2.dilate(label & 1, np.ones((3, 3), np.uint8)) > 0, picture.shape[:2])
 
 
@@ -147,14 +147,14 @@ def _reduced(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return np.asarray(cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA))
 
 
-def _grab(picture: np.ndarray, label: np.ndarray) -> None:
+def grab(picture: np.ndarray, label: np.ndarray, steps: int = _CUT_STEPS) -> None:
     """GrabCut (Rother et al., 2004) of a picture reduced to the size of its labels (h, w), which it changes."""
     if min(np.count_nonzero(label & 1), np.count_nonzero((label & 1) == 0)) <= _FEWEST_OF_A_KIND:
         return
     cv2.setRNGSeed(0)  # the colour clusters start at random
     small = cv2.resize(picture, label.shape[::-1], interpolation=cv2.INTER_AREA)
     colours = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(small, label, (0, 0, 1, 1), *colours, _CUT_STEPS, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(small, label, (0, 0, 1, 1), *colours, steps, cv2.GC_INIT_WITH_MASK)
 
 
 def _enlarged(mask: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -204,7 +204,7 @@ def _cutouts(
         label = _labels(picture, background, (moves > 0.2) | wandered, settings)
         if of is not None:
             _instruct(label, of)
-        _grab(picture, label)
+        grab(picture, label)
         masks.append(label & 1)
     return masks
 

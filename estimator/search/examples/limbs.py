@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from estimator.cues.depth.cue import Depth
 from estimator.cues.depth.matching import spread_over
 from estimator.imaging.observation import Observation
 from estimator.numerics.closest import closest
 from estimator.search.jumps.anatomy import Limb
-from humanoid.kinematics.body import Body, directions_in_world, points_in_world
+from humanoid.kinematics.body import Body, PlacedBodies, directions_in_world, points_in_world, points_of_each
 from humanoid.shape.surface import Surface
 from humanoid.support.compiled import jit
 
@@ -85,11 +84,11 @@ class LimbBank:
         """Of a pose q (nq,) with its k-th limb as the bank's poses or others (N, nq) have it the `count` that lie best
         on what is seen, or as many as are not alike, (C, nq): by a cheap likeness of ELMO's eq. 1, both ways, in which
         no part hides another."""
-        placements = self._placed(q, k, others)
-        order = np.argsort(self._scores(q, k, placements, seen), kind="stable")
-        middles = _in_world(placements, self._parts[k].middle)
+        changed, placements = self.with_limb(q, k, np.concatenate([others, self.q])), self._placed(q, k, others)
+        order, parts = np.argsort(self._scores(q, k, placements, seen), kind="stable"), self._parts[k]
+        middles = points_of_each(PlacedBodies(changed, placements), np.arange(len(parts.joints)), parts.middle)
         best = order[_apart(middles[order], count)]
-        return np.array([self.body.clamp(p) for p in self.with_limb(q, k, np.concatenate([others, self.q])[best])])
+        return np.array([self.body.clamp(pose) for pose in changed[best]])
 
     def _placed(self, q: np.ndarray, k: int, others: np.ndarray) -> np.ndarray:
         """Placements (N + B, J, 12) in the world of the k-th limb's joints as other poses (N, nq) and the bank's have
@@ -112,12 +111,12 @@ class LimbBank:
         rest = points_in_world(posed, s.joint[others], s.local[others])
         normals = directions_in_world(posed, s.joint[others], s.normal[others])
         rest = rest[(np.einsum("ni,eni->en", normals, rest - seen.eyes[:, None]) < 0.0).any(axis=0)]
-        beside = cKDTree(rest).query(seen.points)[0] if len(rest) else np.full(len(seen.points), np.inf)
+        beside = closest(seen.points, rest)[1]
         joint = np.searchsorted(self._parts[k].joints, s.joint[mine])
         score, limb = np.empty(len(placements)), (joint, s.local[mine], s.normal[mine])
         scale = seen.nu * seen.std**2, self._thinned[k] * len(rest), float(len(seen.points))
-        left = beside > seen.std  # the others belong to the rest of the body
-        _score(placements, *limb, seen.eyes, seen.points, np.flatnonzero(left), np.square(beside[left]), scale, score)
+        left = beside > seen.std**2  # the others belong to the rest of the body
+        _score(placements, *limb, seen.eyes, seen.points, np.flatnonzero(left), beside[left], scale, score)
         return score
 
 
@@ -152,12 +151,6 @@ def _about(placements: np.ndarray, root: int, joints: np.ndarray) -> np.ndarray:
     columns[:, :, 3] -= placements[:, None, root, 9:]
     R_world_root = placements[:, root, :9].reshape(-1, 3, 3)  # transposed
     return np.asarray(np.einsum("ncr,njkr->njkc", R_world_root, columns).reshape(len(placements), len(joints), 12))
-
-
-def _in_world(placements: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Where points (J, 3) of joints at placements (N, J, 12) are, (N, J, 3)."""
-    columns = placements[..., :9].reshape(*placements.shape[:2], 3, 3)
-    return np.asarray(np.einsum("njcr,jc->njr", columns, local) + placements[..., 9:])
 
 
 def _apart(places: np.ndarray, count: int) -> list[int]:
