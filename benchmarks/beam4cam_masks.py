@@ -12,7 +12,7 @@ import kinemode as km
 from benchmarks.common import Data, beam_folder, start, tell
 from benchmarks.outline import drawn
 from estimator.cues.silhouette.background import grab
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from kinemode.target import made_folder

@@ -16,8 +16,8 @@ from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import CUES, data_folder
 from benchmarks.sequences import FPS as SEQUENCE_FPS
 from estimator import synthesis
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import write_keypoints
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import write_keypoints
 from estimator.synthesis import DetectorSettings, ViewSettings
 from estimator.tracking.registry import TRACKERS
 from humanoid.kinematics.body import Body

@@ -27,16 +27,16 @@ from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.common import Json, Several, check_known, in_processes, save, start, tell
-from estimator.cameras.camera import Camera
 from estimator.cost.model import image_extent
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.image_cues import ImageCues
+from estimator.data.media.picture import write_picture
 from estimator.imaging.faces import skin_points
-from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
-from estimator.media.picture import write_picture
 from estimator.synthesis.render import Renderer
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import Surface, surface_of

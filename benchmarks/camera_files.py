@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import tomli_w
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 
 
 def write_pose2sim(path: Path, cameras: Sequence[Camera]) -> Path:

@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks.common import Json, Several, in_processes, save, spread, start, tell, work_folder
 from benchmarks.crowd_clips import FPS, NEAREST, WAYS, Clip, made, outcome, room_cameras, written
 from benchmarks.crowd_files import WRITERS, random_crowd
-from estimator.formats.keypoints import load_keypoints, load_people
-from estimator.people.across_cameras import subject_tracks
+from estimator.data.formats.keypoints import load_keypoints, load_people
+from estimator.data.people.across_cameras import subject_tracks
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from humanoid.kinematics.body import Body

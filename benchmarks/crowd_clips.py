@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.crowd_files import write_alphapose
 from benchmarks.tracking import timed_track
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import load_keypoints, load_people, write_keypoints
-from estimator.formats.keypoints_people import Person
-from estimator.media.clip import DEFAULT_FPS as FPS
-from estimator.people.across_cameras import subject_tracks
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import load_keypoints, load_people, write_keypoints
+from estimator.data.formats.keypoints_people import Person
+from estimator.data.media.clip import DEFAULT_FPS as FPS
+from estimator.data.people.across_cameras import subject_tracks
 from estimator.results.evaluation import evaluate
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run

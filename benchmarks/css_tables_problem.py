@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.optimise.covariance import free_directions, mode_covariance
 from estimator.optimise.seek import Seeker, SeekSettings
 from estimator.optimise.solution import Solution

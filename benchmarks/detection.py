@@ -19,8 +19,8 @@ from benchmarks.camera_files import write_pose2sim
 from benchmarks.common import Data, Json, Several, Work, beam_folder, check_known, save, start, tell, work_folder
 from benchmarks.scores import Scores, score
 from benchmarks.tracking import timed_track
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
 from estimator.results.reference_motion import Reference
 from kinemode.terminal import report
 

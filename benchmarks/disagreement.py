@@ -13,8 +13,8 @@ import numpy as np
 import kinemode as km
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import Data, Json, Work, beam_folder, save, start, tell, work_folder
-from estimator.media.clip import Clip
-from estimator.media.film import write_film
+from estimator.data.media.clip import Clip
+from estimator.data.media.film import write_film
 from estimator.results.evaluation import evaluate_points
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run

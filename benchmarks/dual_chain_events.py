@@ -22,7 +22,7 @@ from benchmarks.common import Json, Several, Work, check_known, in_processes, sa
 from benchmarks.dual_chain_event_clips import EVENTS, LOST, SWAPPED, TOUCH, EventClip, event_frames, hands_of
 from benchmarks.dual_chain_runs import Film, tracker_of
 from benchmarks.kept_runs import Figures, Kept, all_done
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.imaging.skin import SkinModel
 from estimator.inference.chains.evidence import Detections
 from estimator.search.seen_features import SeenFeatures

@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks.common import Several, Work, check_known, start, work_folder
 from benchmarks.dual_chain import CONDENSATION, DUAL, SAMPLING, WAYS
 from benchmarks.dual_chain_runs import DRAWN, Film, UpperClip, tracked
-from estimator.formats.cameras import load_cameras
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.media.clip import Clip
+from estimator.data.media.picture import write_picture
 from estimator.inference.particles import systematic
-from estimator.media.clip import Clip
-from estimator.media.picture import write_picture
 from viz.pictures.overlay import side_by_side
 from viz.pictures.painter import BodyPainter
 from viz.pictures.pose_samples import captioned, samples_tile

@@ -14,9 +14,9 @@ import numpy as np
 
 import kinemode as km
 from benchmarks.kept_runs import Figures, Kept, kept_clip
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.observation import Observation
 from estimator.inference.particles import systematic
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings

@@ -11,7 +11,7 @@ import pinocchio as pin
 from benchmarks.common import tell
 from benchmarks.kept_runs import kept_clip
 from benchmarks.mocap_person import person
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.plate import place_of

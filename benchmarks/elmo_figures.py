@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.common import Several, check_known, start
 from benchmarks.figure_file import new_figure, write_figure
-from estimator.formats.checked_json import read_json
+from estimator.data.formats.checked_json import read_json
 from humanoid.support.errors import InputError
 
 _COLOURS = {"elmo": "#1f4e79", "icp": "#c44e52", "condensation": "#55a868", "psh": "0.55", "css": "#8172b2"}

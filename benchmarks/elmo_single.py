@@ -14,8 +14,8 @@ import numpy as np
 from benchmarks.common import Changes, Json, Several, Work, nested, save, start, tell, work_folder
 from benchmarks.elmo_clips import JOINTS, filmed_poses
 from benchmarks.mocap_person import person
-from estimator.formats.cameras import load_cameras
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.search.examples.hashing import Neighbours

@@ -15,11 +15,11 @@ import kinemode as km
 from benchmarks.common import Json, Several, in_processes, save, start, work_folder
 from benchmarks.crowd_clips import Clip, error, made, motions_of, owners, room_cameras, written
 from benchmarks.tracking import timed_track
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import load_people
-from estimator.formats.keypoints_people import Person
-from estimator.people.everybody import everybody
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import load_people
+from estimator.data.formats.keypoints_people import Person
+from estimator.data.people.everybody import everybody
 from estimator.synthesis.crowd import crowd, placed
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

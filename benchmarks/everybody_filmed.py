@@ -16,10 +16,10 @@ import kinemode as km
 from benchmarks.common import Json, Work, save, start, tell, work_folder
 from benchmarks.crowd_clips import Clip, room_cameras
 from benchmarks.everybody import REACHED, crossing
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints import load_people
-from estimator.media.clip import DEFAULT_FPS as FPS
-from estimator.media.film import write_film
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import load_people
+from estimator.data.media.clip import DEFAULT_FPS as FPS
+from estimator.data.media.film import write_film
 from estimator.synthesis import Renderer, SceneSettings
 from estimator.synthesis.clothing import Garment, dressed
 from estimator.synthesis.plate import place_of

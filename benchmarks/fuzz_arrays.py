@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.fuzz_mutations import NUMBERS, TEXTS, mutated
-from estimator.formats.packing import pack, unpack
+from estimator.data.formats.packing import pack, unpack
 
 _TABLES = ("header", "frame", "state", "observation", "smoothed", "finished")
 _PACKED = ("frame", "state", "observation", "smoothed")

@@ -19,7 +19,7 @@ from benchmarks.fuzz_cases import Case, Verdict
 from benchmarks.fuzz_corpus import QUICK, Files, facing
 from benchmarks.fuzz_judge import timed, write
 from benchmarks.fuzz_mutations import mutated
-from estimator.formats.cameras_json import camera_to_json
+from estimator.data.formats.cameras_json import camera_to_json
 from humanoid.support.errors import LONGEST
 from kinemode.__main__ import BAD_INPUT, main
 

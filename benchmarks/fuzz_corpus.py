@@ -17,8 +17,8 @@ import numpy as np
 import kinemode as km
 from benchmarks.fuzz_limbs import templates, two_limbs
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, LIMBS, OBJ
-from estimator.cameras.camera import Camera, guessed_camera
-from estimator.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.limbs.potentials import SHIPPED
 from estimator.results.export import export
 from humanoid.kinematics.body import Body

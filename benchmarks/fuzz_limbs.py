@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.eigen_templates import EigenSpace
 from estimator.imaging.patches import CHANNELS
 from estimator.limbs.potentials import SHIPPED, load_potentials

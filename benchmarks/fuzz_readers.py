@@ -15,14 +15,14 @@ from benchmarks.fuzz_arrays import mutated_npy, mutated_npz, mutated_run
 from benchmarks.fuzz_corpus import FRAMES, SIZE, Files
 from benchmarks.fuzz_limbs import use_potentials, use_templates
 from benchmarks.fuzz_mutations import mutated
-from estimator.cameras.camera import guessed_camera
-from estimator.formats.cameras import load_cameras
-from estimator.formats.checked_json import read_json
-from estimator.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.formats.motion_table import read_motion_table
+from estimator.data.cameras.camera import guessed_camera
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.checked_json import read_json
+from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.data.formats.motion_table import read_motion_table
+from estimator.data.media.clip import Clip
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
-from estimator.media.clip import Clip
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap

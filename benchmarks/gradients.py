@@ -11,12 +11,12 @@ import pinocchio as pin
 
 from benchmarks.common import Json, save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
-from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cues.base import Past
 from estimator.cues.depth.matching import surface_precision
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.imaging.depth_map import Points
-from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.numerics.robust import POTENTIALS
 from estimator.optimise.qp import StepSolver

@@ -18,8 +18,8 @@ from benchmarks.index_pictures import asked, painted
 from benchmarks.index_plot import TITLES, write_curves
 from benchmarks.index_searches import Row as SearchRow
 from benchmarks.index_searches import searched
+from estimator.data.media.threads import one_thread
 from estimator.imaging.edge_histogram import edge_histogram
-from estimator.media.threads import one_thread
 from estimator.search.examples.index import ExampleIndex, load_index
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.common import Json, save, start
-from estimator.cameras.camera import Camera, guessed_camera
+from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.inference.chains.feature_density import gaussian
 from estimator.search.jumps.anatomy import Limb, anatomy_of
 from estimator.search.point_features import skin_features

@@ -13,7 +13,7 @@ from benchmarks.beam4cam import CAMERAS, TOGETHER, checked
 from benchmarks.common import Data, Json, Work, beam_folder, save, start, tell, work_folder
 from benchmarks.limb_templates import NEAR, TURNED
 from benchmarks.tracking import timed_track
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.results.reference_motion import Reference

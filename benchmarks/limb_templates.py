@@ -15,7 +15,7 @@ from benchmarks.common import NO_CAPTURE_HERE, save, start, tell
 from benchmarks.limb_likelihood import person
 from benchmarks.limb_pictures import Shown, shown_clip
 from benchmarks.pose_prior_clips import captured_files
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.patches import PatchView, patch_view
 from estimator.inference.beliefs.space import placements_of
 from estimator.limbs.features import PERSON

@@ -16,7 +16,7 @@ import numpy as np
 import kinemode as km
 from benchmarks.browser import opened_browser, programs
 from benchmarks.common import Work, start, tell, work_folder
-from estimator.media.film import write_film
+from estimator.data.media.film import write_film
 from humanoid.support.errors import InputError
 from kinemode.demo import CAMERA, FPS, make_clip
 from kinemode.target import made_folder

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.clothing import Clothes, Garment, dressed
 from estimator.synthesis.detector import keypoints

@@ -20,7 +20,7 @@ from benchmarks.common import Data, Several, captured_folder, check_known, start
 from benchmarks.figure_file import new_figure, write_figure
 from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_runs import LOOSE
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.propagation import Propagated
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.kept_runs import Figures, Kept
 from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_rival import AnnealedOnLimbs
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.mode_search_residuals import Change, Residuals
 from benchmarks.mode_search_scipy import Watched, scipy_search
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.optimise.seek import Seeker
 from estimator.synthesis import scene_cameras
 from estimator.terms.term import Cost

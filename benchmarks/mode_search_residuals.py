@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.cameras.projection import pack_cameras, project_with_jacobian
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.projection import pack_cameras, project_with_jacobian
+from estimator.data.observation import Observation
 from estimator.terms.reprojection import BEHIND
 from humanoid.kinematics.body import ROOT_JOINT, Body, PosedBody
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from benchmarks.mode_search_duel import NOISE_PX, Start
 from estimator import synthesis
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
+from estimator.data.sequence import assemble
 from estimator.modes.origin import Family
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.sequences.sequence import assemble
 from estimator.synthesis.motion_keys import motion_named
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.css import CovarianceScaledSampling

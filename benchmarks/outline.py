@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import Data, Json, beam_folder, save, start, work_folder
 from benchmarks.tracking import timed_track
-from estimator.cameras.camera import Camera
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.results.run_file import Run

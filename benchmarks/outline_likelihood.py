@@ -20,8 +20,8 @@ import numpy as np
 
 import kinemode as km
 from benchmarks.common import Json, Several, save, start, tell
-from estimator.formats.cameras import load_cameras
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.outline_values import OutlineLikelihood, OutlineSettings
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings

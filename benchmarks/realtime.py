@@ -15,15 +15,15 @@ from threadpoolctl import threadpool_limits
 import kinemode as km
 from benchmarks.common import CUES, Changes, Json, Several, Work, nested, save, spread, start, tell, work_folder
 from benchmarks.stopwatch import Stopwatch
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.observation import Observation
+from estimator.data.sequence import assemble
 from estimator.likelihood.ahead import ReadAhead
 from estimator.likelihood.image_likelihood import CameraLikelihood
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.search.frame_search import FrameSearch
-from estimator.sequences.sequence import assemble
 from estimator.trackers.base import Tracker
 from estimator.trackers.capabilities import sharing
 from estimator.tracking.registry import Settings, make_tracker, settings_for

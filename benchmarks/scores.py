@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.tracking import Times
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.optimise.seek import SeekSettings
 from estimator.results.evaluation import (
     HIPS,

@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.bits_cases import CASES
 from benchmarks.common import Data, Json, Several, save, spread, start, tell
 from estimator import synthesis
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import write_keypoints
+from estimator.data.observation import Observation
 from estimator.fitting.person import fit_person
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import write_keypoints
-from estimator.imaging.observation import Observation
 from estimator.optimise.qp import ACTIVE_SET, PROXQP, STEP_SOLVERS, StepSolver
 from estimator.optimise.solution import StepCounts
 from estimator.trackers.capabilities import energy_of

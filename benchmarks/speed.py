@@ -17,8 +17,8 @@ import pinocchio as pin
 from benchmarks.common import Changes, Data, Json, data_folder, nested, save, spread, start
 from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
+from estimator.data.observation import Observation
 from estimator.fitting.person import fit_person
-from estimator.imaging.observation import Observation
 from estimator.optimise.seek import Seeker
 from estimator.optimise.solution import Solution, StepCounts
 from estimator.terms.term import Cost

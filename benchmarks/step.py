@@ -19,8 +19,8 @@ from pink.limits import ConfigurationLimit
 from pink.tasks import FrameTask
 
 from benchmarks.common import Json, save, start
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.optimise.qp import PROXQP, STEP_SOLVERS, StepSolver
 from estimator.optimise.seek import trust_box
 from estimator.synthesis import scene_cameras

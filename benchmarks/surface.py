@@ -21,7 +21,7 @@ from estimator.cues.assigned import AssignedPoints
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.cues.flow.flow_field import FlowSettings, flow_field
 from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.likelihood.settings import ImageSettings
 from estimator.prediction.seeing import see_points

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.common import Data, Json, beam_folder, captured_folder, in_processes, save, start
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.synchronisation import synchronised
 from estimator.results.evaluation import LIMB_JOINTS
-from estimator.sequences.synchronisation import synchronised
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.detector import of_points
 from estimator.synthesis.mocap import load_mocap

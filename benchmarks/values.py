@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import Json, save, start
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.search.association import AS_DETECTED
 from estimator.synthesis import DetectorSettings, ViewSettings

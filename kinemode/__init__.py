@@ -16,9 +16,9 @@ from humanoid.support.lazy import lazy_names
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from estimator.cameras.camera import Camera
-    from estimator.formats.cameras import load_cameras, write_cameras
-    from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
+    from estimator.data.cameras.camera import Camera
+    from estimator.data.formats.cameras import load_cameras, write_cameras
+    from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
     from estimator.results.evaluation import Evaluation
     from estimator.results.reference_motion import Reference
     from estimator.results.run_file import Run
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
 _MODULES = {
     "Body": "humanoid.kinematics.body",
-    "Camera": "estimator.cameras.camera",
+    "Camera": "estimator.data.cameras.camera",
     "DetectorSettings": "estimator.synthesis.settings",
     "Evaluation": "estimator.results.evaluation",
     "FindingWarning": "kinemode.notices",
     "InputError": "humanoid.support.errors",
     "InputWarning": "kinemode.notices",
-    "KeypointTrack": "estimator.formats.keypoints",
+    "KeypointTrack": "estimator.data.formats.keypoints",
     "Reference": "estimator.results.reference_motion",
     "Run": "estimator.results.run_file",
     "SceneSettings": "estimator.synthesis.settings",
@@ -65,8 +65,8 @@ _MODULES = {
     "gait": "kinemode.public.results",
     "landmark_start": "kinemode.public.landmarks",
     "live": "kinemode.public.live",
-    "load_cameras": "estimator.formats.cameras",
-    "load_keypoints": "estimator.formats.keypoints",
+    "load_cameras": "estimator.data.formats.cameras",
+    "load_keypoints": "estimator.data.formats.keypoints",
     "load_subject": "humanoid.subject.subject",
     "open_run": "kinemode.public.results",
     "overlay": "kinemode.public.results",
@@ -79,8 +79,8 @@ _MODULES = {
     "train_index": "kinemode.public.indexing",
     "train_templates": "kinemode.public.templates",
     "view": "kinemode.public.results",
-    "write_cameras": "estimator.formats.cameras",
-    "write_keypoints": "estimator.formats.keypoints",
+    "write_cameras": "estimator.data.formats.cameras",
+    "write_keypoints": "estimator.data.formats.keypoints",
 }
 
 __all__ = [

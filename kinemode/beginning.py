@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from estimator.cues.base import Cue
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.likelihood.registry import CUES
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.base import Tracker

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from estimator.boards.board import Board
-from estimator.boards.calibrate import Calibration, calibrate
-from estimator.boards.shots import Shots
-from estimator.formats.cameras import write_cameras
+from estimator.data.boards.board import Board
+from estimator.data.boards.calibrate import Calibration, calibrate
+from estimator.data.boards.shots import Shots
+from estimator.data.formats.cameras import write_cameras
 from kinemode.terminal.progress import Reporter
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.cues.assigned import AssignedPoints
 from estimator.cues.base import Past
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch

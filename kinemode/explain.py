@@ -10,15 +10,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.cues.base import Past, Shown
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.clip import Clip
+from estimator.data.observation import Observation
 from estimator.imaging.resolution import scaled_camera
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.likelihood.persons import persons_before
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES
-from estimator.media.clip import Clip
 from estimator.modes.origin import Family, Origin
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch

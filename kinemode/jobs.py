@@ -13,13 +13,13 @@ from typing import Any, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from estimator.data.observation import PoseEstimate
+from estimator.data.source import Cues
 from estimator.fitting import person
 from estimator.fitting.fit import Fit
-from estimator.imaging.observation import PoseEstimate
 from estimator.parallel.pool import checked_count
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.results.temporary_run import TemporaryFolder
-from estimator.sequences.source import Cues
 from estimator.smoothing import smooth_track
 from estimator.trackers.capabilities import HasEnergy, sharing
 from estimator.tracking.leaps import leap_note, leaps

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from estimator.cost.model import without_prior
-from estimator.formats.settings_file import load_settings, settings_text
+from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.likelihood.settings import CueSettings
 from estimator.tracking.idle_settings import (
     Idle,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from estimator.boards.board import CHARUCO, Board
-from estimator.cameras.camera import Camera
+from estimator.data.boards.board import CHARUCO, Board
+from estimator.data.cameras.camera import Camera
 
 _DETAIL = 40  # px of the print in a square
 _MARGIN = 1  # squares of white around it

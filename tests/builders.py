@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text
 from kinemode.testing import slope

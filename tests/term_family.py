@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from builders import BROWN, body_of, camera_at, observe, random_pose
 
-from estimator.cameras.camera import Camera, parallel_camera
 from estimator.cues.assigned import AssignedPoints, Assignments
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera, parallel_camera
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
 from estimator.terms.interpenetration import Interpenetration

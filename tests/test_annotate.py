@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
+from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
 from humanoid.subject.landmarks import COCO17, mirror_index
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front

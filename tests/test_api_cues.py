@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import kinemode
+from estimator.data.media.clip import Clip
 from estimator.likelihood.registry import CUES
-from estimator.media.clip import Clip
 from estimator.results.run_file import Run
 from estimator.trackers.css import CssSettings
 from humanoid.support.errors import InputError

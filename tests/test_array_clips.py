@@ -12,7 +12,7 @@ import pytest
 from tiny_clip import QUICK, tiny_clip
 
 import kinemode as km
-from estimator.media.clip import Clip
+from estimator.data.media.clip import Clip
 from tests.tiers import later
 
 pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning", "ignore::kinemode.FindingWarning")

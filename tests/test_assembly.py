@@ -11,7 +11,7 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.cost.model import CostModel
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import UNEXPLAINED, Belief
 from estimator.inference.beliefs.space import PLACEMENTS, Space, placements_of, points_of
 from estimator.modes.mixture import Mixture

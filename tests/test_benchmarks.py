@@ -12,7 +12,7 @@ import pytest
 from benchmarks import beam4cam, mocap, mocap_person, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
-from estimator.cameras.camera import guessed_camera
+from estimator.data.cameras.camera import guessed_camera
 from estimator.results.evaluation import LIMB_JOINTS
 from estimator.results.reference_motion import Reference
 from estimator.synthesis.motion_keys import MOTIONS

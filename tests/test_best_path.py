@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.best_path import best_path
 from estimator.modes.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch

@@ -8,7 +8,7 @@ from builders import body_of, camera_at, observe, random_pose
 from scipy.stats import multivariate_normal
 
 from estimator.cost.model import CostModel
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.search.budget import BudgetSettings, Source, allocated
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.volumes import Surroundings, importance_log_volumes

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.formats.bvh import read_bvh
+from estimator.data.formats.bvh import read_bvh
 from estimator.results.evaluation import limit_violations
 from estimator.synthesis import authored_motion
 from estimator.synthesis.mocap import CMU_UNIT, Mocap, load_mocap

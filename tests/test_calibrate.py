@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.boards.board import Board
-from estimator.boards.placement import R_WORLD_BOARD
-from estimator.cameras.camera import Camera
+from estimator.data.boards.board import Board
+from estimator.data.boards.placement import R_WORLD_BOARD
+from estimator.data.cameras.camera import Camera
 from kinemode import __main__ as front
 from tests.boards import held_before, rays_of, seen_by
 from tests.builders import BROWN, camera_at

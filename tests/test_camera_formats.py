@@ -14,8 +14,8 @@ import pytest
 import tomli_w
 
 from benchmarks.camera_files import toml_sections, write_pose2sim
-from estimator.cameras.camera import Camera, guessed_camera
-from estimator.formats.cameras import load_cameras, write_cameras
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.formats.cameras import load_cameras, write_cameras
 from humanoid.support.errors import InputError
 from tests.builders import BROWN, camera_at
 from tests.test_lens import LENSES, lens_camera

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera, guessed_camera
-from estimator.formats.cameras import load_cameras, write_cameras
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.formats.cameras import load_cameras, write_cameras
 from humanoid.support.errors import InputError
 
 

@@ -15,7 +15,7 @@ import pytest
 import tomli_w
 
 import kinemode
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from humanoid import Body, load_subject
 from kinemode import __main__ as front
 from kinemode import cli

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.media.clip import Clip
-from estimator.media.picture import read_picture
+from estimator.data.media.clip import Clip
+from estimator.data.media.picture import read_picture
 from humanoid.support.errors import InputError
 from humanoid.support.quiet import overheard
 

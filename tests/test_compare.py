@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.imaging.observation import PoseEstimate
+from estimator.data.observation import PoseEstimate
 from estimator.results.evaluation import HIPS, LIMB_JOINTS, mpjpe
 from estimator.results.reference_motion import Reference
 from estimator.results.trajectory_errors import FAR, far_px, trajectory_errors

@@ -11,8 +11,8 @@ import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.cost.model import CostModel
-from estimator.formats.checked_arrays import DamageError
-from estimator.imaging.observation import Observation
+from estimator.data.formats.checked_arrays import DamageError
+from estimator.data.observation import Observation
 from estimator.inference.chains.exchange import APART
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import Tracker

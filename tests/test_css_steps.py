@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe, random_pose
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.optimise.covariance import MAX_STD

@@ -13,7 +13,7 @@ import pytest
 from estimator.cues.assigned import AssignedPoints, assignments, isotropic
 from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher
 from estimator.cues.cue_picture import CuePicture
-from estimator.formats.cameras import load_cameras
+from estimator.data.formats.cameras import load_cameras
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.likelihood.registry import CUES
 from estimator.numerics.robust import LORENTZIAN

@@ -23,8 +23,8 @@ from estimator.cues.silhouette.foreground import (
     person_mask,
     silhouette_of,
 )
+from estimator.data.image_cues import ImageCues
 from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.resolution import scaled_camera
 from estimator.likelihood.ahead import ReadAhead
 from estimator.likelihood.reader import CueReader

@@ -18,8 +18,8 @@ from benchmarks import fuzz_judge, fuzz_readers
 from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
 from estimator.cues.silhouette.foreground import silhouette_of
-from estimator.formats.keypoints import load_keypoints
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.image_cues import ImageCues
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import make_tracker
 from humanoid.kinematics.body import Body

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
 from estimator.results.reference_motion import Reference
 from humanoid.support.errors import InputError
 from kinemode import demo

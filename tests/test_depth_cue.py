@@ -15,7 +15,7 @@ from estimator.cues.depth.cue import Depth, PersonPoints
 from estimator.cues.depth.floor import found_floor
 from estimator.cues.depth.matching import spread_over, surface_precision
 from estimator.cues.depth.person import nearest_thing
-from estimator.formats.cameras import load_cameras
+from estimator.data.formats.cameras import load_cameras
 from estimator.imaging.depth_map import Points
 from estimator.likelihood.image_likelihood import ImageModel
 from estimator.likelihood.reader import CueReader

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.media.depth_folder import DepthFolder
+from estimator.data.media.depth_folder import DepthFolder
 from humanoid.support.errors import InputError
 
 SIZE = (8, 6)

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.formats.keypoints import load_people
-from estimator.formats.people_file import write_people
-from estimator.media.clip import Clip
+from estimator.data.formats.keypoints import load_people
+from estimator.data.formats.people_file import write_people
+from estimator.data.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from kinemode.detection import detectors, environment, pythons

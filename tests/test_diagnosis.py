@@ -13,9 +13,9 @@ import pytest
 
 import kinemode as km
 from estimator.cost.model import CostModel, CostSettings
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import write_keypoints
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import write_keypoints
+from estimator.data.observation import Observation
 from estimator.results.diagnosis import FAR, Diagnosis, diagnose
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.synthesis import keypoints

@@ -129,8 +129,10 @@ def test_examples_need_the_door_alone(path: Path) -> None:
 
 
 def test_an_import_from_within_would_be_seen(tmp_path: Path) -> None:
-    (tmp_path / "a.py").write_text("import kinemode.jobs\nfrom estimator.cameras import camera\nimport numpy as np")
-    assert imported(tmp_path / "a.py") == {"kinemode.jobs", "estimator.cameras", "numpy"}
+    (tmp_path / "a.py").write_text(
+        "import kinemode.jobs\nfrom estimator.data.cameras import camera\nimport numpy as np"
+    )
+    assert imported(tmp_path / "a.py") == {"kinemode.jobs", "estimator.data.cameras", "numpy"}
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "kinemode" / "commands").glob("*.py")), ids=lambda path: path.stem)

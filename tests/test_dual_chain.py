@@ -11,9 +11,9 @@ import pytest
 
 import kinemode as km
 from estimator.cost.model import CostModel
-from estimator.formats.cameras import load_cameras
-from estimator.formats.checked_arrays import DamageError
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.checked_arrays import DamageError
+from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.search.mode_search import ModeSearch

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import kinemode as km
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.eigen_templates import eigen_space
 from estimator.imaging.foreground_rays import ray_places, seen_by_all
 from estimator.imaging.patches import CHANNELS, PatchView, patch_view, patches_at

@@ -16,10 +16,10 @@ from builders import body_of, camera_at, random_pose
 
 import kinemode as km
 from estimator.cues.cue_picture import Dots
-from estimator.formats.cameras import load_cameras
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.imaging.edge_histogram import SIDE, bin_count
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
 from estimator.imaging.person_view import ViewFrame, cut_out
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings

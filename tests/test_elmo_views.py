@@ -8,8 +8,8 @@ import pytest
 from builders import body_of
 
 from estimator.cues.depth.cue import PersonPoints
-from estimator.formats.cameras import load_cameras
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.image_cues import ImageCues
 from estimator.imaging.person_view import ViewFrame, square_transform
 from estimator.imaging.standing import standing_places
 from estimator.likelihood.reader import CueReader

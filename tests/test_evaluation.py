@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.formats.opensim import Coordinates, read_mot, write_mot
+from estimator.data.formats.opensim import Coordinates, read_mot, write_mot
 from estimator.results import evaluation
 from estimator.results.coordinates import opensim_coordinates
 from estimator.results.evaluation import LIMB_JOINTS, evaluate, evaluate_points, mpjpe, pa_mpjpe

@@ -14,11 +14,11 @@ from tiny_clip import QUICK
 
 import kinemode as km
 from benchmarks.crowd_files import write_mmpose
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.formats.keypoints_layouts import Reading
-from estimator.formats.keypoints_people import Person
-from estimator.people.everybody import everybody
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
+from estimator.data.formats.keypoints_layouts import Reading
+from estimator.data.formats.keypoints_people import Person
+from estimator.data.people.everybody import everybody
 from estimator.results.run_file import Run
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import wants_all

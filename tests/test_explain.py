@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.formats.packing import pack, unpack
+from estimator.data.formats.packing import pack, unpack
 from estimator.likelihood.reader import CueReader
 from estimator.modes.origin import Family
 from estimator.prediction.visibility import OUTER

@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 from test_run_file import header, state_of, walk
 
-from estimator.formats.opensim import read_mot
-from estimator.formats.reference import load_reference
+from estimator.data.formats.opensim import read_mot
+from estimator.data.formats.reference import load_reference
 from estimator.results.export import FORMATS, export
 from estimator.results.run_file import Run, RunWriter
 from humanoid.kinematics.body import Body

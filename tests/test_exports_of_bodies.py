@@ -15,9 +15,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from test_run_file import header, state_of, walk
 
-from estimator.formats.bvh import read_bvh
-from estimator.formats.bvh_text import write_bvh
-from estimator.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.bvh import read_bvh
+from estimator.data.formats.bvh_text import write_bvh
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.results.bvh_skeleton import bvh_motion, skeleton_of
 from estimator.results.run_file import Run, RunWriter
 from humanoid.kinematics.body import Body

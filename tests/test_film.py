@@ -15,8 +15,8 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from estimator.media.clip import Clip
-from estimator.media.film import FORMATS, write_film
+from estimator.data.media.clip import Clip
+from estimator.data.media.film import FORMATS, write_film
 from humanoid.support.errors import InputError
 
 COLOURS = np.array([(255, 0, 0), (0, 255, 0), (0, 0, 255), (128, 128, 128), (30, 120, 210), (200, 60, 150)], np.uint8)

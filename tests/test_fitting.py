@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
+from estimator.data.observation import Observation
 from estimator.fitting.fit import Fit
 from estimator.fitting.lengths import LengthsEnergy, chosen_frames
 from estimator.fitting.person import fit_person
 from estimator.fitting.settings import FitSettings
-from estimator.imaging.observation import Observation
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe, random_pose
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing import FixedLag, SmoothSettings, fixed_lag, smooth_track
 from estimator.smoothing.chain import Chain

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.formats.keypoints import load_keypoints, write_keypoints
-from estimator.media.picture import WRITTEN, write_picture
+from estimator.data.formats.keypoints import load_keypoints, write_keypoints
+from estimator.data.media.picture import WRITTEN, write_picture
 from estimator.results.run_file import Run, RunWriter
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -156,8 +156,8 @@ ON_A_SMALL_DISK = """
 import sys
 from pathlib import Path
 import numpy as np
-from estimator.media.film import write_film
-from estimator.media.picture import write_picture
+from estimator.data.media.film import write_film
+from estimator.data.media.picture import write_picture
 from estimator.results.run_store import create_store
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError

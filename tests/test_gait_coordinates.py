@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from builders import bent, body_of, random_pose
 
-from estimator.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.results.gait_coordinates import GAIT_MODELS, continuous_turns, gait_coordinates, turn_about
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

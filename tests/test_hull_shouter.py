@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.limb_detectors import RATES, instant_rates, right
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of, points_of
 from estimator.limbs.features import PERSON, SCENE
 from estimator.limbs.left_over import LeftOver

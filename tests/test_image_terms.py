@@ -17,7 +17,7 @@ from estimator.cues.edges.matching import search_edges
 from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.cues.flow.point_flow import follow_points
 from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.likelihood.settings import ImageSettings
 from estimator.numerics.robust import LECLERC, LORENTZIAN

@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.agreement import agreement
+from estimator.data.cameras.camera import Camera
+from estimator.data.clock_offsets import likely_offsets
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.media.clip import Clip, ClipReport
+from estimator.data.media.film import write_film
+from estimator.data.resampling import at_places
+from estimator.data.timing import CameraClock, clip_clock, keypoint_clock, timeline
 from estimator.imaging.resolution import resized_camera, same_aspect
-from estimator.media.clip import Clip, ClipReport
-from estimator.media.film import write_film
-from estimator.sequences.agreement import agreement
-from estimator.sequences.clock_offsets import likely_offsets
-from estimator.sequences.resampling import at_places
-from estimator.sequences.timing import CameraClock, clip_clock, keypoint_clock, timeline
 from humanoid.support.errors import InputError
 from kinemode.inputs import load as load_module
 from kinemode.inputs.declared import Declared

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.media.clip import Clip
+from estimator.data.media.clip import Clip
 from estimator.results.run_file import Run
 from estimator.results.run_header import RunHeader
 from humanoid.support.errors import InputError

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from builders import BROWN, bent, body_of, camera_at, inside, observe, random_pose
 
-from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.modes.merge import body_size
 from estimator.optimise.covariance import mode_covariance
 from estimator.optimise.seek import Seeker

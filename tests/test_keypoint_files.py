@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
+from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, load_people, write_keypoints
 from humanoid.subject.landmarks import COCO17
 from humanoid.support.errors import InputError
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import guessed_camera
-from estimator.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-from estimator.sequences.sequence import assemble, keypoint_jitter
-from estimator.sequences.timing import length_notes
+from estimator.data.cameras.camera import guessed_camera
+from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
+from estimator.data.sequence import assemble, keypoint_jitter
+from estimator.data.timing import length_notes
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17, FORMATS, landmark_name, landmark_spread, mirror_index
 from humanoid.subject.subject import load_subject

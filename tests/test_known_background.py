@@ -12,8 +12,8 @@ import pytest
 from estimator.cues.silhouette.background import KnownBody
 from estimator.cues.silhouette.cue import Outline
 from estimator.cues.silhouette.foreground import SilhouetteSettings, foreground_mask, learn_background, silhouette_of
+from estimator.data.image_cues import ImageCues
 from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.known_person import KnownPerson
 from estimator.imaging.limbs import Limbs, limbs_of
 from estimator.likelihood.persons import persons_before

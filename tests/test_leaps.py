@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.formats.packing import pack, unpack
-from estimator.imaging.observation import Observation
+from estimator.data.formats.packing import pack, unpack
+from estimator.data.observation import Observation
 from estimator.synthesis.crowd import placed
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.leaps import FASTEST, LastFrame, LeapCheck, leap_note, leaps

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera
-from estimator.cameras.projection import (
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.projection import (
     add_projection_curvature,
     pack_cameras,
     project_point,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.limb_ik import cameras, p_value
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.jumps.descent import placed

@@ -10,7 +10,7 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 
 from estimator.cost.model import CostModel
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
 from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs

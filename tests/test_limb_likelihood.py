@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.limb_pictures import moved_away
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.limbs.features import FEATURES, _outlined, cone_of
 from estimator.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView, limb_view
 from estimator.limbs.models import SHIPPED, load_models, shipped_models

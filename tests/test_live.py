@@ -19,8 +19,8 @@ from builders import bent, body_of, camera_at
 from tiny_clip import QUICK
 
 import kinemode as km
-from estimator.media.clip import Clip
-from estimator.media.film import write_film
+from estimator.data.media.clip import Clip
+from estimator.data.media.film import write_film
 from estimator.results.run_file import RunWriter
 from estimator.trackers.frame_result import FrameResult
 from kinemode.detection.detectors import Wanted

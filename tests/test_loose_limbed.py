@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_runs import true_state
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import Box
 from estimator.inference.beliefs.space import PLACEMENTS

@@ -10,9 +10,9 @@ import pytest
 from builders import MULTIPLIER, OFFSET, camera_at, gripper
 
 import kinemode as km
+from estimator.data.formats.opensim import read_mot
 from estimator.fitting.body_energy import _gathered
 from estimator.fitting.contour_points import PointLoads
-from estimator.formats.opensim import read_mot
 from estimator.terms.point_targets import PointTargets
 from estimator.terms.points import LoadedPoints, accumulate_points
 from humanoid import Body, InputError, load_subject

@@ -14,7 +14,7 @@ from builders import bent, body_of, camera_at, inside, observe, random_pose
 from scipy.stats import chi2
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.observation import Observation, PoseEstimate
+from estimator.data.observation import Observation, PoseEstimate
 from estimator.modes.merge import best_distinct, bhattacharyya, body_size
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose

@@ -11,8 +11,8 @@ import pytest
 from builders import MULTIPLIER, OFFSET, body_of, gripper, random_pose
 from osim_reader import OsimModel, numbers, offset
 
-from estimator.formats.opensim import R_OPENSIM_WORLD, read_mot, write_mot
-from estimator.formats.osim import body_xyz, component_name, write_osim
+from estimator.data.formats.opensim import R_OPENSIM_WORLD, read_mot, write_mot
+from estimator.data.formats.osim import body_xyz, component_name, write_osim
 from estimator.results.coordinates import opensim_coordinates
 from estimator.results.opensim_model import opensim_model
 from estimator.results.segment_masses import ADULT, LEAST, flesh_of

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera, guessed_camera
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.cues.silhouette.foreground import silhouette_of
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.outline_kernels import project_limb
 from estimator.likelihood.outline_values import OutlineLikelihood, OutlineSettings
 from humanoid.kinematics.body import Body

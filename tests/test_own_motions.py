@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.formats.motion_table import read_motion_table
+from estimator.data.formats.motion_table import read_motion_table
 from estimator.results.export import export
 from estimator.results.run_file import Run
 from estimator.synthesis.motion_file import motion_of

@@ -11,12 +11,17 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera, parallel_camera
-from estimator.cameras.epipolar import Rays, essential_matrix
-from estimator.cameras.projection import add_projection_curvature, pack_cameras, project_point, project_with_jacobian
-from estimator.formats.cameras import load_cameras, write_cameras
-from estimator.formats.cameras_json import camera_from_json, camera_to_json
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.cameras.camera import Camera, parallel_camera
+from estimator.data.cameras.epipolar import Rays, essential_matrix
+from estimator.data.cameras.projection import (
+    add_projection_curvature,
+    pack_cameras,
+    project_point,
+    project_with_jacobian,
+)
+from estimator.data.formats.cameras import load_cameras, write_cameras
+from estimator.data.formats.cameras_json import camera_from_json, camera_to_json
+from estimator.data.formats.keypoints import load_keypoints
 from estimator.imaging.patches import patch_view
 from estimator.imaging.undistortion import undistortion_maps
 from estimator.prediction.prediction import Prediction, Predictor

@@ -12,15 +12,15 @@ import pytest
 from builders import BROWN, body_of, camera_at
 
 from benchmarks.crowd_files import write_mmpose, write_openpose
-from estimator.cameras.camera import Camera
-from estimator.cameras.epipolar import meeting_points
-from estimator.formats import people_tracks
-from estimator.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.formats.keypoints_layouts import Reading
-from estimator.formats.keypoints_people import Person
-from estimator.formats.people_tracks import link
-from estimator.people.across_cameras import subject_tracks
-from estimator.people.groups import grouped, settled
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.epipolar import meeting_points
+from estimator.data.formats import people_tracks
+from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
+from estimator.data.formats.keypoints_layouts import Reading
+from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.people_tracks import link
+from estimator.data.people.across_cameras import subject_tracks
+from estimator.data.people.groups import grouped, settled
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import PIVOT, REACH, TURN_REACH

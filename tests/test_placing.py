@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera, camera_before, guessed_camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.cameras.camera import Camera, camera_before, guessed_camera
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
 from tests.builders import body_of

@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.cameras.camera import Camera, parallel_camera
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.cameras.camera import Camera, parallel_camera
+from estimator.data.image_cues import ImageCues
 from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian

@@ -11,7 +11,7 @@ from builders import body_of
 from made_runs import made_run
 
 import kinemode as km
-from estimator.cameras.camera import guessed_camera
+from estimator.data.cameras.camera import guessed_camera
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from viz.pictures.painter import BodyPainter, camera_view

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from humanoid import Body, load_subject
 from tests.test_viz import commands, moving_scene
 from tests.waiting import until

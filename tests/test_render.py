@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
 from estimator.results.reference_motion import Reference
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
 from humanoid.kinematics.body import Body

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.media.clip import Clip
+from estimator.data.media.clip import Clip
 from estimator.results.ranges import ranges_of_motion
 from estimator.synthesis import ViewSettings
 from humanoid.subject.subject import load_subject

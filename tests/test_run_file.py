@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.cameras.camera import guessed_camera
-from estimator.formats.packing import pack, unpack
-from estimator.imaging.observation import Observation, PoseEstimate
+from estimator.data.cameras.camera import guessed_camera
+from estimator.data.formats.packing import pack, unpack
+from estimator.data.observation import Observation, PoseEstimate
 from estimator.results.export import export_arrays
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult

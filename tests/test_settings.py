@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.formats.settings_file import load_settings, settings_text
+from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.likelihood.settings import idle_rules
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import TRACKERS, settings_for

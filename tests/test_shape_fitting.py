@@ -12,10 +12,12 @@ import pinocchio as pin
 import pytest
 from builders import SUBJECTS, bent, body_of, camera_at, inside
 
-from estimator.cameras.camera import Camera
 from estimator.cost.model import CostSettings
 from estimator.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.fitting import flesh
 from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
 from estimator.fitting.descent import descend
@@ -25,8 +27,6 @@ from estimator.fitting.person import fit_person
 from estimator.fitting.settings import DescentSettings, FitSettings, FleshSettings
 from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world

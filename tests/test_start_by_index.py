@@ -14,8 +14,8 @@ import pytest
 import kinemode as km
 from benchmarks.beginnings import WITHIN, begun, verdict
 from benchmarks.elmo_recovery import LONGEST, SHORTEST, spans
-from estimator.formats.cameras import load_cameras
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.modes.mixture import mixture_of

@@ -11,8 +11,8 @@ from builders import body_of, camera_at, observe
 from tiny_clip import FEW_STARTS, QUICK, tiny_clip
 
 import kinemode as km
-from estimator.cameras.camera import Camera
-from estimator.media.clip import Clip
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.clip import Clip
 from estimator.smoothing import FixedLag, SmoothSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import make_tracker, settings_for

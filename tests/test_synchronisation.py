@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import write_keypoints
-from estimator.sequences.lags import Lags
-from estimator.sequences.moving_rays import at_times, averaged
-from estimator.sequences.synchronisation import Synchrony, synchronised
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import write_keypoints
+from estimator.data.lags import Lags
+from estimator.data.moving_rays import at_times, averaged
+from estimator.data.synchronisation import Synchrony, synchronised
 from estimator.synthesis.detector import keypoints
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.motion_keys import TURN_REACH

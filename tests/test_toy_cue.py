@@ -15,7 +15,7 @@ import pytest
 import kinemode
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from estimator.formats.cameras import load_cameras
+from estimator.data.formats.cameras import load_cameras
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.likelihood.registry import CUES, register
 from humanoid.kinematics.body import Body

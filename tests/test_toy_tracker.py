@@ -15,8 +15,8 @@ import pytest
 import kinemode as km
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
-from estimator.formats.cameras import load_cameras
-from estimator.imaging.observation import Observation
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.results.run_file import Run

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe, random_pose
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for

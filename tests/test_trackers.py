@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, inside, observe
 
-from estimator.formats.packing import pack, unpack
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
+from estimator.data.formats.packing import pack, unpack
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import State, Tracker

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, authored_motion, framing_cameras

@@ -11,7 +11,7 @@ import pytest
 from trimesh import Trimesh
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.prediction.prediction import Prediction, Predictor
 from estimator.prediction.view import GAP, JOINED
 from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE

@@ -20,8 +20,8 @@ import pinocchio as pin
 import pytest
 import umsgpack
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from humanoid import Body, InputError, load_subject

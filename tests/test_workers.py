@@ -13,8 +13,9 @@ import pytest
 
 import kinemode as km
 from estimator.cost.model import CostModel
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.sequence import assemble
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
 from estimator.optimise.solution import StepCounts
@@ -24,7 +25,6 @@ from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
-from estimator.sequences.sequence import assemble
 from estimator.trackers.capabilities import HasEnergy, sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.spec import Spec
 from estimator.tracking.registry import register

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from estimator.cues.cue_picture import Area, Colour, CuePicture, Dots, Lines, dimmed
-from estimator.media.picture import write_picture
+from estimator.data.media.picture import write_picture
 from estimator.prediction.prediction import Prediction
 from estimator.prediction.visibility import BACK_FACING, OCCLUDED, OUTSIDE, VISIBLE
 from humanoid.support.errors import InputError

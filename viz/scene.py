@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.media.clip import Clip
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.clip import Clip
 from estimator.results.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.numerics.robust import POTENTIALS

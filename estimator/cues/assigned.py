@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.cues.assigned_loads import assigned_loads, assigned_values, group_by_point, in_order, value_here
+from estimator.data.cameras.camera import Camera
 from estimator.numerics.robust import LORENTZIAN
 from estimator.terms.points import LoadedPoints, accumulate_points
 from estimator.terms.term import BatchTerm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.projection import add_projection_curvature, project_point, project_with_jacobian
+from estimator.data.cameras.projection import add_projection_curvature, project_point, project_with_jacobian
 from estimator.numerics.robust import rho
 from estimator.terms.points import to_world
 from estimator.terms.reprojection import BEHIND

@@ -13,12 +13,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.cues.cue_picture import CuePicture
 from estimator.cues.settings import SurfaceSettings
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
 from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
-from estimator.imaging.image_cues import ImageCues
 from estimator.prediction.prediction import Prediction, Predictor
 from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody

@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cues.assigned import nothing
+from estimator.data.observation import Observation
 from estimator.fitting.contour_points import ContourPoints, PointLoads
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.imaging.observation import Observation
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
 from estimator.likelihood.settings import ImageSettings
 from humanoid.collision.self_collision import SelfCollision

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.cues.assigned import Assignments
 from estimator.cues.assigned_loads import assigned_loads
+from estimator.data.cameras.camera import Camera
 from estimator.prediction.prediction import Contours
 from humanoid.kinematics.body import PosedBody
 

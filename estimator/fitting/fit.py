@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.imaging.observation import Observation, PoseEstimate
+from estimator.data.observation import Observation, PoseEstimate
 from humanoid.subject.subject import Subject
 
 

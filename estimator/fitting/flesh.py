@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.cost.model import CostSettings
+from estimator.data.observation import Observation
+from estimator.data.source import Cues
 from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
 from estimator.fitting.descent import covariance_at, descend
 from estimator.fitting.fit import Fit, ShapeFit
 from estimator.fitting.settings import FitSettings
 from estimator.fitting.shape_parameters import OF_PART
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.imaging.observation import Observation
 from estimator.likelihood.registry import cues_of
-from estimator.sequences.source import Cues
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

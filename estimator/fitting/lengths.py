@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cost.model import CostModel, CostSettings
+from estimator.data.observation import Observation
 from estimator.fitting.descent import bounded_step
 from estimator.fitting.fit import Fit
 from estimator.fitting.settings import FitSettings
-from estimator.imaging.observation import Observation
 from estimator.optimise.covariance import free_directions, mode_covariance
 from estimator.optimise.newton import NewtonSettings, Problem, Step, minimise
 from estimator.optimise.seek import Seeker, SeekSettings

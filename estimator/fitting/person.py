@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from estimator.cost.model import CostSettings
+from estimator.data.observation import Observation
+from estimator.data.source import Cues
 from estimator.fitting.fit import Fit
 from estimator.fitting.flesh import fit_flesh
 from estimator.fitting.lengths import fit_lengths
 from estimator.fitting.settings import FitSettings
-from estimator.imaging.observation import Observation
-from estimator.sequences.source import Cues
 from estimator.tracking.registry import Settings
 from humanoid.subject.subject import Subject
 

@@ -8,13 +8,13 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.clip import Clip
+from estimator.data.media.depth_folder import DepthFolder
+from estimator.data.media.picture import read_picture
+from estimator.data.media.threads import one_thread
 from estimator.imaging.known_person import KnownPerson
 from estimator.imaging.resolution import scaled_camera
-from estimator.media.clip import Clip
-from estimator.media.depth_folder import DepthFolder
-from estimator.media.picture import read_picture
-from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 
 _SAME_STEP = 0.1  # share of the usual step from one picture to the next that a step may differ by, to be followed
@@ -42,7 +42,7 @@ class CameraPictures:
     masks: a folder of images or a video, white on the person, or None. plate: a picture of the empty scene, or None.
     frames: the number of the clip's frame at each instant (T,), or None where that is the instant's.
     person: where keypoints say that the person is, or None.
-    depth: a folder of depth pictures, one for every frame of the clip (`estimator.media.depth_folder`), or None.
+    depth: a folder of depth pictures, one for every frame of the clip (`estimator.data.media.depth_folder`), or None.
 
     Raises
     ------

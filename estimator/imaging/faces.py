@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 from humanoid.support.errors import InputError
 
 FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")

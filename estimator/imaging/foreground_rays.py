@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cameras.projection import project_point
+from estimator.data.cameras.projection import project_point
 from estimator.imaging.patches import PatchView
 from humanoid.support.compiled import jit
 

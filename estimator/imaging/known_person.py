@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.limbs import Limbs, limbs_of
 from estimator.imaging.resolution import resized_pixels
 from humanoid.kinematics.body import Body

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 

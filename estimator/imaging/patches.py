@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.cameras.projection import project_point
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.projection import project_point
 from humanoid.support.compiled import jit
 
 CHANNELS = 2

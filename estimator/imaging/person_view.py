@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.threads import one_thread
 from estimator.imaging.edge_histogram import SIDE, edge_histogram
-from estimator.media.threads import one_thread
 
 
 @dataclass(frozen=True)

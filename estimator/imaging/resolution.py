@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints import KeypointTrack
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
 from humanoid.support.errors import InputError
 
 Size = tuple[int, int]

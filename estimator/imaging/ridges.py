@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 
 SCALES = (3.0, 4.7, 7.3, 11.5, 18.0)
 """Standard deviations of the Gaussians [px]: half the widths of limbs in pictures of 300 to 1000 px."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from estimator.data.media.threads import one_thread
 from estimator.imaging.mask_box import box_about
 from estimator.imaging.skin_kernels import mark_skin, shares_of_colours
-from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 

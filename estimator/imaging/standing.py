@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.media.threads import one_thread
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.threads import one_thread
 
 LEAST_SHARE = 0.2  # of the picture's height, of a person who is told from a part of one: an arm that alone has moved
 _HEAD = 0.06  # of the height, to either side of the middle: where the head is, and no raised arm

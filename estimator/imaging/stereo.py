@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.threads import one_thread
 from estimator.imaging.undistortion import undistortion_maps
-from estimator.media.threads import one_thread
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 

@@ -1,1 +1,1 @@
-"""Particles, resampling, annealing, clusters: knows neither bodies nor images."""
+"""Particles, annealing, walks, clusters; modes, mixtures of them and paths through them. Knows no image."""

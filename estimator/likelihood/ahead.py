@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.reader import CueReader
 
 

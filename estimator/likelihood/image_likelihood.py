@@ -8,7 +8,7 @@ from typing import Any
 from estimator.cues.assigned import AssignedPoints, Assignments, nothing, value_of
 from estimator.cues.base import CameraView, ContourMatch, Matcher, Past, Shown
 from estimator.cues.cue_picture import CuePicture
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.registry import cues_of
 from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.prediction.prediction import Prediction, Predictor

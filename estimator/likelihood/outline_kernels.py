@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from estimator.cameras.lens import is_parallel
-from estimator.cameras.projection import in_camera, parallel_pixel, project_from_camera
+from estimator.data.cameras.lens import is_parallel
+from estimator.data.cameras.projection import in_camera, parallel_pixel, project_from_camera
 from humanoid.support.compiled import jit
 
 INNER, OUTER = 0.55, 1.6  # in half-widths from the axis: where a limb is asked for, and where it should end

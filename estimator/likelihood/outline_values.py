@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.cues.edges.edge_map import EdgeMap
 from estimator.cues.silhouette.foreground import Silhouette
-from estimator.imaging.image_cues import ImageCues
+from estimator.data.image_cues import ImageCues
 from estimator.likelihood.outline_kernels import outline_values
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.limbs.limb import LimbGraph, limbs_on_joints, limbs_placed

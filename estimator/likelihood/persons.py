@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.known_person import KnownPerson, known_persons
 from estimator.likelihood.registry import CUES
 from estimator.likelihood.settings import CueSettings

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+from estimator.data.media.clip import Clip
 from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.image_cues import ImageCues
 from estimator.imaging.known_person import KnownPerson
 from estimator.likelihood.registry import CUES
 from estimator.likelihood.settings import CueSettings
-from estimator.media.clip import Clip
 
 
 class CueReader:
@@ -26,7 +26,7 @@ class CueReader:
     frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
     persons: for each camera where keypoints say that the person is, or None (`estimator.imaging.known_person`).
     rights: for each camera the number of the one to its right that makes a stereo pair with it, or None.
-    depths: for each camera a folder of depth pictures (`estimator.media.depth_folder`), or None.
+    depths: for each camera a folder of depth pictures (`estimator.data.media.depth_folder`), or None.
 
     Attributes
     ----------

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cameras.projection import project_point
+from estimator.data.cameras.projection import project_point
 from estimator.imaging.ridges import Ridges
 from humanoid.limbs.limb import Limb
 from humanoid.support.compiled import jit
@@ -55,7 +55,7 @@ def _outlined(cone, t, R, camera, across, points, size):  # type: ignore[no-unty
     vector across the axis to the first side. Returns half the mean width [px], negative where the picture, of size (2,)
     height and width, shows less than half of the axis.
 
-    cone (6,): see `cone_of`. t (3,), R (3, 3): the limb in the world. camera: see `estimator.cameras.projection`.
+    cone (6,): see `cone_of`. t (3,), R (3, 3): the limb in the world. camera: see `estimator.data.cameras.projection`.
     The sides are those points of each elliptic section that lie farthest across the line of sight.
     """
     intrinsics, lens, R_camera, t_camera = camera

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.limbs.likelihood import LimbView, limb_view
 
 SILHOUETTE = "silhouette"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.cameras.projection import in_camera, pack_cameras, project_point
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.projection import in_camera, pack_cameras, project_point
+from estimator.data.observation import Observation
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.numerics.robust import POTENTIALS, rho
 from estimator.terms.reprojection import BEHIND
@@ -102,7 +102,7 @@ def _add_evidence(t, R, place, spread, keypoints, cameras, kind, nu, exchange, t
     frame, whose variance there is spread (M,) [m^2].
 
     keypoints (C, 2, M, 4): u, v [px], weight, variance [px^2], as detected and exchanged. cameras (4,):
-    see `estimator.cameras.projection.pack_cameras`.
+    see `estimator.data.cameras.projection.pack_cameras`.
     """
     detected = -math.log(1.0 + math.exp(-exchange))
     energy = np.empty(2)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.ridges import Ridges, ridges_of
 from estimator.limbs.features import CUES, FEATURES, PERSON, UNKNOWN, add_ratios, cone_of, maps_of, measured
 from estimator.limbs.models import LimbModels, shipped_models

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
+from estimator.data.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
 from estimator.limbs.features import CUES, FEATURES
 from estimator.limbs.gibbs import Gibbs, all_pairs, log_marginal
 from humanoid.support.atomic import replacing

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
+from estimator.data.formats.checked_json import mapping, member, numbers, read_json, sequence, shaped
 from estimator.inference.beliefs.learning import TURNS, RelativePlacements
 from estimator.inference.beliefs.space import PLACEMENTS
 from humanoid.kinematics.body import Body

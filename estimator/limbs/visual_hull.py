@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from estimator.cameras.projection import project_point
+from estimator.data.cameras.projection import project_point
 from estimator.limbs.features import PERSON, UNKNOWN
 from estimator.limbs.likelihood import LimbView
 from humanoid.support.compiled import jit
@@ -89,7 +89,7 @@ def _count(points, reach, border, camera, foreground, away, shown, hits, misses)
     """Count in shown, hits and misses (N,) whether one view shows points (N, 3) [m], and the person within `reach` [m]
     of them; those that it shows no more, but what is within `border` [m], are not missed.
 
-    foreground (H, W); away (H, W): see `_away`; camera: see `estimator.cameras.projection`."""
+    foreground (H, W); away (H, W): see `_away`; camera: see `estimator.data.cameras.projection`."""
     intrinsics, lens, R, t = camera
     height, width = foreground.shape
     for n in range(points.shape[0]):

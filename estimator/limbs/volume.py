@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from humanoid.support.errors import InputError
 
 _NEAREST = 0.3  # m from a camera

@@ -1,1 +1,2 @@
-"""Numbers alone: knows neither body nor image."""
+"""Numbers alone: robust potentials, rigid alignment, linear systems, rotations, distances between points, and a pool of
+worker processes with the memory they share. Knows neither body nor image."""

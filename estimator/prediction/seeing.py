@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from estimator.cameras.lens import is_parallel
-from estimator.cameras.projection import AWAY, project_point, project_with_jacobian
+from estimator.data.cameras.lens import is_parallel
+from estimator.data.cameras.projection import AWAY, project_point, project_with_jacobian
 from estimator.terms.points import to_world, turn
 from humanoid.support.compiled import jit
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.lens import is_parallel
+from estimator.data.cameras.lens import is_parallel
 from estimator.prediction.seeing import see_nodes, see_points
 from estimator.prediction.visibility import (
     classify_contours,

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from estimator.cameras.projection import nearness as nearness_at
+from estimator.data.cameras.projection import nearness as nearness_at
 from humanoid.support.compiled import jit
 
 VISIBLE, BACK_FACING, OCCLUDED, OUTSIDE = 0, 1, 2, 3
@@ -42,7 +42,7 @@ def frame_buffer(pixels, depth, fineness, frame):  # type: ignore[no-untyped-def
 @jit
 def fill_buffer(pixels, depth, part, faces, parallel, frame, nearness, owner):  # type: ignore[no-untyped-def]
     """Draw the front-facing triangles: nearness (rows, columns) the largest 1 / depth (of a parallel camera, see
-    `estimator.cameras.projection.nearness`), owner (rows, columns) its part or -1.
+    `estimator.data.cameras.projection.nearness`), owner (rows, columns) its part or -1.
 
     pixels (N, 2) [px], depth (N,) [m], part (N,): of the vertices. faces (F, 3). parallel: whether the
     camera is. frame (3,): see `frame_buffer`.

@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from estimator.formats.bvh import END_SITE, BvhMotion
-from estimator.formats.opensim import R_OPENSIM_WORLD, frame_rate
+from estimator.data.formats.bvh import END_SITE, BvhMotion
+from estimator.data.formats.opensim import R_OPENSIM_WORLD, frame_rate
 from humanoid.kinematics.body import Body
 
 CENTIMETRES = 100.0

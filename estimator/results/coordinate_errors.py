@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.formats.opensim import Coordinates
+from estimator.data.formats.opensim import Coordinates
 from estimator.results.coordinates import JointEntry, joint_entries
 from estimator.results.joint_angle import ONE_NUMBER, joint_value
 from humanoid.kinematics.body import Body

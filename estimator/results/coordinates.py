@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.formats.opensim import R_OPENSIM_WORLD
-from estimator.formats.osim import component_name
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.osim import component_name
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_TURNS, joint_names
 

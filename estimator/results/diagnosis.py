@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.results.run_file import Run
 from estimator.search.association import EXCHANGED
 from humanoid.subject.landmarks import mirror_index

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.bvh_text import write_bvh
-from estimator.formats.c3d import Channels, write_c3d
-from estimator.formats.opensim import write_mot, write_trc
-from estimator.formats.osim import write_osim
+from estimator.data.formats.bvh_text import write_bvh
+from estimator.data.formats.c3d import Channels, write_c3d
+from estimator.data.formats.opensim import write_mot, write_trc
+from estimator.data.formats.osim import write_osim
 from estimator.results.bvh_skeleton import bvh_motion
 from estimator.results.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
 from estimator.results.gait_coordinates import GAIT_MODELS, gait_coordinates

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from estimator.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.results.coordinates import turns_zxy, unwrapped
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

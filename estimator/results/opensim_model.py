@@ -13,8 +13,19 @@ from itertools import takewhile
 import numpy as np
 import pinocchio as pin
 
-from estimator.formats.opensim import R_OPENSIM_WORLD
-from estimator.formats.osim import GROUND, Axis, Coupling, Joint, Marker, Model, Place, Segment, Shape, component_name
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.osim import (
+    GROUND,
+    Axis,
+    Coupling,
+    Joint,
+    Marker,
+    Model,
+    Place,
+    Segment,
+    Shape,
+    component_name,
+)
 from estimator.results.coordinates import JointEntry, joint_entries, opensim_names
 from estimator.results.segment_masses import Mass, flesh_of, links_of, segment_masses
 from humanoid.kinematics.body import Body

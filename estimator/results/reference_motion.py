@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.formats.opensim import Coordinates
-from estimator.formats.reference import load_reference
+from estimator.data.formats.opensim import Coordinates
+from estimator.data.formats.reference import load_reference
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,6 @@ class Reference:
 
     @staticmethod
     def load(path: str | Path) -> Reference:
-        """The reference in a file; see `estimator.formats.reference.load_reference` for kinds and errors."""
+        """The reference in a file; see `estimator.data.formats.reference.load_reference` for kinds and errors."""
         stored = load_reference(path)
         return Reference(stored.names, stored.points, stored.time, stored.coordinates)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.formats.checked_arrays import (
+from estimator.data.formats.checked_arrays import (
     DamageError,
     Field,
     check_arrays,
@@ -18,7 +18,7 @@ from estimator.formats.checked_arrays import (
     sizes_of,
     those_there,
 )
-from estimator.formats.packing import valid_text
+from estimator.data.formats.packing import valid_text
 from estimator.modes.origin import PREFIX, families
 from estimator.trackers.frame_result import check_extra
 from humanoid.kinematics.body import Body

@@ -13,8 +13,8 @@ from types import TracebackType
 
 import numpy as np
 
-from estimator.formats.packing import pack, unpack
-from estimator.imaging.observation import Observation
+from estimator.data.formats.packing import pack, unpack
+from estimator.data.observation import Observation
 from estimator.results import run_store
 from estimator.results.run_checks import EXTRA
 from estimator.results.run_header import RunHeader, with_findings

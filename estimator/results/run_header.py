@@ -9,9 +9,9 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras_json import camera_from_json, camera_to_json, image_size
-from estimator.formats.checked_json import mapping, member, numbers, sequence
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras_json import camera_from_json, camera_to_json, image_size
+from estimator.data.formats.checked_json import mapping, member, numbers, sequence
 from estimator.tracking.registry import TRACKERS, stored_settings
 from humanoid.support.errors import InputError
 

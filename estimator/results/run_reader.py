@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.formats.packing import unpack
-from estimator.imaging.observation import Observation, PoseEstimate
+from estimator.data.formats.packing import unpack
+from estimator.data.observation import Observation, PoseEstimate
 from estimator.modes.origin import Origins, families
 from estimator.results import run_store
 from estimator.results.calibration import Calibration

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.results.evaluation import mpjpe
 
 FAR = 0.25

@@ -1,1 +1,2 @@
-"""From hypotheses to the modes of a frame: starts, proposals, kinematic jumps, and their searches in a worker pool."""
+"""From hypotheses to the modes of a frame: starts, the energy that is searched in, and searches in a pool of
+workers."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.limbs.left_over import LeftOver
 from estimator.modes.merge import best_distinct

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.projection import project_with_jacobian
+from estimator.data.cameras.projection import project_with_jacobian
 from humanoid.support.compiled import jit
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.search.frame_search import FrameCase
 from estimator.search.from_examples import example_modes

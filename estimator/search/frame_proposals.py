@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.frame_search import FrameCase

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.cues.silhouette.cue import Outline
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points

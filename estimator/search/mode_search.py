@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from estimator.cost.model import CostModel
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import best_distinct, body_size
 from estimator.modes.mixture import Mixture, mixture_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.search.feature_kernels import pixel_jacobians
 from estimator.search.jumps.anatomy import Anatomy
 from humanoid.kinematics.body import Body, PlacedBodies, points_of_each, points_on_links

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters

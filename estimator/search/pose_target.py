@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.steps import Reach, Steps

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from estimator.cost.model import CostModel, CostSettings
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.likelihood.settings import CueSettings
 from estimator.parallel.pool import checked_count, worker_pool
 from estimator.search.association import Association

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from estimator.cost.model import CostModel, image_extent
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.imaging.faces import FaceDetector, Faces, face_of_keypoints, skin_points
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
 from estimator.imaging.resolution import resized_pixels
 from estimator.imaging.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.inference.chains.evidence import Detections

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body, points_in_world
 
 HEADINGS = 12

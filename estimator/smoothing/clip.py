@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
+from estimator.data.source import Cues, Progress
 from estimator.modes.best_path import best_path
 from estimator.modes.motion import MotionPrior
 from estimator.optimise.contact import separate
 from estimator.optimise.solution import STALLED, Solution
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
-from estimator.sequences.source import Cues, Progress
 from estimator.smoothing.chain import REACH, Chain
 from estimator.smoothing.frames import frame_costs, frame_energies, only
 from estimator.smoothing.renewal import Renewal, Trajectory

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.chain import REACH, Chain

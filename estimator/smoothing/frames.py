@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.ties import Ties, ties_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.chain import REACH, Chain

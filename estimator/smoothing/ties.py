@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimator.cameras.projection import project_with_jacobian
 from estimator.cues.assigned import AssignedPoints
+from estimator.data.cameras.projection import project_with_jacobian
 from estimator.numerics.robust import rho
 from estimator.terms.points import to_world
 from estimator.terms.reprojection import BEHIND

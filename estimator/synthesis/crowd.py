@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints_people import Person
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints_people import Person
 from estimator.synthesis.detector import keypoints
 from humanoid.kinematics.body import ROOT_Q, Body
 

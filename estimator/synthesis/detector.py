@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints import KeypointTrack
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17, landmark_spread
 

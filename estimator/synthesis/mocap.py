@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from estimator.formats.bvh import BvhMotion, read_bvh
+from estimator.data.formats.bvh import BvhMotion, read_bvh
 from humanoid.support.errors import InputError
 
 CMU_UNIT = 0.0254 / 0.45  # [m]

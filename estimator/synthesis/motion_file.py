@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pinocchio as pin
 
-from estimator.formats.motion_table import MotionTable
+from estimator.data.formats.motion_table import MotionTable
 from estimator.results.coordinates import JointEntry, joint_entries
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.synthesis import scene
 from estimator.synthesis.clothing import SKIN, wall_grain
 from estimator.synthesis.raster import paint, paint_index

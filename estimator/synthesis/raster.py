@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from estimator.cameras.projection import nearness as nearness_at
+from estimator.data.cameras.projection import nearness as nearness_at
 from humanoid.support.compiled import jit
 
 _NEAREST = 0.05  # [m] triangles with a corner nearer to the camera are left out
@@ -44,7 +44,7 @@ def _weights(pixels, face, area, x, y):  # type: ignore[no-untyped-def]
 
 @jit
 def _nearness(depth, face, parallel):  # type: ignore[no-untyped-def]
-    """Of a triangle's corners, see `estimator.cameras.projection.nearness`; depth (V,) [m], face (3,) int."""
+    """Of a triangle's corners, see `estimator.data.cameras.projection.nearness`; depth (V,) [m], face (3,) int."""
     a, b, c = depth[face[0]], depth[face[1]], depth[face[2]]
     return nearness_at(a, parallel), nearness_at(b, parallel), nearness_at(c, parallel)
 
@@ -60,7 +60,7 @@ def paint(
     parallel: bool = False,
 ) -> None:
     """Paint triangles into image (H, W, 3) and nearness (H, W), the largest 1 / depth at each pixel so far, in place;
-    of a parallel camera that number is `estimator.cameras.projection.nearness`.
+    of a parallel camera that number is `estimator.data.cameras.projection.nearness`.
 
     pixels (V, 2), depth (V,) [m], colour (V, 3): of the corners; colour runs linearly in between. faces (F, 3) int.
     A triangle with a corner that is not in front of the camera is left out. Both sides are painted.

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.cameras.projection import AWAY
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.projection import AWAY
 from estimator.synthesis import scene
 from estimator.synthesis.clothing import LONG_SLEEVES, SKIN, Clothes, dressed
 from estimator.synthesis.plate import (

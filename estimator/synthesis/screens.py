@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.synthesis import scene
 from estimator.synthesis.plate import Place
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.synthesis.settings import ViewSettings
 
 _SIZE = (640, 480)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.formats.checked_json import mapping, member, read_json, sequence, shaped
+from estimator.data.formats.checked_json import mapping, member, read_json, sequence, shaped
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 

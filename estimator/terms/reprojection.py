@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cameras.projection import (
+from estimator.data.cameras.projection import (
     add_projection_curvature,
     pack_cameras,
     project_point,
     project_with_jacobian,
 )
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.numerics.robust import POTENTIALS, rho
 from estimator.terms.points import LoadedPoints, accumulate_points, to_world
 from estimator.terms.term import BatchTerm

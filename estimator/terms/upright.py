@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.numerics.robust import POTENTIALS, rho
 from estimator.terms.priors import STABILISER_NU
 from estimator.terms.term import BatchTerm

@@ -1,1 +1,1 @@
-"""Trackers: short recipes over the parts below."""
+"""What a tracker is: its contract, its declaration (`Spec`) and what several of them share. A folder a tracker."""

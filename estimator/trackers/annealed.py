@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch

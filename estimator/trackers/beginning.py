@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.search.examples.person_seen import CUES, can_be_looked_up
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 
 from estimator.cues.cue_picture import CuePicture
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import State, Tracker
 from estimator.trackers.frame_result import FrameResult

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.particles import Particles, bootstrap_step, effective_count
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.beginning import Begins, observable

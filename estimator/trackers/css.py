@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimator.cost.model import ALL_DETECTED
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.modes.origin import Family

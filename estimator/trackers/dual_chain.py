@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
-from estimator.imaging.observation import Observation
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
+from estimator.data.observation import Observation
 from estimator.imaging.skin import SkinModel, SkinSettings
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED, messages

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose

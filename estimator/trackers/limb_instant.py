@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.cost.model import CostModel
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.mixture import Density
 from estimator.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings

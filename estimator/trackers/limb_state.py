@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.formats.checked_arrays import DamageError, Field, check_arrays
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief
 from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.limbs.window import Beliefs

@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Graph
 from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, Watch, propagate_batch
 from estimator.inference.beliefs.space import PLACEMENTS, points_of

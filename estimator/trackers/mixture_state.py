@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.formats.checked_arrays import (
+from estimator.data.formats.checked_arrays import (
     DamageError,
     Field,
     check_arrays,
@@ -18,7 +18,7 @@ from estimator.formats.checked_arrays import (
     length_of,
     sizes_of,
 )
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.mixture import Mixture, Mode
 from estimator.modes.origin import Family, Origins
 from estimator.optimise.solution import ITERATIONS, StepCounts

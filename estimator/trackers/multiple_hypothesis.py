@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.mixture import Mixture, Mode
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.optimise.solution import StepCounts

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.cues.base import Past
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.inference.clusters import clusters, mean_and_covariance
 from estimator.inference.particles import Particles
 from estimator.modes.merge import body_size

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.formats.checked_arrays import DamageError, Field, check_arrays, check_weights, length_of
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_weights, length_of
 from estimator.inference.particles import Particles
 from estimator.modes.mixture import Mixture
 from estimator.trackers.mixture_state import MixtureState

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.formats.checked_arrays import DamageError, Field, check_arrays
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
+from estimator.data.observation import Observation
 from estimator.inference.chains.each_point import Normals, told_each, updated_each
 from estimator.inference.chains.evidence import EvidenceSettings
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED

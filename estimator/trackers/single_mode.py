@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.cost.model import CostModel
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.optimise.solution import StepCounts
 from estimator.search.first_pose import start_modes

@@ -1,1 +1,1 @@
-"""From observations to results: trackers by name with their settings, and the runner."""
+"""From observations to results: trackers by name with all their settings, and the runner."""

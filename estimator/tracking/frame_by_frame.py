@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.trackers.base import State, Tracker
 from estimator.trackers.capabilities import LooksAhead, LooksBack, frames_ahead, frames_behind
 from estimator.trackers.frame_result import FrameResult

@@ -9,8 +9,8 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
-from estimator.sequences.source import Cues, Progress
+from estimator.data.observation import Observation
+from estimator.data.source import Cues, Progress
 from estimator.trackers.base import State, Tracker
 from estimator.trackers.capabilities import frames_behind
 from estimator.trackers.frame_result import FrameResult

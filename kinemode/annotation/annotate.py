@@ -7,7 +7,7 @@ import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
-from estimator.media.clip import Clip
+from estimator.data.media.clip import Clip
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.support.errors import InputError

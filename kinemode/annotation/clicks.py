@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.checked_json import mapping, shaped
-from estimator.formats.keypoints import KeypointTrack, load_keypoints
-from estimator.formats.keypoints_layouts import read_layout
-from estimator.sequences.sequence import common_landmarks
-from estimator.sequences.timing import length_notes
+from estimator.data.formats.checked_json import mapping, shaped
+from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
+from estimator.data.formats.keypoints_layouts import read_layout
+from estimator.data.sequence import common_landmarks
+from estimator.data.timing import length_notes
 from humanoid.support.errors import InputError
 
 LAYOUT = "landmarks"

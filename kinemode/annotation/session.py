@@ -8,9 +8,9 @@ from typing import Any
 
 import cv2
 
-from estimator.formats.checked_json import mapping, member
-from estimator.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.media.clip import Clip
+from estimator.data.formats.checked_json import mapping, member
+from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
+from estimator.data.media.clip import Clip
 from kinemode.annotation.clicks import clicks_for_page, clicks_from_page
 from kinemode.annotation.landmark_guide import LandmarkGuide
 from viz.palette import SIDES

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.results.evaluation import evaluate_points
 from estimator.results.pairs import paired
 from estimator.results.reference_motion import Reference

@@ -11,9 +11,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from estimator.formats.keypoints_people import LAYOUT_BY_COUNT
-from estimator.formats.people_file import write_people
-from estimator.media.clip import Clip
+from estimator.data.formats.keypoints_people import LAYOUT_BY_COUNT
+from estimator.data.formats.people_file import write_people
+from estimator.data.media.clip import Clip
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from estimator.formats.keypoints import KeypointTrack
-from estimator.media.clip import DEFAULT_FPS, Clip
-from estimator.sequences.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.media.clip import DEFAULT_FPS, Clip
+from estimator.data.timing import CameraClock, Timeline, clip_clock, in_step, keypoint_clock, length_notes
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import OFF, Declared
 from kinemode.inputs.named import by_name

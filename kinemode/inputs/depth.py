@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.media.depth_folder import DepthFolder
-from estimator.sequences.timing import CameraClock, Timeline
+from estimator.data.media.depth_folder import DepthFolder
+from estimator.data.timing import CameraClock, Timeline
 from humanoid.support.errors import InputError
 from kinemode.inputs.named import named_pairs
 

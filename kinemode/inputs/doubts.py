@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from estimator.formats.keypoints import KeypointTrack
-from estimator.imaging.observation import Observation
+from estimator.data.agreement import Agreement, agreement
+from estimator.data.clock_offsets import likely_offsets
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.observation import Observation
 from estimator.imaging.resolution import Size
-from estimator.sequences.agreement import Agreement, agreement
-from estimator.sequences.clock_offsets import likely_offsets
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import Declared
 

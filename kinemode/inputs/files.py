@@ -12,7 +12,7 @@ from kinemode.inputs.declared import Declared
 from kinemode.inputs.named import Named, PathLike, kept, named_paths
 
 if TYPE_CHECKING:
-    from estimator.cameras.camera import Camera
+    from estimator.data.cameras.camera import Camera
     from kinemode.inputs.depth import Pairs
     from kinemode.inputs.persons import Persons
 

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera, guessed_camera
-from estimator.formats.cameras import load_cameras
-from estimator.formats.keypoints import KeypointTrack, PeopleFile, load_people
-from estimator.formats.keypoints_layouts import KINDS
-from estimator.formats.people_choice import AUTO
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.formats.cameras import load_cameras
+from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
+from estimator.data.formats.keypoints_layouts import KINDS
+from estimator.data.formats.people_choice import AUTO
+from estimator.data.media.clip import Clip
+from estimator.data.observation import Observation
+from estimator.data.people.across_cameras import subject_tracks
+from estimator.data.people.everybody import everybody
+from estimator.data.resampling import at_places
+from estimator.data.sequence import assemble
+from estimator.data.timing import CameraClock, Timeline, timeline
 from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
-from estimator.media.clip import Clip
-from estimator.people.across_cameras import subject_tracks
-from estimator.people.everybody import everybody
-from estimator.sequences.resampling import at_places
-from estimator.sequences.sequence import assemble
-from estimator.sequences.timing import CameraClock, Timeline, timeline
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from estimator.formats.people_choice import AUTO
+from estimator.data.formats.people_choice import AUTO
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import ALL
 from kinemode.inputs.named import named_pairs, named_values

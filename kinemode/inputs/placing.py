@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from estimator.cameras.camera import Camera, camera_before
-from estimator.formats.keypoints import KeypointTrack
+from estimator.data.cameras.camera import Camera, camera_before
+from estimator.data.formats.keypoints import KeypointTrack
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features
 from humanoid.kinematics.body import Body

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.formats.people_choice import crowded
-from estimator.sequences.sequence import common_landmarks
-from estimator.sequences.synchronisation import LONGEST, Synchrony, synchronised
-from estimator.sequences.timing import SAME_RATE, CameraClock
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
+from estimator.data.formats.people_choice import crowded
+from estimator.data.sequence import common_landmarks
+from estimator.data.synchronisation import LONGEST, Synchrony, synchronised
+from estimator.data.timing import SAME_RATE, CameraClock
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import Declared
 from kinemode.inputs.named import named_pairs

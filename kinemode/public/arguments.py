@@ -136,7 +136,7 @@ def _cameras(value: Any) -> bool:
     named = (
         isinstance(value, Mapping)
         and bool(value)
-        and all(map(_of("estimator.cameras.camera", "Camera"), value.values()))
+        and all(map(_of("estimator.data.cameras.camera", "Camera"), value.values()))
     )
     return value is None or _path(value) or named
 

@@ -13,7 +13,7 @@ from kinemode.target import check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
-    from estimator.boards.calibrate import Calibration
+    from estimator.data.boards.calibrate import Calibration
 
 PICTURES = "pictures of a board"
 BOARDS, LENSES = ("chessboard", "charuco"), ("brown", "rational", "fisheye")
@@ -55,7 +55,7 @@ def calibrate(
     out: camera file to write. picture: picture to write, with corners and how far they are from where they should be.
     progress: opens a progress report, such as `kinemode.reported`; none by default.
 
-    Returns the cameras, the errors of every view, and notes (`estimator.boards.calibrate.Calibration`).
+    Returns the cameras, the errors of every view, and notes (`estimator.data.boards.calibrate.Calibration`).
 
     Raises
     ------

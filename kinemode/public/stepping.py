@@ -15,7 +15,7 @@ from kinemode.public.tracking import loaded_subject
 if TYPE_CHECKING:
     import numpy as np
 
-    from estimator.cameras.camera import Camera
+    from estimator.data.cameras.camera import Camera
     from humanoid.kinematics.body import Body
     from kinemode.inputs.files import Cameras
     from kinemode.public.tracking import SubjectLike
@@ -133,8 +133,8 @@ class Tracker:
 
 
 def _cameras(camera: Camera | None, cameras: Cameras, image_size: tuple[int, int] | None) -> tuple[Camera, ...]:
-    from estimator.cameras.camera import Camera, guessed_camera
-    from estimator.formats.cameras import load_cameras
+    from estimator.data.cameras.camera import Camera, guessed_camera
+    from estimator.data.formats.cameras import load_cameras
 
     given = [name for name, value in (("camera", camera), ("cameras", cameras)) if value is not None]
     if len(given) > 1 or (given and image_size is not None):

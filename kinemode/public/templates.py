@@ -15,7 +15,7 @@ from kinemode.terminal.progress import Reporter, unreported
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimator.cameras.camera import Camera
+    from estimator.data.cameras.camera import Camera
     from kinemode.public.tracking import SubjectLike
 
 LABEL = "training"
@@ -61,7 +61,7 @@ def train_templates(
     loaded = loaded_subject(subject)
     from threadpoolctl import threadpool_limits
 
-    from estimator.formats.cameras import load_cameras
+    from estimator.data.formats.cameras import load_cameras
     from estimator.search.shouters.template_file import save_templates
     from estimator.synthesis.examples import limb_templates
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
 from estimator.synthesis.keyed_motion import KeyedMotion
 from estimator.synthesis.motion_keys import motion_named

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
-from estimator.formats.motion_table import read_motion_table
+from estimator.data.formats.motion_table import read_motion_table
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_file import motion_of
 from estimator.synthesis.motion_keys import MOTIONS, motion_named

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator import synthesis
-from estimator.cameras.camera import Camera
-from estimator.formats.cameras import write_cameras
-from estimator.formats.keypoints import write_keypoints
-from estimator.media.film import write_film
-from estimator.media.picture import write_picture
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.cameras import write_cameras
+from estimator.data.formats.keypoints import write_keypoints
+from estimator.data.media.film import write_film
+from estimator.data.media.picture import write_picture
 from estimator.synthesis import DetectorSettings, SceneSettings
 from estimator.synthesis.detector import without
 from estimator.synthesis.plate import ORIGIN, Place

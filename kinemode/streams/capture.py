@@ -14,7 +14,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from estimator.media.clip import Clip
+from estimator.data.media.clip import Clip
 from humanoid.support.errors import InputError
 
 Clock = Callable[[], float]

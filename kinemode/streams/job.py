@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.trackers.frame_result import FrameResult
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError

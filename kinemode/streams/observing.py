@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints import KeypointTrack
-from estimator.formats.keypoints_in_memory import Layout, keypoint_points, keypoint_track, named_layout
-from estimator.imaging.observation import Observation
-from estimator.sequences.sequence import assemble, keypoint_jitter
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.formats.keypoints_in_memory import Layout, keypoint_points, keypoint_track, named_layout
+from estimator.data.observation import Observation
+from estimator.data.sequence import assemble, keypoint_jitter
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, misplaced
 
@@ -23,8 +23,8 @@ REMEMBERED = 150  # frames from which it is told how much keypoints tremble
 class Observer:
     """Makes the observations of a stream, in order.
 
-    layout: see `estimator.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or of
-    all
+    layout: see `estimator.data.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or
+    of all
     (`Observation.jitter`); None tells it from the last frames, `REMEMBERED` at most.
     """
 

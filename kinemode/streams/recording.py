@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.atomic import replacing

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.smoothing import FixedLag
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body

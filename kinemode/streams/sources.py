@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from estimator.formats.keypoints import load_keypoints
+from estimator.data.formats.keypoints import load_keypoints
 from estimator.imaging.resolution import Size, fitted_track
 from kinemode.inputs.named import PathLike
 
@@ -32,7 +32,7 @@ class PlayedBack:
 
     Raises
     ------
-    InputError: as `estimator.formats.keypoints.load_keypoints`; keypoints of pictures of another aspect.
+    InputError: as `estimator.data.formats.keypoints.load_keypoints`; keypoints of pictures of another aspect.
     """
 
     def __init__(self, path: PathLike, name: str, picture: Size, rate: float) -> None:

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from estimator.cameras.camera import Camera
-from estimator.formats.keypoints_in_memory import Layout
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints_in_memory import Layout
+from estimator.data.media.stream import PictureStream
+from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.registry import CUES
 from estimator.likelihood.settings import CueSettings
-from estimator.media.stream import PictureStream
 from estimator.smoothing import FixedLag
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from kinemode.terminal.report import console, print_lines, print_notes, table
 
 if TYPE_CHECKING:
-    from estimator.boards.calibrate import Calibration
+    from estimator.data.boards.calibrate import Calibration
 
 _MOST_VIEWS = 10  # of a camera that are listed
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from estimator.cost.model import image_extent
 from estimator.cues.base import CameraView, Cue, Matcher, Past, Shown
+from estimator.data.image_cues import ImageCues
 from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.image_cues import ImageCues
 from estimator.likelihood.image_likelihood import ImageModel
 from estimator.terms.term import Term
 from humanoid.kinematics.body import Body

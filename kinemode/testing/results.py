@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body
 from kinemode.testing.laws import require

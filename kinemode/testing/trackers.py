@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.trackers.frame_result import FrameResult
 from kinemode.testing.laws import differing, require
 from kinemode.testing.results import check_result

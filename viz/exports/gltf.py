@@ -16,7 +16,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from trimesh.visual.material import PBRMaterial
 
-from estimator.formats.opensim import R_OPENSIM_WORLD
+from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.results.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.results.coordinates import joint_entries
 from estimator.results.run_reader import Run
 from humanoid.support.extras import optional

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.boards.calibrate import BoardView, Calibration
-from estimator.boards.shots import View
+from estimator.data.boards.calibrate import BoardView, Calibration
+from estimator.data.boards.shots import View
 from humanoid.support.atomic import replacing
 from viz.pictures.plot import COLOURS
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import Limb, LimbGraph, limb_placements
 from humanoid.support.atomic import replacing

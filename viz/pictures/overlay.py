@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.media.film import check_film_name, write_film
+from estimator.data.media.film import check_film_name, write_film
 from estimator.results.run_file import Run
 from humanoid.support.errors import InputError
 from viz import palette

@@ -8,8 +8,8 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.cameras.projection import AWAY
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.projection import AWAY
 from estimator.synthesis.raster import paint
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from viz import palette

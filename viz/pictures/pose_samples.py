@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.media.picture import write_picture
+from estimator.data.cameras.camera import Camera
+from estimator.data.media.picture import write_picture
 from estimator.results.run_file import Run
 from humanoid.support.errors import InputError
 from viz import palette

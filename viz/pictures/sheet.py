@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.media.picture import write_picture
+from estimator.data.media.picture import write_picture
 from estimator.results.run_file import Run
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, drawn

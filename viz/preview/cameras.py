@@ -15,7 +15,7 @@ import meshcat
 import meshcat.geometry as g
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.undistortion import undistortion_maps
 from viz import palette
 from viz.preview.recorder import TexturedPlane, line_segments

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from humanoid.kinematics.body import Body
 from viz.local_server import LocalHandler, LocalServer
 from viz.preview.cameras import data_address

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.media.film import write_film
+from estimator.data.media.film import write_film
 from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
 from viz.pictures.painter import BodyPainter, camera_view
 from viz.scene import Scene

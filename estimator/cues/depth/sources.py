@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
 from estimator.cues.depth.settings import DepthSettings
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.depth_map import DepthMap
 from estimator.imaging.stereo import StereoPair

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from estimator.cues.edges.gradient import block_means, normalised_gradient
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 from humanoid.support.settings import check, setting
 
 _REDUCED = 4  # the local contrast changes slowly, so it is taken from a picture this many times smaller

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from estimator.media.threads import length, one_thread
+from estimator.data.media.threads import length, one_thread
 from humanoid.support.settings import check, setting
 
 _BLOCK = 8  # px across of the blocks that are compared to see where two images differ

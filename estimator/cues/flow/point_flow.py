@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from estimator.cues.flow.flow_field import FlowField
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 
 WINDOW = (11, 11)  # px, about a forearm
 STRAY = 8.0  # px; a refined point this far from where the field led it has found something else

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.cues.silhouette.stillness import camera_moves, motion, small_size
 from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
-from estimator.media.threads import one_thread
+from estimator.data.media.threads import one_thread
 
 FEWEST_FRAMES = 3  # without as many there is nothing to learn from
 _SAME = 10.0  # colours this close are one [grey values]: light drifts in the course of a clip

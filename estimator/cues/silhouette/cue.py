@@ -25,8 +25,8 @@ from estimator.cues.silhouette.foreground import (
 )
 from estimator.cues.silhouette.matching import across_outline, nearest_contour, nearest_outline
 from estimator.cues.silhouette.settings import IDLE, OutlineLikelihoodSettings
+from estimator.data.image_cues import ImageCues
 from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
-from estimator.imaging.image_cues import ImageCues
 from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.prediction.prediction import Prediction
 from estimator.prediction.visibility import OUTER

@@ -10,8 +10,8 @@ import numpy as np
 
 from estimator.cues.silhouette.background import background_beside, learn_background, widened
 from estimator.cues.silhouette.subtraction import Background, SilhouetteSettings, departure, smoothed
+from estimator.data.media.threads import one_thread
 from estimator.imaging.mask_box import box_about
-from estimator.media.threads import one_thread
 from humanoid.support.compiled import jit
 
 __all__ = [

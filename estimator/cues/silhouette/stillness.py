@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from estimator.media.threads import length
+from estimator.data.media.threads import length
 
 SIZE = 320  # longest side of the pictures motion is looked for in [px]
 _REACH = 6.0  # standard deviation of the window over which evenly coloured places take their outlines' motion [px]

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from estimator.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations
-from estimator.formats.checked_json import mapping
-from estimator.formats.npz import read_npz
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations
+from estimator.data.formats.checked_json import mapping
+from estimator.data.formats.npz import read_npz
 from estimator.imaging.edge_histogram import bin_count
 from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.bits import Bits

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.limbs import LimbBank
 from estimator.search.examples.lookup import Looked, check_elevation, either_way, looked_up

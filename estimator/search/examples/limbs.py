@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.cues.depth.cue import Depth
 from estimator.cues.depth.matching import spread_over
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.numerics.closest import closest
 from estimator.search.jumps.anatomy import Limb
 from humanoid.kinematics.body import Body, PlacedBodies, directions_in_world, points_in_world, points_of_each

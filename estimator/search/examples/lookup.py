@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.imaging.observation import Observation
+from estimator.data.observation import Observation
 from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex

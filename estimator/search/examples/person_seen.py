@@ -10,8 +10,8 @@ import numpy as np
 
 from estimator.cues.depth.cue import Depth, PersonPoints
 from estimator.cues.silhouette.cue import Outline
-from estimator.imaging.image_cues import ImageCues
-from estimator.imaging.observation import Observation
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
 from estimator.imaging.person_view import ViewFrame, described
 from estimator.imaging.standing import LEAST_SHARE, largest_part, standing_places
 from estimator.terms.upright import world_up

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 
 
 def only_camera(observation: Observation) -> Camera | None:

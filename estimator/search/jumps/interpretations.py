@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
 from estimator.search.jumps.parts import part_mirrored

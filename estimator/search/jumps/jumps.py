@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.search.jumps.anatomy import Part, anatomy_of
 from estimator.search.jumps.interpretations import JointPrior, interpretations
 from estimator.search.jumps.limb_solutions import ROUGHLY, limb_solutions

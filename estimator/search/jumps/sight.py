@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from humanoid.kinematics.body import Body
 
 

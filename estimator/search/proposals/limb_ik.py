@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.search.jumps.anatomy import Limb
 from estimator.search.jumps.lines import axes_of, meeting_point

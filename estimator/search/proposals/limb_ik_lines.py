@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.cameras.projection import MIN_DEPTH, project_with_jacobian
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.projection import MIN_DEPTH, project_with_jacobian
 from estimator.numerics.linear import eliminate
 from estimator.search.proposals.limb_ik_kernels import log_size
 from humanoid.kinematics.body import PlacedBodies

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
-from estimator.cameras.epipolar import meeting_points
-from estimator.imaging.observation import Observation
+from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.epipolar import meeting_points
+from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import points_of
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs, longest_of
 from estimator.search.shouters.contract import Shout, Shouts

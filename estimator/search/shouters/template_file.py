@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.formats.checked_arrays import DamageError, Field, check_arrays
-from estimator.formats.checked_json import mapping
-from estimator.formats.npz import read_npz
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
+from estimator.data.formats.checked_json import mapping
+from estimator.data.formats.npz import read_npz
 from estimator.imaging.eigen_templates import EigenSpace
 from estimator.imaging.patches import CHANNELS
 from estimator.search.shouters.templates import REMEDY, LimbTemplate, LimbTemplates

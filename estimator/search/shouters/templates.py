@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
 from estimator.imaging.eigen_templates import EigenSpace
 from estimator.imaging.foreground_rays import ray_places
-from estimator.imaging.observation import Observation
 from estimator.imaging.patches import PatchView, patch_view, patches_at
 from estimator.search.shouters.contract import Shout, Shouts
 from humanoid.limbs.limb import LimbGraph

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.eigen_templates import SHARE, eigen_space
 from estimator.imaging.foreground_rays import ray_places
 from estimator.imaging.patches import patches_at

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pinocchio as pin
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.person_view import ViewFrame, described
 from estimator.synthesis.clothing import dressed_at_random, periodic_noise
 from estimator.synthesis.raster import paint_cloth

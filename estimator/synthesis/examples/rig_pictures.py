@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera
 from estimator.imaging.patches import PatchView, patch_view
 from estimator.imaging.resolution import scaled_camera
 from estimator.synthesis.clothing import Clothes, dressed_at_random, periodic_noise

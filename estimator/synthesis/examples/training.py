@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.formats.npz import read_npz
-from estimator.media.threads import one_thread
+from estimator.data.formats.npz import read_npz
+from estimator.data.media.threads import one_thread
 from estimator.parallel.pool import Workers, worker_pool
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed

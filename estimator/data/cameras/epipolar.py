@@ -1,0 +1,113 @@
+"""How well what one camera saw fits what another saw: rays of the same points have to meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+
+FEWEST_SHARED = 4  # landmarks that two detections need in common to be compared
+_FEW = 6  # landmarks of a first look
+_MOST_PAIRS = 50_000  # compared at once
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Detections in one camera as rays.
+
+    directions (N, L, 3): of each landmark in the camera, z = 1, NaN where missing. size (N,): diagonal of their
+    bounding box in the plane z = 1.
+    """
+
+    directions: np.ndarray
+    size: np.ndarray
+
+    @staticmethod
+    def of(camera: Camera, pixels: np.ndarray) -> Rays:
+        """From pixels (N, L, 2), NaN where missing."""
+        directions = camera.directions(pixels)
+        seen = np.isfinite(directions[..., :1])
+        count = seen.sum(axis=1)
+        low = np.where(seen, directions, np.inf).min(axis=1, initial=np.inf)[:, :2]
+        high = np.where(seen, directions, -np.inf).max(axis=1, initial=-np.inf)[:, :2]
+        return Rays(directions, np.hypot(*np.where(count > 0, high - low, 0.0).T))
+
+
+def essential_matrix(a: Camera, b: Camera) -> np.ndarray:
+    """E (3, 3) with y' E x = 0 for directions x in camera a and y in camera b of one point (Longuet-Higgins 1981).
+
+    Raises InputError: a parallel camera.
+    """
+    for camera in (a, b):
+        camera.needs_centre()
+    R_b_a = b.R_camera_world @ a.R_camera_world.T
+    x, y, z = b.t_camera_world - R_b_a @ a.t_camera_world
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R_b_a
+
+
+def meeting_points(cameras: Sequence[Camera], directions: np.ndarray) -> np.ndarray:
+    """World points (L, 3) [m] nearest to the rays (C, L, 3) of each landmark; NaN where fewer than two saw it."""
+    world = np.stack([d @ camera.R_camera_world for camera, d in zip(cameras, directions, strict=True)])
+    world /= np.linalg.norm(world, axis=-1, keepdims=True)
+    seen = np.isfinite(world).all(axis=-1)
+    across = np.where(seen[..., None, None], np.eye(3) - world[..., :, None] * world[..., None, :], 0.0)
+    target = np.einsum("clij,cj->li", across, np.stack([camera.centre_world for camera in cameras]))
+    matrix = across.sum(axis=0)
+    usable = (seen.sum(axis=0) > 1) & (np.linalg.det(matrix) > 1e-9)
+    points = np.full(target.shape, np.nan)
+    points[usable] = np.linalg.solve(matrix[usable], target[usable][..., None])[..., 0]
+    return points
+
+
+class RayPairs:
+    """How far detections of two cameras are from being one person, in body sizes.
+
+    The median over the landmarks both have of Sampson's distance (Hartley and Zisserman, Multiple View Geometry, 11.4):
+    to first order the distance in the two images to the nearest pair of points whose rays meet, each image's error in
+    units of the body's size there. The smaller of two readings: as detected, and with left and right exchanged in one
+    of them, since detectors mistake them. NaN where fewer than 4 landmarks are shared.
+    """
+
+    def __init__(self, cameras: tuple[Camera, Camera], rays: tuple[Rays, Rays], mirror: np.ndarray) -> None:
+        a, b = rays
+        E = essential_matrix(*cameras)
+        lines_b, lines_a = a.directions @ E.T, b.directions @ E
+        self._line = lines_b[..., 0], lines_b[..., 1], lines_b[..., 2], np.square(lines_b[..., :2]).sum(axis=-1)
+        there = b.directions[..., 0], b.directions[..., 1], np.square(lines_a[..., :2]).sum(axis=-1)
+        self._readings = there, tuple(values[:, mirror] for values in there)
+        self._size = np.square(a.size), np.square(b.size)
+
+    def distances(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
+        """Of detections i (P,) of the first camera and j (P,) of the second; infinite where a look at few landmarks
+        says more than `enough`."""
+        parts = [slice(at, at + _MOST_PAIRS) for at in range(0, len(i), _MOST_PAIRS)]
+        return np.concatenate([np.zeros(0), *(self._looked_into(i[part], j[part], enough) for part in parts)])
+
+    def _looked_into(self, i: np.ndarray, j: np.ndarray, enough: float) -> np.ndarray:
+        count = self._line[0].shape[1]
+        few = np.unique(np.linspace(0, count - 1, _FEW).round().astype(int)) if count > _FEW else slice(None)
+        near = ~(self._smaller(i, j, few, 1) > enough)
+        distance = np.full(len(i), np.inf)
+        distance[near] = self._smaller(i[near], j[near], slice(None), FEWEST_SHARED)
+        return distance
+
+    def _smaller(self, i: np.ndarray, j: np.ndarray, columns: np.ndarray | slice, fewest: int) -> np.ndarray:
+        x, y, z, slope_b = (values[:, columns][i] for values in self._line)
+        slope_b *= self._size[1][j, None]
+        distances = []
+        for reading in self._readings:
+            u, v, slope_a = (values[:, columns][j] for values in reading)
+            slope = slope_b + slope_a * self._size[0][i, None]
+            distances.append(_median(np.abs(x * u + y * v + z) / np.sqrt(np.maximum(slope, 1e-30)), fewest))
+        return np.fmin(*distances)
+
+
+def _median(values: np.ndarray, fewest: int) -> np.ndarray:
+    """Lower median of each row (P, L) without NaN; NaN where fewer are left."""
+    count = np.isfinite(values).sum(axis=1)
+    ordered = np.sort(values, axis=1)  # NaN goes to the end
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[:, None] // 2, axis=1)[:, 0]
+    return np.where(count >= fewest, middle, np.nan)

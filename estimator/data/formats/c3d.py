@@ -1,0 +1,81 @@
+"""C3D files (c3d.org), the exchange format of motion capture laboratories, written by ezc3d.
+
+B. Michaud and M. Begon, ezc3d: An easy C3D file I/O cross-platform solution, Journal of Open Source Software 6(58),
+2021.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.data.formats.opensim import frame_rate
+from humanoid.support.extras import optional
+
+_MILLIMETRES = 1e3
+_MOST_LABELS = 255  # of one parameter; what follows goes to LABELS2, LABELS3, ...
+
+
+class Channels(NamedTuple):
+    """Values over time beside the points. names (N), values (T, N): in `unit`, NaN where missing."""
+
+    names: Sequence[str]
+    values: np.ndarray
+    unit: str
+
+
+def write_c3d(
+    path: Path, names: Sequence[str], points: np.ndarray, time: np.ndarray, angles: Channels, scalars: Channels
+) -> None:
+    """Write points (T, L, 3) of the z-up world [m] in millimetres, and channels as their own kinds of points.
+
+    As capture software has it, a channel is a point whose x is the value, listed under POINT:ANGLES or POINT:SCALARS
+    with its unit in POINT:ANGLE_UNITS or POINT:SCALAR_UNITS. What is missing (NaN) has the residual -1, else it is 0.
+    Numbers are in single precision. time (T,) [s]: frames count as evenly spaced.
+
+    Raises
+    ------
+    InputError: ezc3d is not installed.
+    """
+    ezc3d = optional("ezc3d", "c3d", "c3d files")
+    labels = [*names, *angles.names, *scalars.names]
+    values = np.concatenate([_MILLIMETRES * points, _as_points(angles), _as_points(scalars)], axis=1)
+    missing = np.isnan(values).any(axis=2)
+    file = ezc3d.c3d()
+    parameters = file["parameters"]
+    parameters["POINT"]["RATE"]["value"] = np.array([frame_rate(time)])
+    parameters["POINT"]["UNITS"]["value"] = ["mm"]
+    for i in range(0, len(labels), _MOST_LABELS):
+        key = f"LABELS{i // _MOST_LABELS + 1 if i else ''}"
+        if key in parameters["POINT"]:
+            parameters["POINT"][key]["value"] = labels[i : i + _MOST_LABELS]
+        else:
+            file.add_parameter("POINT", key, labels[i : i + _MOST_LABELS])
+    for key, channels, unit in (("ANGLES", angles, "ANGLE_UNITS"), ("SCALARS", scalars, "SCALAR_UNITS")):
+        if channels.names:
+            file.add_parameter("POINT", key, list(channels.names))
+            file.add_parameter("POINT", unit, [channels.unit])
+    file.add_parameter("POINT", "X_SCREEN", ["+X"])
+    file.add_parameter("POINT", "Y_SCREEN", ["+Z"])  # z points up
+    data: Any = file["data"]
+    homogeneous = np.concatenate([np.where(missing[..., None], 0.0, values), np.ones((*missing.shape, 1))], axis=2)
+    data["points"] = homogeneous.transpose(2, 1, 0)
+    data["meta_points"]["residuals"] = np.where(missing, -1.0, 0.0).T[None]
+    beside = path.with_name(path.name + ".c3d")  # ezc3d puts the ending to a name without it
+    try:
+        file.write(str(beside))
+        os.replace(beside, path)
+    finally:
+        with suppress(OSError):
+            beside.unlink()
+
+
+def _as_points(channels: Channels) -> np.ndarray:
+    """(T, N, 3): x is the value."""
+    values = channels.values[..., None]
+    return np.concatenate([values, np.zeros_like(values), np.zeros_like(values)], axis=2)

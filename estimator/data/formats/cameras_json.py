@@ -1,0 +1,144 @@
+"""Cameras as kinemode's own JSON has them, checked: other formats are turned into it, and run files keep it.
+
+    {"cameras": [{"name": "cam01", "image_size": [w, h], "K": 3 x 3, "distortion": [k1, k2, p1, p2, k3],
+                  "R": 3 x 3, "t": [x, y, z]}, ...]}
+
+x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixel centres at integer coordinates. The
+coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
+the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre.
+Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera, guessed_camera
+from estimator.data.cameras.lens import COUNTS
+from estimator.data.formats.checked_json import mapping, numbers, sequence, shaped
+from humanoid.support.errors import InputError
+
+_TOLERANCE = 1e-3  # of R'R - 1: calibration tools print few digits
+_MOST_PIXELS = 16384  # on a side of an image
+_FOCAL = (1.0, 1e6)  # px
+_COEFFICIENT = 1e4
+_MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "R", "t")
+
+
+def camera_to_json(camera: Camera) -> dict[str, Any]:
+    """One camera as the file has it."""
+    entry = {
+        "name": camera.name,
+        "image_size": [int(n) for n in camera.image_size],
+        "K": camera.K.tolist(),
+        "distortion": camera.distortion.tolist(),
+        "R": camera.R_camera_world.tolist(),
+        "t": camera.t_camera_world.tolist(),
+    }
+    return entry | ({"fisheye": True} if camera.fisheye else {}) | ({"parallel": True} if camera.parallel else {})
+
+
+def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
+    """All cameras of a file of our own."""
+    entries = sequence(root.get("cameras"), source, "cameras")
+    return [
+        camera_from_json(entry, source, f"cameras[{i}]", alone=len(entries) == 1) for i, entry in enumerate(entries)
+    ]
+
+
+def camera_from_json(
+    value: Any, source: str | Path, place: str, *, alone: bool = False, called: Mapping[str, str] | None = None
+) -> Camera:
+    """One camera of a file, checked; `alone` allows R and t to be missing.
+
+    called: what the members are called in a file of another format, for errors.
+    """
+    entry = mapping(value, source, place)
+    places = {key: f"{place}.{(called or {}).get(key, key)}" for key in _MEMBERS}
+
+    def needed(key: str) -> Any:
+        if key not in entry:
+            raise InputError(source, "is missing", place=places[key])
+        return entry[key]
+
+    name = needed("name")
+    if not isinstance(name, str) or not name:
+        raise InputError(source, "a name is needed", place=places["name"])
+    size = image_size(needed("image_size"), source, places["image_size"])
+    fisheye, parallel = (_flag(entry, key, source, places[key]) for key in ("fisheye", "parallel"))
+    K = _intrinsics(needed("K"), source, places["K"], parallel=parallel)
+    none = [0.0] * (4 if fisheye else 5)
+    distortion = _distortion(entry.get("distortion", none), source, places["distortion"], fisheye=fisheye)
+    if parallel and (fisheye or np.any(distortion)):
+        problem, remedy = "a parallel camera has no lens", "free its pictures of the lens first, and leave this out"
+        raise InputError(source, problem, place=places["fisheye" if fisheye else "distortion"], remedy=remedy)
+    if alone and entry.get("R") is None and entry.get("t") is None:
+        guess = guessed_camera(name, size)
+        R, t = guess.R_camera_world, guess.t_camera_world
+    else:
+        R = _rotation(needed("R"), source, places["R"])
+        t = shaped(needed("t"), (3,), source, places["t"])
+    for array in (K, distortion, R, t):
+        array.flags.writeable = False
+    return Camera(name, size, K, distortion, R, t, fisheye, parallel)
+
+
+def _flag(entry: Mapping[str, Any], key: str, source: str | Path, place: str) -> bool:
+    value = entry.get(key, False)
+    if not isinstance(value, bool):
+        raise InputError(source, "true or false is needed", place=place)
+    return value
+
+
+def image_size(value: Any, source: str | Path, place: str) -> tuple[int, int]:
+    """Width and height [px] of a JSON pair."""
+    size = shaped(value, (2,), source, place)
+    if not ((size >= 1) & (size <= _MOST_PIXELS) & (size == np.round(size))).all():
+        problem = "width and height in whole pixels are needed"
+        raise InputError(source, problem, place=place, remedy=f"1 to {_MOST_PIXELS}")
+    return int(size[0]), int(size[1])
+
+
+def _intrinsics(value: Any, source: str | Path, place: str, *, parallel: bool) -> np.ndarray:
+    K = shaped(value, (3, 3), source, place)
+    what, unit = ("scale", "pixels a metre") if parallel else ("focal length", "pixels")
+    if K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
+        raise InputError(source, f"a {what} is not positive", place=place)
+    for focal in (K[0, 0], K[1, 1]):
+        if not _FOCAL[0] <= focal <= _FOCAL[1]:
+            low, high = _FOCAL
+            problem = f"a {what} of {focal:g} {unit} cannot be"
+            raise InputError(source, problem, place=place, remedy=f"{low:g} to {high:g} are taken")
+    if K[1, 0] != 0.0 or not np.array_equal(K[2], [0.0, 0.0, 1.0]):
+        raise InputError(source, "is not of the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]", place=place)
+    return K
+
+
+def _distortion(value: Any, source: str | Path, place: str, *, fisheye: bool) -> np.ndarray:
+    coefficients = numbers(value, source, place)
+    if coefficients.ndim != 1 or coefficients.size not in ((4,) if fisheye else COUNTS):
+        shape = "x".join(map(str, coefficients.shape)) or "a number"
+        if fisheye:
+            needed, remedy = (
+                "4 coefficients of a fisheye are",
+                "k1, k2, k3, k4 of cv2.fisheye",
+            )
+        else:
+            needed, remedy = "4, 5, 8, 12 or 14 coefficients are", "k1, k2, p1, p2, k3, ... in the order of OpenCV"
+        raise InputError(source, f"{needed} needed, found {shape}", place=place, remedy=remedy)
+    if (np.abs(coefficients) > _COEFFICIENT).any():
+        raise InputError(source, "has a coefficient beyond all measure", place=place, remedy=f"up to {_COEFFICIENT:g}")
+    return coefficients if fisheye or coefficients.size > 4 else np.append(coefficients, 0.0)
+
+
+def _rotation(value: Any, source: str | Path, place: str) -> np.ndarray:
+    R = shaped(value, (3, 3), source, place)
+    if np.abs(R.T @ R - np.eye(3)).max() > _TOLERANCE:
+        raise InputError(source, "is not a rotation: its columns are not orthonormal", place=place)
+    if np.linalg.det(R) < 0.0:
+        raise InputError(source, "is a reflection, not a rotation: its determinant is -1", place=place)
+    return R

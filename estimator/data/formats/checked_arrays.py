@@ -1,0 +1,105 @@
+"""What stored arrays have to be: a file may be whole, with right checksums, and still say what cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from estimator.data.formats.packing import valid_text
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import shown
+
+_LARGEST = 1e9  # of configurations, covariances and times
+_LEAST = 1e-20  # of variances
+_NORM = 1e-3  # by how much a quaternion of a configuration may be off one
+
+
+class Field(NamedTuple):
+    """One array. kinds: numpy's letters. shape: sizes, by name (K, nq, nv, ...). finite: all numbers are."""
+
+    kinds: str
+    shape: tuple[str, ...] = ()
+    finite: bool = True
+
+
+class DamageError(ValueError):
+    """What is wrong with an array of a stored file."""
+
+
+def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], sizes: Mapping[str, int]) -> None:
+    """Raise DamageError where an array is missing, misshapen or of another kind, or has numbers that cannot be.
+
+    sizes: by the names in the fields' shapes; a name that has none stands for any size.
+    """
+    for name, field in fields.items():
+        if name not in arrays:
+            raise DamageError(f"{name} is missing")
+        array = arrays[name]
+        empty = field.shape[:1] == ("K",) and sizes["K"] == 0 and array.size == 0  # of any type, shape and length
+        if empty:
+            continue
+        wanted = tuple(sizes.get(size, -1) for size in field.shape)
+        fits = array.ndim == len(wanted) and all(w in (-1, n) for w, n in zip(wanted, array.shape, strict=True))
+        if array.dtype.kind not in field.kinds or not fits:
+            raise DamageError(f"{name} has the shape {array.shape} and type {array.dtype}")
+        if array.dtype.kind == "U" and not valid_text(array):
+            raise DamageError(f"{name} has characters that are none")
+        if array.dtype.kind == "f" and field.finite and not (np.abs(array) < _LARGEST).all():
+            raise DamageError(f"{name} has numbers that are not finite, or beyond all measure")
+
+
+def sizes_of(body: Body) -> dict[str, int]:
+    """The sizes that arrays of a body go by; triangle: entries of a symmetric matrix (nv, nv)."""
+    return {"nq": body.nq, "nv": body.nv, "triangle": body.nv * (body.nv + 1) // 2}
+
+
+def those_there(fields: Mapping[str, Field], arrays: Mapping[str, np.ndarray]) -> dict[str, Field]:
+    """Those of the fields that may be left out which are there."""
+    return {name: field for name, field in fields.items() if name in arrays}
+
+
+def length_of(arrays: Mapping[str, np.ndarray], name: str) -> int:
+    """How many entries a list has; raises DamageError where it is missing or none."""
+    if name not in arrays or arrays[name].ndim != 1:
+        raise DamageError(f"{name} is missing" if name not in arrays else f"{name} is no list")
+    return len(arrays[name])
+
+
+def check_weights(weight: np.ndarray, name: str) -> None:
+    """Weights (K,): none negative, and one above zero where there are any; raises DamageError."""
+    if (weight < 0.0).any() or (len(weight) and not weight.sum() > 0.0):
+        raise DamageError(f"{name} has negative numbers, or none above zero")
+
+
+def check_parents(parent: np.ndarray, before: int | None) -> None:
+    """Parents (K,): -1 or one of the `before` hypotheses of the frame before, any where that is None; raises
+    DamageError."""
+    if parent.size and (parent.min() < -1 or (before is not None and parent.max() >= max(before, 1))):
+        raise DamageError(f"parent {shown(int(parent.max()))} is no hypothesis of the frame before")
+
+
+def check_covariances(covariance: np.ndarray) -> None:
+    """Matrices (K, nv, nv): positive definite, but for directions held by limits, whose rows are zero; raises
+    DamageError."""
+    matrices = covariance.copy()
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    np.einsum("kii->ki", matrices)[variance == 0.0] = 1.0
+    sound = (
+        np.array_equal(covariance, covariance.transpose(0, 2, 1))
+        and not (np.abs(variance[variance != 0.0]) < _LEAST).any()
+    )
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        sound = False
+    if not sound:
+        raise DamageError("covariance is not symmetric and positive definite")
+
+
+def check_configurations(body: Body, q: np.ndarray, name: str) -> None:
+    """Configurations (K, nq) of a body: finite, their quaternions of length one; raises DamageError."""
+    if not (np.abs(q) < _LARGEST).all() or not all(pin.isNormalized(body.model, pose, _NORM) for pose in q):
+        raise DamageError(f"{name} is no configuration of the subject")

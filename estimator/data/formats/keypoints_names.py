@@ -1,0 +1,71 @@
+"""What keypoints are called where their file does not say it, or says it in words of its own: a file beside it.
+
+Beside walk.npy or walkDLC.csv it is walk.names.txt (a name a line), or walk.names.json: a list of names, or an object
+that gives the file's own names ours, {"snout": "nose"}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from estimator.data.formats.checked_json import mapping, read_json, read_text
+from estimator.data.formats.keypoints_reading import Reading, as_landmarks, checked_names
+from humanoid.subject.landmarks import landmark_name
+from humanoid.support.errors import InputError, shown
+
+_ENDINGS = (".names.json", ".names.txt")
+
+
+class Naming(NamedTuple):
+    """names: of all keypoints in order, None for those of the file. of: ours by the file's own. source: where it
+    stands, None where there is nothing beside the keypoints."""
+
+    names: tuple[str, ...] | None = None
+    of: dict[str, str] | None = None
+    source: Path | None = None
+
+
+def named_landmarks(own: Sequence[str], reading: Reading) -> tuple[str, ...]:
+    """The landmark of each keypoint that a file calls so, by what stands beside it, else by the words; a note on those
+    that mean none of ours. Raises InputError for a renamed keypoint that the file does not have."""
+    naming = naming_beside(reading.source)
+    renamed = naming.of or {}
+    unknown = [name for name in renamed if name not in own]
+    if unknown:
+        remedy = f"the keypoints are {', '.join(own)}"
+        raise InputError(naming.source or "names", f"there is no keypoint {shown(unknown[0])}", remedy=remedy)
+    names = as_landmarks([renamed.get(name, name) for name in own])
+    foreign = [name for name in names if landmark_name(name) is None]
+    if foreign and naming.of is None:
+        some = ", ".join(shown(name, 30) for name in foreign[:8]) + (", ..." if len(foreign) > 8 else "")
+        beside = places_of_names(reading.source).partition(" or ")[0]
+        reading.notes.say(f"keypoints with names of their own ({some}): {beside} can say which landmarks they are")
+    return names
+
+
+def naming_beside(path: Path) -> Naming:
+    """What stands beside a keypoint file about its names; raises InputError where it is no list or object of names."""
+    for ending in _ENDINGS:
+        beside = path.with_name(path.name.removesuffix(path.suffix) + ending)
+        if beside.is_file():
+            return _read(beside)
+    return Naming()
+
+
+def places_of_names(path: Path) -> str:
+    """Where names would be looked for, for an error's remedy."""
+    return " or ".join(path.name.removesuffix(path.suffix) + ending for ending in _ENDINGS)
+
+
+def _read(path: Path) -> Naming:
+    if path.suffix == ".txt":
+        lines = [line.strip() for line in read_text(path).splitlines() if line.strip()]
+        return Naming(checked_names(lines, path, ""), None, path)
+    value = read_json(path)
+    if isinstance(value, list):
+        return Naming(checked_names(value, path, ""), None, path)
+    renamed = mapping(value, path)
+    checked_names(list(renamed.values()), path, "")
+    return Naming(None, {str(k): str(v).strip() for k, v in renamed.items()}, path)

@@ -1,0 +1,135 @@
+"""OpenSim's file formats: markers (.trc) and coordinates (.mot).
+
+OpenSim's ground is y up: x forward, y up, z to the right. A point of kinemode's world (z up: x forward, y left) goes to
+(x, z, -y).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.formats.checked_json import read_text
+from humanoid.support.errors import InputError, shown
+
+R_OPENSIM_WORLD = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_HEADER_LINES = 5
+_MOST = 1e10  # millimetres, or seconds
+
+
+def write_trc(path: Path, names: Sequence[str], points: np.ndarray, time: np.ndarray, *, title: str = "") -> None:
+    """Write points (T, L, 3) of the world [m] as markers in millimetres, y up; missing ones are left empty."""
+    rate, count = f"{frame_rate(time):.6g}", str(len(points))
+    head = [
+        ["PathFileType", "4", "(X/Y/Z)", title or path.name],
+        [
+            "DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
+            "OrigNumFrames",
+        ],
+        [rate, rate, count, str(len(names)), "mm", rate, "1", count],
+        ["Frame#", "Time", *(cell for name in names for cell in (name, "", ""))],
+        ["", "", *(f"{axis}{i + 1}" for i in range(len(names)) for axis in "XYZ")],
+        [],
+    ]  # fmt: skip
+    values = (1e3 * points @ R_OPENSIM_WORLD.T).reshape(len(points), 3 * len(names))
+    rows = [
+        [str(i + 1), f"{t:.6f}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)]
+        for i, (t, row) in enumerate(zip(time, values, strict=True))
+    ]
+    path.write_text("\n".join("\t".join(row) for row in head + rows) + "\n", encoding="utf-8")
+
+
+def read_trc(path: Path) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Marker names (L), points (T, L, 3) in the z-up world [m], NaN where missing, and times (T,) [s]."""
+    lines = read_text(path).splitlines()
+    if len(lines) <= _HEADER_LINES or not lines[0].startswith("PathFileType"):
+        raise InputError(path, "is no TRC file", place="line 1")
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    unit = header.get("Units", "")
+    if unit not in _METRES:
+        raise InputError(path, f"unknown unit {shown(unit)}", place="line 3", remedy=f"one of {', '.join(_METRES)}")
+    names = tuple(cell.strip() for cell in lines[3].split("\t")[2:] if cell.strip())
+    if not names:
+        raise InputError(path, "has no markers", place="line 4")
+    rows = [
+        _trc_row(line, 3 * len(names) + 2, path, number)
+        for number, line in enumerate(lines[_HEADER_LINES:], _HEADER_LINES + 1)
+        if line.strip()
+    ]
+    values = np.array(rows).reshape(-1, 3 * len(names) + 2)
+    points = values[:, 2:].reshape(-1, len(names), 3) * _METRES[unit]
+    return names, points @ R_OPENSIM_WORLD, values[:, 1]
+
+
+ROOT_NOTE = "A free root's x, z and y are along OpenSim's ground X, Y and -Z."
+
+
+def write_mot(
+    path: Path, names: Sequence[str], values: np.ndarray, time: np.ndarray, *, title: str, note: str = ROOT_NOTE
+) -> None:
+    """Write coordinates (T, N), angles in degrees and lengths in metres; note: a line about them."""
+    head = [
+        title, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", "inDegrees=yes", "",
+        "Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", note, "", "endheader",
+        "\t".join(["time", *names]),
+    ]  # fmt: skip
+    rows = ["\t".join([f"{t:.6f}", *(f"{v:.8f}" for v in row)]) for t, row in zip(time, values, strict=True)]
+    path.write_text("\n".join(head + rows) + "\n", encoding="utf-8")
+
+
+class Coordinates(NamedTuple):
+    """Joint coordinates over time: names (N), values (T, N), NaN where missing; turns are in radians or in degrees,
+    lengths in metres."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    in_degrees: bool = False
+
+
+def read_mot(path: Path) -> tuple[Coordinates, np.ndarray]:
+    """The coordinates of a motion file and their times (T,) [s]; raises InputError where it is none."""
+    lines = read_text(path).splitlines()
+    end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
+    if end is None or end + 1 >= len(lines):
+        raise InputError(path, "is no motion file: it has no 'endheader' with column names after it")
+    in_degrees = any("".join(line.lower().split()) == "indegrees=yes" for line in lines[:end])
+    names = lines[end + 1].split()
+    if not names or names[0].lower() != "time":
+        raise InputError(path, "its first column is not 'time'", place=f"line {end + 2}")
+    rows = [
+        _numbers(line.split(), len(names), path, number)
+        for number, line in enumerate(lines[end + 2 :], end + 3)
+        if line.strip()
+    ]
+    values = np.array(rows).reshape(-1, len(names))
+    return Coordinates(tuple(names[1:]), values[:, 1:], in_degrees), values[:, 0]
+
+
+def frame_rate(time: np.ndarray) -> float:
+    """Frames per second of times (T,) [s]; 30 where there are fewer than two."""
+    return float(1.0 / np.median(np.diff(time))) if len(time) > 1 else 30.0
+
+
+def _trc_row(line: str, count: int, path: Path, number: int) -> list[float]:
+    cells = line.split("\t")
+    cells = [*cells, *[""] * (count - len(cells))]  # empty cells at the end are often cut off
+    while len(cells) > count and not cells[-1].strip():
+        cells.pop()
+    return _numbers(cells, count, path, number)
+
+
+def _numbers(cells: list[str], count: int, path: Path, number: int) -> list[float]:
+    """The cells of a line, NaN where they are empty."""
+    if len(cells) != count:
+        raise InputError(path, f"has {len(cells)} columns, {count} are expected", place=f"line {number}")
+    try:
+        row = [float(cell) if cell.strip() else np.nan for cell in cells]
+    except ValueError:
+        raise InputError(path, "has a cell that is no number", place=f"line {number}") from None
+    if any(abs(value) > _MOST for value in row):
+        raise InputError(path, "has a number beyond all measure", place=f"line {number}", remedy=f"up to {_MOST:g}")
+    return row

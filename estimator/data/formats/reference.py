@@ -1,0 +1,151 @@
+"""Reference motions to compare a run with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.formats.checked_json import LARGEST
+from estimator.data.formats.npz import read_npz
+from estimator.data.formats.opensim import Coordinates, frame_rate, read_mot, read_trc
+from estimator.data.media.clip import FPS_RANGE
+from humanoid.subject.landmarks import landmark_name
+from humanoid.support.errors import InputError
+
+_KEYS = (("landmarks", "landmark_names"), ("points", "names"))
+
+
+class ReferenceFile(NamedTuple):
+    """What a reference file has.
+
+    names (L), points (T, L, 3): landmarks in the world [m], NaN where missing; none where there are angles alone.
+    time (T,) [s]: of each frame. coordinates: joint angles, None where there are none.
+    """
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    time: np.ndarray
+    coordinates: Coordinates | None = None
+
+
+def load_reference(path: str | Path) -> ReferenceFile:
+    """Landmarks, joint angles or both.
+
+    Reads kinemode's own npz export and the truth of a rendered clip, an npz with `points`, `names` and `fps`, TRC and
+    MOT. Landmark names of other programs become ours where there is one, and stay as they are otherwise.
+
+    Raises
+    ------
+    InputError: missing, of another kind, with arrays of the wrong shape, or points or a rate that cannot be.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(path, "no such file")
+    kind = path.suffix.lower()
+    if kind not in _READERS:
+        raise InputError(path, "is no reference", remedy=f"one of {', '.join(_READERS)} is needed")
+    return _READERS[kind](path)
+
+
+def _trc(path: Path) -> ReferenceFile:
+    names, points, time = read_trc(path)
+    if points.size == 0:
+        raise InputError(path, "has no points")
+    rate = _checked_rate(path, frame_rate(_rising(path, time, len(points))))
+    return ReferenceFile(_named(names), _checked_points(path, points), np.arange(len(points)) / rate)
+
+
+def _mot(path: Path) -> ReferenceFile:
+    coordinates, time = read_mot(path)
+    if coordinates.values.size == 0:
+        raise InputError(path, "has no coordinates")
+    return ReferenceFile((), np.zeros((len(time), 0, 3)), _rising(path, time, len(time)), coordinates)
+
+
+def _npz(path: Path) -> ReferenceFile:
+    arrays = read_npz(path)
+    keys = next((k for k in _KEYS if k[0] in arrays and k[1] in arrays), None)
+    coordinates = _coordinates(path, arrays) if "q" in arrays and "q_names" in arrays else None
+    if keys is None and coordinates is None:
+        wanted = " or ".join(f"{a}, {b}" for a, b in (*_KEYS, ("q", "q_names")))
+        problem = "has neither landmarks nor joint angles"
+        raise InputError(path, problem, remedy=f"arrays {wanted}; found {', '.join(arrays)}")
+    names, points = ((), np.zeros((0, 0, 3))) if keys is None else _landmarks(path, arrays, *keys)
+    if coordinates is not None:
+        points = np.zeros((len(coordinates.values), 0, 3)) if keys is None else points
+        if len(coordinates.values) != len(points):
+            raise InputError(path, f"has {len(coordinates.values)} frames, the landmarks {len(points)}", place="q")
+    return ReferenceFile(names, points, _times(path, arrays, len(points)), coordinates)
+
+
+def _landmarks(
+    path: Path, arrays: Mapping[str, np.ndarray], points_key: str, names_key: str
+) -> tuple[tuple[str, ...], np.ndarray]:
+    points, names = _numbers(arrays[points_key], path, points_key), _texts(arrays[names_key], path, names_key)
+    if points.ndim != 3 or points.shape[1:] != (len(names), 3):
+        problem = f"{len(names)} names do not fit an array of shape {points.shape}"
+        raise InputError(path, problem, place=points_key, remedy="(frames, names, 3) is needed")
+    if points.size == 0:
+        raise InputError(path, "has no points")
+    return _named(names), _checked_points(path, points)
+
+
+def _coordinates(path: Path, arrays: Mapping[str, np.ndarray]) -> Coordinates:
+    values, names = _numbers(arrays["q"], path, "q"), _texts(arrays["q_names"], path, "q_names")
+    if values.ndim != 2 or values.shape[1] != len(names):
+        problem = f"{len(names)} names do not fit an array of shape {values.shape}"
+        raise InputError(path, problem, place="q", remedy="(frames, names) is needed")
+    return Coordinates(names, values)
+
+
+def _times(path: Path, arrays: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Time (T,) [s] of each frame, by their rate or one by one."""
+    if "fps" not in arrays and "time" in arrays:
+        return _rising(path, _numbers(arrays["time"], path, "time"), count)
+    rate = _numbers(arrays.get("fps", np.array(frame_rate(np.zeros(0)))), path, "fps")
+    if rate.size != 1:
+        raise InputError(path, "one number is needed", place="fps")
+    return np.arange(count) / _checked_rate(path, float(rate.reshape(())))
+
+
+def _numbers(array: np.ndarray, path: Path, place: str) -> np.ndarray:
+    if array.dtype.kind not in "iuf":
+        raise InputError(path, "numbers are needed", place=place)
+    return array.astype(np.float64)
+
+
+def _texts(array: np.ndarray, path: Path, place: str) -> tuple[str, ...]:
+    if array.ndim != 1 or array.dtype.kind not in "US":
+        raise InputError(path, "a list of names is needed", place=place)
+    return tuple(str(name) for name in array)
+
+
+def _checked_points(path: Path, points: np.ndarray) -> np.ndarray:
+    if not (np.isnan(points) | (np.abs(points) < LARGEST)).all():
+        problem = "has a point that is infinite, or beyond all measure"
+        raise InputError(path, problem, remedy=f"metres below {LARGEST:g}, NaN where a point is missing")
+    return points
+
+
+def _checked_rate(path: Path, fps: float) -> float:
+    low, high = FPS_RANGE
+    if not low <= fps <= high:
+        problem = f"{fps:g} frames per second cannot be: a positive number is needed"
+        raise InputError(path, problem, place="fps", remedy=f"{low:g} to {high:g}")
+    return fps
+
+
+def _rising(path: Path, time: np.ndarray, count: int) -> np.ndarray:
+    if time.shape != (count,) or not np.isfinite(time).all() or np.any(np.diff(time) <= 0.0):
+        raise InputError(path, f"is no {count} rising numbers", place="time", remedy="the time of each frame [s]")
+    return time
+
+
+def _named(names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(landmark_name(name) or name for name in names)
+
+
+_READERS: dict[str, Callable[[Path], ReferenceFile]] = {".npz": _npz, ".trc": _trc, ".mot": _mot}

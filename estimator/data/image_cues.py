@@ -1,0 +1,49 @@
+"""The image cues of one instant in one camera, by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+
+
+@dataclass(frozen=True, eq=False)
+class ImageCues(Mapping[str, Any]):
+    """What one camera's image says at one instant: what each cue has read, by the cue's name.
+
+    A cue that is not used, or that has nothing to say of this image, is not in it: there is no flow at the first
+    frame, no silhouette without a background.
+
+    camera: at the working resolution, that of all maps. by_name: what was read. picture (H, W, 3) uint8 BGR: the frame
+        at that resolution, not to be written to; None in helping processes where no cue asks for it when it is matched.
+    """
+
+    camera: Camera
+    by_name: Mapping[str, Any] = field(default_factory=dict)
+    picture: np.ndarray | None = None
+
+    def __getitem__(self, name: str) -> Any:
+        return self.by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.by_name)
+
+    def __len__(self) -> int:
+        return len(self.by_name)
+
+    def __bool__(self) -> bool:
+        """True: an image that was looked at, also where no cue has anything to say of it."""
+        return True
+
+    def changed(self, **read: Any) -> ImageCues:
+        """The same with other things read; None takes a cue out."""
+        both = {**self.by_name, **read}
+        return replace(self, by_name={name: value for name, value in both.items() if value is not None})
+
+    def without_picture(self) -> ImageCues:
+        """The same without the picture."""
+        return replace(self, picture=None)

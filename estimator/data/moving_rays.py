@@ -1,0 +1,61 @@
+"""A camera's keypoints over time as rays and their speeds, on any grid of instants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+
+_SMOOTHED = 0.02  # standard deviation of the window that rays are averaged over [s]
+_APART = 0.03  # time over which a speed is measured, to each side [s]
+_BRIDGE = 0.1  # frames further apart are not interpolated [s]
+
+
+@dataclass(frozen=True)
+class MovingRays:
+    """What one camera saw: rays (T, L, 3), z = 1, and the speed (T, L) of each [1/s]; NaN where missing."""
+
+    rays: np.ndarray
+    speed: np.ndarray
+
+    @staticmethod
+    def of(camera: Camera, pixels: np.ndarray, times: np.ndarray, grid: np.ndarray) -> MovingRays:
+        """From pixels (N, L, 2), NaN where missing, at times (N,) [s], to the instants of a grid (T,) [s] of even
+        steps. Averaged over 0.02 s: what trembles would else be taken for motion, and hide less between two frames."""
+        step = float(grid[1] - grid[0])
+        rays = at_times(averaged(camera.directions(pixels), times), times, grid)
+        reach = max(1, round(_APART / step))
+        speed = np.full(rays.shape[:2], np.nan)
+        if len(grid) > 2 * reach:
+            speed[reach:-reach] = np.linalg.norm(rays[2 * reach :] - rays[: -2 * reach], axis=-1) / (2 * reach * step)
+        return MovingRays(rays, speed)
+
+
+def averaged(values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Values (N, ...) at times (N,) [s] averaged with their neighbours in time, those that are missing left out."""
+    sigma = _SMOOTHED / (float(np.median(np.diff(times))) if len(times) > 1 else 1.0)  # frames
+    reach = min(int(np.ceil(2.5 * sigma)), len(values) - 1)
+    total, weight = np.zeros_like(values), np.zeros_like(values)
+    for k in range(-reach, reach + 1):
+        to, of = slice(max(0, k), len(values) + min(0, k)), slice(max(0, -k), len(values) - max(0, k))
+        share = np.where(np.isfinite(values[of]), np.exp(-0.5 * (k / sigma) ** 2), 0.0)
+        total[to] += share * np.nan_to_num(values[of])
+        weight[to] += share
+    return np.where(np.isfinite(values), total / np.maximum(weight, 1e-12), np.nan)
+
+
+def at_times(values: np.ndarray, times: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Values (N, ...) at times (N,) [s] on straight lines between them, at the instants of a grid (T,); NaN outside,
+    where a neighbour is missing, and between frames that are far apart."""
+    if len(times) < 2:
+        return np.full((len(grid), *values.shape[1:]), np.nan)
+    after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
+    gap = times[after] - times[after - 1]
+    share = (grid - times[after - 1]) / gap
+    known = (share > -1e-6) & (share < 1.0 + 1e-6) & (gap <= _BRIDGE + 1e-6)
+    share = np.where(known, share, np.nan).reshape(-1, *[1] * (values.ndim - 1))
+    # a frame counts alone at its own instant, though its neighbour may be missing
+    before = np.where(share > 1.0 - 1e-6, 0.0, (1.0 - share) * values[after - 1])
+    return np.asarray(before + np.where(share < 1e-6, 0.0, share * values[after]))

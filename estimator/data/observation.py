@@ -1,0 +1,57 @@
+"""What the cues of one instant say, in the order of the body's landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+
+
+class PoseEstimate(NamedTuple):
+    """A pose q (nq,) and its covariance (nv, nv) in the tangent space there, zero where active limits hold it."""
+
+    q: np.ndarray
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What every camera shows of one instant.
+
+    index: number of the instant among those observed.
+    time: seconds since the clip's start, or since that of the cameras' common clock.
+    cameras (C): the cameras, in the order of the arrays.
+    pixels (C, L, 2): keypoint of each landmark of the body [px], NaN where missing.
+    confidence (C, L): 0 to 1; 0 where missing.
+    jitter (C,): how much the keypoints of the whole clip tremble from frame to frame, as a standard deviation [px].
+    given: whether a person gave the keypoints, who does not mistake left for right as detectors do.
+    cues (C): what the pictures show, in the order of the cameras; empty where pictures are not looked at.
+    estimate: what a fit of the person knows of the pose, None where there was none.
+    spread (C, L): standard deviation [px] of keypoints that were not detected but come from elsewhere, beside what a
+        detector's have, 0 for all others; None where all are as detected.
+    """
+
+    index: int
+    time: float
+    cameras: tuple[Camera, ...]
+    pixels: np.ndarray
+    confidence: np.ndarray
+    jitter: tuple[float, ...] = ()
+    given: bool = False
+    cues: tuple[ImageCues, ...] = ()
+    estimate: PoseEstimate | None = None
+    spread: np.ndarray | None = None
+
+    @property
+    def count(self) -> int:
+        """How many keypoints there are, over all cameras."""
+        return int(np.count_nonzero(self.confidence > 0.0))
+
+    def exchanged(self, mirror: np.ndarray) -> Observation:
+        """The same instant with left and right swapped; `mirror` (L,) is the index of each landmark's other side."""
+        spread = None if self.spread is None else self.spread[:, mirror]
+        return replace(self, pixels=self.pixels[:, mirror], confidence=self.confidence[:, mirror], spread=spread)

@@ -1,0 +1,99 @@
+"""From keypoint tracks to the observations of every instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.observation import Observation
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+
+GIVEN = "landmarks"  # layout of points that a person gave, by the subject's own names
+_FEWEST_LANDMARKS = 4
+_FEWEST_DIFFERENCES = 50
+
+
+def assemble(
+    body: Body,
+    tracks: Mapping[str, KeypointTrack],
+    cameras: Mapping[str, Camera],
+    times: np.ndarray,
+    *,
+    clip_sizes: Mapping[str, tuple[int, int]] | None = None,
+    detected: Mapping[str, KeypointTrack] | None = None,
+) -> list[Observation]:
+    """Observations (T) of all cameras with keypoints, in the order of `tracks`.
+
+    A landmark whose keypoint a layout lacks stays missing; a track without any names is one without keypoints. A track
+    shorter than `times` (T,) [s] is missing at its end, a longer one is cut; `timing.length_notes` says so.
+    detected: the keypoints frame by frame as the detector gave them, of tracks that were brought to other instants:
+    interpolation hides how much they tremble.
+
+    Raises
+    ------
+    InputError: a track without its camera, image sizes that disagree, fewer than 4 landmarks in common.
+    """
+    if not tracks:
+        raise InputError("keypoints", "there are none")
+    shape = (len(times), len(tracks), len(body.landmark_names))
+    pixels, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    used: list[Camera] = []
+    jitter: list[float] = []
+    for c, (name, track) in enumerate(tracks.items()):
+        used.append(_camera(name, track, cameras, (clip_sizes or {}).get(name)))
+        here, there = common_landmarks(body.landmark_names, track) if track.names else ([], [])
+        count = min(len(times), track.frame_count)
+        pixels[:count, c, here] = track.pixels[:count, there]
+        confidence[:count, c, here] = track.confidence[:count, there]
+        whole = (detected or {}).get(name)
+        jitter.append(keypoint_jitter(pixels[:, c] if whole is None else whole.pixels[:, there]))
+    given = all(track.layout == GIVEN for track in tracks.values())
+    return [
+        Observation(i, float(t), tuple(used), pixels[i], confidence[i], tuple(jitter), given)
+        for i, t in enumerate(np.asarray(times).tolist())
+    ]
+
+
+def keypoint_jitter(pixels: np.ndarray) -> float:
+    """Standard deviation [px] of what trembles in a track of keypoints, pixels (T, L, 2) with NaN where missing.
+
+    From the median size of the second differences in time: bodies move smoothly, errors of detectors do not, and
+    outliers do not reach a median. Errors that last for several frames are seen in part. Zero for a track too short.
+    """
+    second = np.abs(np.diff(pixels, n=2, axis=0)) if len(pixels) > 2 else np.zeros(0)
+    second = second[np.isfinite(second)]
+    if second.size < _FEWEST_DIFFERENCES:
+        return 0.0
+    return float(np.median(second) / (0.6745 * np.sqrt(6.0)))  # of a normal distribution; 1, -2, 1 squared add to 6
+
+
+def common_landmarks(landmarks: Sequence[str], track: KeypointTrack) -> tuple[list[int], list[int]]:
+    """Places of the landmarks a track has: in the body and in the track."""
+    place: dict[str, int] = {}
+    for j, name in enumerate(track.names):
+        if name is not None:
+            place.setdefault(name, j)
+    here = [i for i, name in enumerate(landmarks) if name in place]
+    if len(here) < _FEWEST_LANDMARKS:
+        problem = f"has {len(here)} of the subject's landmarks, at least {_FEWEST_LANDMARKS} are needed"
+        remedy = f"subject: {', '.join(landmarks) or 'none'}; {track.layout}: {', '.join(place) or 'none'}"
+        raise InputError(track.source or "keypoints", problem, remedy=remedy)
+    return here, [place[landmarks[i]] for i in here]
+
+
+def _camera(
+    name: str, track: KeypointTrack, cameras: Mapping[str, Camera], clip_size: tuple[int, int] | None
+) -> Camera:
+    if name not in cameras:
+        known = ", ".join(cameras) or "none"
+        raise InputError(track.source or "keypoints", f"there is no camera {name!r}", remedy=f"cameras: {known}")
+    sizes = {"camera": cameras[name].image_size, "keypoints": track.image_size, "clip": clip_size}
+    stated = {what: tuple(size) for what, size in sizes.items() if size is not None}
+    if len(set(stated.values())) > 1:
+        each = ", ".join(f"{what} {w} x {h}" for what, (w, h) in stated.items())
+        raise InputError(track.source or name, f"image sizes of {name!r} disagree: {each}")
+    return cameras[name]

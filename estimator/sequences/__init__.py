@@ -1,1 +1,0 @@
-"""Observations of a clip in order: one clock for keypoints, pictures and cameras."""
