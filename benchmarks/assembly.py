@@ -18,12 +18,12 @@ from cyclopts import Parameter
 from benchmarks.common import NO_CAPTURE_HERE, check_known, save, start, tell
 from benchmarks.limb_pictures import Shown, shown_clip
 from benchmarks.pose_prior_clips import captured_files, trial_of
-from estimator.cost.model import CostModel
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
 from estimator.limbs.likelihood import LimbLikelihood
 from estimator.search.assembly import assembled
+from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.limbs.graph import limb_graph

@@ -27,7 +27,6 @@ from cyclopts import Parameter
 
 import kinemode as km
 from benchmarks.common import Json, Several, check_known, in_processes, save, start, tell
-from estimator.cost.model import image_extent
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
@@ -37,6 +36,7 @@ from estimator.imaging.faces import skin_points
 from estimator.imaging.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
+from estimator.search.cost_model import image_extent
 from estimator.synthesis.render import Renderer
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import Surface, surface_of

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.css_tables_problem import SEARCH, Problem
-from estimator.optimise.seek import Seeker
+from estimator.energy.descent.seek import Seeker
 from humanoid.kinematics.body import PosedBody
 
 HELD = 1e4  # weight of holding a search at its place along a direction
@@ -29,7 +29,7 @@ class Place:
         )  # fmt: skip
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         off = self._off(posed)
         slope = pin.dDifference(self._model, self._q, posed.q, pin.ARG1).T @ self._axis
         gradient += HELD * off * slope
@@ -37,7 +37,7 @@ class Place:
         return 0.5 * HELD * off * off
 
     def value(self, posed: PosedBody) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         return 0.5 * HELD * self._off(posed) * self._off(posed)
 
     def _off(self, posed: PosedBody) -> float:

@@ -11,9 +11,9 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from benchmarks.css_tables_problem import PAPERS, SEARCH, Problem, Regime, joint_image_problem
-from estimator.optimise.covariance import free_directions
-from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import Solution
+from estimator.energy.descent.covariance import free_directions
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.solution import Solution
 from estimator.search.proposals import CovarianceScaledProposal, Proposal, SphericalProposal, WeakestDirections
 
 

@@ -10,13 +10,13 @@ import pinocchio as pin
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.optimise.covariance import free_directions, mode_covariance
-from estimator.optimise.seek import Seeker, SeekSettings
-from estimator.optimise.solution import Solution
-from estimator.terms.priors import Stabilisers
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost, Term
-from estimator.terms.upright import Upright
+from estimator.energy.descent.covariance import free_directions, mode_covariance
+from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.descent.solution import Solution
+from estimator.energy.priors import Stabilisers
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Cost, Term
+from estimator.energy.upright import Upright
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 

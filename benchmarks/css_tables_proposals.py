@@ -12,8 +12,8 @@ import pinocchio as pin
 from benchmarks.css_tables_jumps import Pool
 from benchmarks.css_tables_minima import PROPOSALS, Starts, proposal
 from benchmarks.css_tables_problem import Problem
-from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.solution import Solution
+from estimator.energy.descent.covariance import mode_covariance
+from estimator.energy.descent.solution import Solution
 from estimator.search.jumps import KinematicJumps
 from estimator.search.proposals import CovarianceScaledProposal, LimbProposal
 

@@ -11,24 +11,24 @@ import pinocchio as pin
 
 from benchmarks.common import Json, save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
-from estimator.cost.model import CostModel, CostSettings, image_extent
 from estimator.cues.base import Past
 from estimator.cues.depth.matching import surface_precision
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
+from estimator.energy.descent.qp import StepSolver
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.solution import Solution
+from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.point_targets import PointTargets
+from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Cost, Term
+from estimator.energy.upright import Upright, world_up
 from estimator.imaging.depth_map import Points
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.numerics.robust import POTENTIALS
-from estimator.optimise.qp import StepSolver
-from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import Solution
+from estimator.search.cost_model import CostModel, CostSettings, image_extent
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
-from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.point_targets import PointTargets
-from estimator.terms.priors import Stabilisers, Transition
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost, Term
-from estimator.terms.upright import Upright, world_up
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.collision.self_collision import SelfCollision

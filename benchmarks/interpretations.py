@@ -27,9 +27,9 @@ import pinocchio as pin
 from scipy.optimize import least_squares
 
 from benchmarks.common import Json, Several, in_processes, save, start, tell
-from estimator.cost.model import CostModel
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
+from estimator.search.cost_model import CostModel
 from estimator.search.jumps import KinematicJumps
 from estimator.search.mode_search import ModeSearch
 from humanoid.kinematics.body import ROOT_TURN_Q, Body

@@ -18,7 +18,6 @@ from benchmarks.common import NO_CAPTURE_HERE, Several, check_known, data_folder
 from benchmarks.limb_learning_plot import draw_potentials
 from benchmarks.pose_learning import POOR_FIT, VAGUE_STD
 from benchmarks.pose_prior_clips import LEFT_OUT, captured_files, subject_of, trial_of
-from estimator.cost.model import CostSettings, per_dof
 from estimator.inference.beliefs.learning import LearnSettings
 from estimator.limbs.potential_learning import (
     LimbPoses,
@@ -29,6 +28,7 @@ from estimator.limbs.potential_learning import (
     log_densities,
 )
 from estimator.limbs.potentials import SHIPPED, LimbPotentials, load_potentials
+from estimator.search.cost_model import CostSettings, per_dof
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import Body

@@ -16,6 +16,7 @@ from benchmarks.kept_runs import Figures, Kept
 from benchmarks.loose_limbed_clips import LimbClip, Markers
 from benchmarks.loose_limbed_rival import AnnealedOnLimbs
 from estimator.data.observation import Observation
+from estimator.energy.descent.solution import CONVERGED
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
@@ -24,7 +25,6 @@ from estimator.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.limbs.likelihood import LimbLikelihood
 from estimator.modes.mixture import Mode
 from estimator.modes.mixture import mixture_of as mixture_of_modes
-from estimator.optimise.solution import CONVERGED
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.limb_state import LimbState
 from estimator.trackers.loose_limbed import LooseLimbed

@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.mode_search_residuals import Change, Residuals
 from benchmarks.mode_search_scipy import Watched, scipy_search
-from estimator.cost.model import CostModel, CostSettings
 from estimator.data.observation import Observation
-from estimator.optimise.seek import Seeker
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.term import Cost
+from estimator.energy.upright import world_up
+from estimator.search.cost_model import CostModel, CostSettings
 from estimator.synthesis import scene_cameras
-from estimator.terms.term import Cost
-from estimator.terms.upright import world_up
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import load_subject

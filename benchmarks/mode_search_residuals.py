@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from estimator.data.cameras.projection import pack_cameras, project_with_jacobian
 from estimator.data.observation import Observation
-from estimator.terms.reprojection import BEHIND
+from estimator.energy.reprojection import BEHIND
 from humanoid.kinematics.body import ROOT_JOINT, Body, PosedBody
 
 FREE = 6  # degrees of freedom of a free root
@@ -34,7 +34,7 @@ def robust(e: np.ndarray, D: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndar
 
 class Change(NamedTuple):
     """What a change since the frame before costs: from q_previous (nq,), by std (nv,) [m, rad] and nu, see
-    `estimator.terms.priors.Transition`."""
+    `estimator.energy.priors.Transition`."""
 
     q_previous: np.ndarray
     std: np.ndarray
@@ -51,7 +51,7 @@ class Residuals:
     Parameters
     ----------
     body: with a free root, every other joint of one degree of freedom. start (nq,): where x's root is zero.
-    observation, sigma (C, L), nu: see `estimator.terms.reprojection.Reprojection`. up (3,): see `Upright`.
+    observation, sigma (C, L), nu: see `estimator.energy.reprojection.Reprojection`. up (3,): see `Upright`.
     prior_nu: of stabilisers and tilt. change: None where none is paid for.
     """
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from scipy.special import logsumexp
 
+from estimator.energy.pose_mixture import PoseMixture
+from estimator.energy.pose_prior import joint_axes
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
-from estimator.terms.pose_mixture import PoseMixture
-from estimator.terms.pose_prior import joint_axes
 from humanoid.kinematics.body import Body
 
 FPS = 30.0

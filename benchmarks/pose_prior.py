@@ -18,10 +18,10 @@ from benchmarks.common import NO_CAPTURE_HERE, Data, Json, Several, Work, in_pro
 from benchmarks.pose_learning import LearnSettings, Poses, balanced, captured_poses, learned
 from benchmarks.pose_prior_clips import Task, captured_files, learned_person, spread_of, subject_of, tracked
 from benchmarks.scores import TRAJECTORIES, TrackErrors
-from estimator.terms.pose_mixture import SHIPPED, PoseMixture
-from estimator.terms.pose_prior import PosePrior
-from estimator.terms.priors import Stabilisers
-from estimator.terms.term import Cost
+from estimator.energy.pose_mixture import SHIPPED, PoseMixture
+from estimator.energy.pose_prior import PosePrior
+from estimator.energy.priors import Stabilisers
+from estimator.energy.term import Cost
 from estimator.trackers.defaults import NO_CAPTURE, together
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.tracking import Times
 from estimator.data.cameras.camera import Camera
-from estimator.optimise.seek import SeekSettings
+from estimator.energy.descent.seek import SeekSettings
 from estimator.results.evaluation import (
     HIPS,
     Reference,

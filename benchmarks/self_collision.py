@@ -11,7 +11,7 @@ from timeit import repeat
 import numpy as np
 import pinocchio as pin
 
-from estimator.terms.interpenetration import Interpenetration
+from estimator.energy.interpenetration import Interpenetration
 from humanoid import load_subject
 from humanoid.collision import broad_phase
 from humanoid.collision.self_collision import SelfCollision

@@ -17,9 +17,9 @@ from estimator import synthesis
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.observation import Observation
+from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, STEP_SOLVERS, StepSolver
+from estimator.energy.descent.solution import StepCounts
 from estimator.fitting.person import fit_person
-from estimator.optimise.qp import ACTIVE_SET, PROXQP, STEP_SOLVERS, StepSolver
-from estimator.optimise.solution import StepCounts
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for

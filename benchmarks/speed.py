@@ -18,10 +18,10 @@ from benchmarks.common import Changes, Data, Json, data_folder, nested, save, sp
 from benchmarks.meter import KINDS, Meter
 from benchmarks.tracking import timed_track
 from estimator.data.observation import Observation
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.solution import Solution, StepCounts
+from estimator.energy.term import Cost
 from estimator.fitting.person import fit_person
-from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import Solution, StepCounts
-from estimator.terms.term import Cost
 from estimator.trackers.base import Tracker
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker, settings_for

@@ -21,13 +21,13 @@ from pink.tasks import FrameTask
 from benchmarks.common import Json, save, start
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.optimise.qp import PROXQP, STEP_SOLVERS, StepSolver
-from estimator.optimise.seek import trust_box
+from estimator.energy.descent.qp import PROXQP, STEP_SOLVERS, StepSolver
+from estimator.energy.descent.seek import trust_box
+from estimator.energy.point_targets import PointTargets
+from estimator.energy.priors import Stabilisers
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Cost, Term
 from estimator.synthesis import scene_cameras
-from estimator.terms.point_targets import PointTargets
-from estimator.terms.priors import Stabilisers
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost, Term
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import load_subject

@@ -17,10 +17,10 @@ import numpy as np
 
 from benchmarks.common import Json, save, start
 from estimator.data.observation import Observation
+from estimator.energy.term import Term
 from estimator.likelihood.reader import CueReader
 from estimator.search.association import AS_DETECTED
 from estimator.synthesis import DetectorSettings, ViewSettings
-from estimator.terms.term import Term
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.tracking.registry import make_tracker, settings_for

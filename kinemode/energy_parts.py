@@ -11,10 +11,10 @@ import numpy as np
 from estimator.cues.assigned import AssignedPoints
 from estimator.cues.base import Past
 from estimator.data.observation import Observation
+from estimator.energy.term import Term
 from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
-from estimator.terms.term import Term
 from humanoid.kinematics.body import PosedBody
 
 

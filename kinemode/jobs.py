@@ -17,7 +17,7 @@ from estimator.data.observation import PoseEstimate
 from estimator.data.source import Cues
 from estimator.fitting import person
 from estimator.fitting.fit import Fit
-from estimator.parallel.pool import checked_count
+from estimator.numerics.pool import checked_count
 from estimator.results.run_file import Run, RunHeader, RunWriter
 from estimator.results.temporary_run import TemporaryFolder
 from estimator.smoothing import smooth_track

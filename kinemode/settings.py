@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-from estimator.cost.model import without_prior
 from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.likelihood.settings import CueSettings
+from estimator.search.cost_model import without_prior
 from estimator.tracking.idle_settings import (
     Idle,
     changed_names,

@@ -10,17 +10,17 @@ from builders import BROWN, body_of, camera_at, observe, random_pose
 from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import Observation
+from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.limb_targets import LimbPull, LimbTargets
+from estimator.energy.point_targets import PointTargets
+from estimator.energy.pose_mixture import load_mixture
+from estimator.energy.pose_prior import PosePrior
+from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Term
+from estimator.energy.upright import Upright, world_up
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
-from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.limb_targets import LimbPull, LimbTargets
-from estimator.terms.point_targets import PointTargets
-from estimator.terms.pose_mixture import load_mixture
-from estimator.terms.pose_prior import PosePrior
-from estimator.terms.priors import Stabilisers, Transition
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Term
-from estimator.terms.upright import Upright, world_up
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph

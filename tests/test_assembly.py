@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe, random_pose
 
-from estimator.cost.model import CostModel
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import UNEXPLAINED, Belief
 from estimator.inference.beliefs.space import PLACEMENTS, Space, placements_of, points_of
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family
 from estimator.search.assembly import AssemblySettings, assembled
+from estimator.search.cost_model import CostModel
 from estimator.search.limb_choices import Mistakes, choices, instead, outermost
 from estimator.search.limb_places import limb_places
 from estimator.search.mode_search import ModeSearch

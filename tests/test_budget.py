@@ -7,12 +7,12 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose
 from scipy.stats import multivariate_normal
 
-from estimator.cost.model import CostModel
 from estimator.data.observation import Observation
+from estimator.energy.term import Cost, QuadraticModel
 from estimator.search.budget import BudgetSettings, Source, allocated
+from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.volumes import Surroundings, importance_log_volumes
-from estimator.terms.term import Cost, QuadraticModel
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body, PosedBody
@@ -84,14 +84,14 @@ class Bowl:
         self._body, self._centre, self._hessian, self._slope = body, centre, hessian, slope
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         e = self._body.difference(self._centre, posed.q)
         gradient += self._hessian @ e + self._slope
         hessian += self._hessian
         return float(0.5 * e @ self._hessian @ e + self._slope @ e)
 
     def value(self, posed: PosedBody) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         return self.accumulate(posed, np.zeros(self._body.nv), np.zeros((self._body.nv, self._body.nv)))
 
 

@@ -10,13 +10,13 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose, slope
 from term_family import CAMERAS, evaluated, observed, reprojection
 
-from estimator.cost.model import CostModel, CostSettings, image_extent
+from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Term
+from estimator.energy.upright import Upright, world_up
 from estimator.numerics.robust import POTENTIALS
-from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.priors import Stabilisers, Transition
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Term
-from estimator.terms.upright import Upright, world_up
+from estimator.search.cost_model import CostModel, CostSettings, image_extent
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 

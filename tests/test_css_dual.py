@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe
 
-from estimator.cost.model import CostModel
 from estimator.data.formats.checked_arrays import DamageError
 from estimator.data.observation import Observation
 from estimator.inference.chains.exchange import APART
+from estimator.search.cost_model import CostModel
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import Tracker
 from estimator.trackers.points_beside import BesideSettings, BesideState, PointsBeside

@@ -19,7 +19,7 @@ from benchmarks.css_tables_problem import SEARCH
 from benchmarks.css_tables_proposals import TRIED, tempered
 from benchmarks.css_tables_regimes import TRACKERS, TrialTask, counted
 from benchmarks.figure_file import write_figure
-from estimator.optimise.seek import Seeker
+from estimator.energy.descent.seek import Seeker
 
 FEW = 60
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.cost.model import CostModel, CostSettings
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.observation import Observation
 from estimator.results.diagnosis import FAR, Diagnosis, diagnose
 from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.search.cost_model import CostModel, CostSettings
 from estimator.synthesis import keypoints
 from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body

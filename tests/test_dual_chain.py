@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.cost.model import CostModel
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.checked_arrays import DamageError
 from estimator.data.observation import Observation
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
+from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
 from estimator.search.pose_chain import PoseChainSettings
 from estimator.search.settings import ModeSearchSettings

@@ -147,13 +147,13 @@ def test_files_stand_in_rooms() -> None:
 @pytest.mark.parametrize(
     ("file", "text", "violation"),
     [
-        ("humanoid/kinematics/body.py", "import estimator.cost", "humanoid.kinematics.body imports estimator.cost"),
+        ("humanoid/kinematics/body.py", "import estimator.energy", "humanoid.kinematics.body imports estimator.energy"),
         (
             "humanoid/kinematics/body.py",
             "def f():\n    from viz import sheet",
             "humanoid.kinematics.body imports viz.sheet",
         ),
-        ("estimator/terms/term.py", "from kinemode import jobs", "estimator.terms.term imports kinemode.jobs"),
+        ("estimator/energy/term.py", "from kinemode import jobs", "estimator.energy.term imports kinemode.jobs"),
         ("viz/sheet.py", "if True:\n    import kinemode", "viz.sheet imports kinemode"),
     ],
 )

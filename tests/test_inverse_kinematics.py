@@ -14,20 +14,20 @@ import numpy as np
 import pytest
 from builders import BROWN, bent, body_of, camera_at, inside, observe, random_pose
 
-from estimator.cost.model import CostModel, CostSettings
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
+from estimator.energy.descent.covariance import mode_covariance
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.solution import Solution
+from estimator.energy.term import Cost
 from estimator.modes.merge import body_size
-from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import Solution
+from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.first_pose import random_configuration
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
 from estimator.search.settings import ModeSearchSettings
-from estimator.terms.term import Cost
 from humanoid.kinematics.body import Body
 
 LIMB = ("left_shoulder", "left_elbow", "left_wrist")

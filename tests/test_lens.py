@@ -16,7 +16,7 @@ from estimator.data.cameras.projection import (
     project_point,
     project_with_jacobian,
 )
-from estimator.terms.reprojection import Reprojection
+from estimator.energy.reprojection import Reprojection
 from humanoid.support.errors import InputError
 from kinemode.testing import check_term
 from tests.builders import BROWN, body_of, camera_at, observe, random_pose

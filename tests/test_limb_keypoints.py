@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from builders import body_of, camera_at, observe, random_pose
 
-from estimator.cost.model import CostModel
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
 from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.numerics.alignment import motions_onto, similarity_onto
+from estimator.search.cost_model import CostModel
 from estimator.search.shouters.contract import Shout, Shouts
 from estimator.search.shouters.keypoint_fits import Fits, turned_about
 from estimator.search.shouters.keypoints import KeypointShoutSettings, keypoint_shouts

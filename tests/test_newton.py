@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimator.optimise.newton import Damping, Descent, NewtonSettings, Problem, Step, minimise
+from estimator.energy.descent.newton import Damping, Descent, NewtonSettings, Problem, Step, minimise
 
 NIELSEN = Damping(first=0.5, least=1e-12, most=1e12, growth=2.0, by_ratio=True)
 

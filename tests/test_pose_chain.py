@@ -11,6 +11,8 @@ import pytest
 
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.image_cues import ImageCues
+from estimator.energy.pose_mixture import shipped_mixture
+from estimator.energy.pose_prior import PosePrior
 from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian
@@ -20,8 +22,6 @@ from estimator.search.point_features import landmark_features, skin_features
 from estimator.search.pose_chain import Crowd, Expected, PoseChain, PoseChainSettings
 from estimator.search.pose_elsewhere import anywhere
 from estimator.search.pose_parts import PoseParts
-from estimator.terms.pose_mixture import shipped_mixture
-from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.support.errors import InputError

@@ -14,11 +14,11 @@ from scipy.stats import multivariate_normal, t
 from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
 from benchmarks.pose_prior import mixture_of_all
 from benchmarks.pose_prior_clips import captured_files
-from estimator.cost.model import CostModel, CostSettings, _pose_priors
-from estimator.optimise.seek import Seeker
-from estimator.terms.pose_mixture import SHIPPED, PoseMixture, load_mixture
-from estimator.terms.pose_prior import PosePrior, joint_axes, misfit
-from estimator.terms.priors import Stabilisers
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.pose_mixture import SHIPPED, PoseMixture, load_mixture
+from estimator.energy.pose_prior import PosePrior, joint_axes, misfit
+from estimator.energy.priors import Stabilisers
+from estimator.search.cost_model import CostModel, CostSettings, _pose_priors
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index

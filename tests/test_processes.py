@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.parallel import memory
-from estimator.parallel.broadcast import Broadcaster
-from estimator.parallel.memory import SharedMemory
-from estimator.parallel.pool import worker_pool
-from estimator.parallel.worker import Worker
+from estimator.numerics import memory
+from estimator.numerics.broadcast import Broadcaster
+from estimator.numerics.memory import SharedMemory
+from estimator.numerics.pool import worker_pool
+from estimator.numerics.worker import Worker
 from humanoid.support.errors import InputError
 from tests.waiting import DEADLINE, until
 from tests.worker_jobs import Table, TableJob, fill, work_on
@@ -136,7 +136,7 @@ def test_memory_without_a_name(missing: tuple[str, ...], monkeypatch: pytest.Mon
 @pytest.mark.skipif(not shutil.which("unshare") or os.getuid() != 0, reason="needs a mount namespace")
 def test_dev_shm_may_be_tiny() -> None:
     """As in a container."""
-    code = "from estimator.parallel.memory import SharedMemory; m = SharedMemory.of_size(8 << 20); "
+    code = "from estimator.numerics.memory import SharedMemory; m = SharedMemory.of_size(8 << 20); "
     code += "m.data[:] = bytes(8 << 20); print('well')"
     script = f'mount -t tmpfs -o size=64k none /dev/shm || exit 77; exec {sys.executable} -c "{code}"'
     done = subprocess.run(

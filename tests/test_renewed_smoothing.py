@@ -11,6 +11,7 @@ from builders import body_of, camera_at
 
 import kinemode
 from estimator.cues.assigned import AssignedPoints, assignments
+from estimator.energy.term import Cost
 from estimator.likelihood.ahead import ReadAhead
 from estimator.numerics.robust import LORENTZIAN
 from estimator.results.run_file import Run
@@ -18,7 +19,6 @@ from estimator.smoothing import clip as smoothing_of_clips
 from estimator.smoothing import smooth_track
 from estimator.smoothing.renewal import Renewal, Trajectory
 from estimator.smoothing.ties import FlowTie
-from estimator.terms.term import Cost
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker
 from humanoid.kinematics.body import Body

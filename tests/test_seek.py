@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from builders import BROWN, bent, body_of, camera_at, inside, observe, random_pose
 
-from estimator.cost.model import CostModel, CostSettings
-from estimator.optimise.contact import ContactSettings, contact_kkt_residual, separate
-from estimator.optimise.covariance import MAX_STD, free_directions, mode_covariance
-from estimator.optimise.qp import PROXQP_ALWAYS, STEP_SOLVERS
-from estimator.optimise.seek import Seeker, SeekSettings, trust_box
-from estimator.optimise.solution import Solution
+from estimator.energy.descent.contact import ContactSettings, contact_kkt_residual, separate
+from estimator.energy.descent.covariance import MAX_STD, free_directions, mode_covariance
+from estimator.energy.descent.qp import PROXQP_ALWAYS, STEP_SOLVERS
+from estimator.energy.descent.seek import Seeker, SeekSettings, trust_box
+from estimator.energy.descent.solution import Solution
+from estimator.energy.term import Cost, Term
+from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
-from estimator.terms.term import Cost, Term
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
 

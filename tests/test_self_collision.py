@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from estimator.terms.interpenetration import Interpenetration
+from estimator.energy.interpenetration import Interpenetration
 from humanoid.collision.self_collision import Contacts, SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from builders import body_of, camera_at, observe
 
-from estimator.cost.model import CostModel
+from estimator.energy.term import Cost
+from estimator.search.cost_model import CostModel
 from estimator.smoothing import SmoothSettings, smooth, smooth_track
-from estimator.terms.term import Cost
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

@@ -9,10 +9,10 @@ import pytest
 from builders import body_of, inside, random_pose
 from proxsuite import proxqp
 
-from estimator.optimise.box_step import model_decrease, solve_box
-from estimator.optimise.proxqp import ProxQP
-from estimator.optimise.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS, STEP_SOLVERS, StepSolver
-from estimator.optimise.solution import StepCounts
+from estimator.energy.descent.box_step import model_decrease, solve_box
+from estimator.energy.descent.proxqp import ProxQP
+from estimator.energy.descent.qp import ACTIVE_SET, PROXQP, PROXQP_ALWAYS, STEP_SOLVERS, StepSolver
+from estimator.energy.descent.solution import StepCounts
 from estimator.search.settings import ModeSearchSettings
 from humanoid.support.errors import InputError
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from estimator.cost.model import CostModel
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.sequence import assemble
+from estimator.energy.descent.solution import StepCounts
 from estimator.likelihood.reader import CueReader
 from estimator.likelihood.settings import cue_settings
-from estimator.optimise.solution import StepCounts
-from estimator.parallel import pool
-from estimator.parallel.broadcast import SMALL, Broadcaster, Receiver
+from estimator.numerics import pool
+from estimator.numerics.broadcast import SMALL, Broadcaster, Receiver
+from estimator.search.cost_model import CostModel
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch

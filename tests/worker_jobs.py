@@ -11,7 +11,7 @@ from multiprocessing.synchronize import Barrier
 
 import numpy as np
 
-from estimator.parallel.worker import Worker
+from estimator.numerics.worker import Worker
 
 
 def work_on(connection: Connection) -> None:
@@ -48,7 +48,7 @@ class Table:
 
 
 class TableJob:
-    """Tables as the context of a pool (see `estimator.parallel.job.Job`). factor: of what is shown. meeting: of the
+    """Tables as the context of a pool (see `estimator.numerics.job.Job`). factor: of what is shown. meeting: of the
     processes."""
 
     def __init__(self, factor: float, meeting: Barrier) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.cues.assigned_loads import assigned_loads, assigned_values, group_by_point, in_order, value_here
 from estimator.data.cameras.camera import Camera
+from estimator.energy.points import LoadedPoints, accumulate_points
+from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import LORENTZIAN
-from estimator.terms.points import LoadedPoints, accumulate_points
-from estimator.terms.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody, points_in_world
 
 
@@ -120,7 +120,7 @@ class AssignedPoints(BatchTerm):
         return Features(joint, local, pixels, target, np.sqrt(np.maximum(squared, 0.0)), weight)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         target, precision, weight, potential, nu = self._features
         loaded = self._loaded = self._loaded or LoadedPoints.on(self._joint)
         value: float = assigned_loads(

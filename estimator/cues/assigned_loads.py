@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.data.cameras.projection import add_projection_curvature, project_point, project_with_jacobian
+from estimator.energy.points import to_world
+from estimator.energy.reprojection import BEHIND
 from estimator.numerics.robust import rho
-from estimator.terms.points import to_world
-from estimator.terms.reprojection import BEHIND
 from humanoid.support.compiled import jit
 
 

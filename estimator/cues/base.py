@@ -18,9 +18,9 @@ from estimator.cues.cue_picture import CuePicture
 from estimator.cues.settings import SurfaceSettings
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
+from estimator.energy.term import Term
 from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
 from estimator.prediction.prediction import Prediction, Predictor
-from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface
 from humanoid.support.idle import IdleRule

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.energy.descent.box_step import solve_box
+from estimator.energy.descent.covariance import free_directions
+from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
+from estimator.energy.descent.seek import trust_box
 from estimator.fitting.body_energy import BodyEnergy, Expansion
 from estimator.fitting.settings import DescentSettings
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.optimise.box_step import solve_box
-from estimator.optimise.covariance import free_directions
-from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
-from estimator.optimise.seek import trust_box
 
 _ROUNDS = 30  # of the active set iteration; bounds and frames are few
 _DAMPING = Damping(least=1e-6)

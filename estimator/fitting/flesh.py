@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.cost.model import CostSettings
 from estimator.data.observation import Observation
 from estimator.data.source import Cues
 from estimator.fitting.body_energy import BodyEnergy, Gaussian, seen_at
@@ -17,6 +16,7 @@ from estimator.fitting.settings import FitSettings
 from estimator.fitting.shape_parameters import OF_PART
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.likelihood.registry import cues_of
+from estimator.search.cost_model import CostSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.model import CostModel, CostSettings
 from estimator.data.observation import Observation
+from estimator.energy.descent.covariance import free_directions, mode_covariance
+from estimator.energy.descent.newton import NewtonSettings, Problem, Step, minimise
+from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Cost
 from estimator.fitting.descent import bounded_step
 from estimator.fitting.fit import Fit
 from estimator.fitting.settings import FitSettings
-from estimator.optimise.covariance import free_directions, mode_covariance
-from estimator.optimise.newton import NewtonSettings, Problem, Step, minimise
-from estimator.optimise.seek import Seeker, SeekSettings
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost
+from estimator.search.cost_model import CostModel, CostSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.paths import backtrack_results

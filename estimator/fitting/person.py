@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from estimator.cost.model import CostSettings
 from estimator.data.observation import Observation
 from estimator.data.source import Cues
 from estimator.fitting.fit import Fit
 from estimator.fitting.flesh import fit_flesh
 from estimator.fitting.lengths import fit_lengths
 from estimator.fitting.settings import FitSettings
+from estimator.search.cost_model import CostSettings
 from estimator.tracking.registry import Settings
 from humanoid.subject.subject import Subject
 

@@ -9,10 +9,10 @@ from estimator.cues.assigned import AssignedPoints, Assignments, nothing, value_
 from estimator.cues.base import CameraView, ContourMatch, Matcher, Past, Shown
 from estimator.cues.cue_picture import CuePicture
 from estimator.data.image_cues import ImageCues
+from estimator.energy.term import Term
 from estimator.likelihood.registry import cues_of
 from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.prediction.prediction import Prediction, Predictor
-from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface, surface_of
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from estimator.data.cameras.projection import in_camera, pack_cameras, project_point
 from estimator.data.observation import Observation
+from estimator.energy.reprojection import BEHIND
 from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.numerics.robust import POTENTIALS, rho
-from estimator.terms.reprojection import BEHIND
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph
 from humanoid.subject.landmarks import mirror_index
@@ -44,7 +44,7 @@ class KeypointEvidence:
     Views are added. A landmark that several limbs have, as two have their joint's, counts for its share in each: the
     product over limbs has it once.
 
-    sigma (C, L): standard deviation of each keypoint [px] (`estimator.cost.model.CostModel.keypoint_sigma`).
+    sigma (C, L): standard deviation of each keypoint [px] (`estimator.search.cost_model.CostModel.keypoint_sigma`).
     landmarks: `landmarks_of_limbs(body, graph)`, for callers with many instants.
 
     Raises

@@ -16,9 +16,9 @@ class Mode:
     q (nq,): configuration.
     covariance (nv, nv): inverse Hessian in the tangent space at q on the free directions, zero along active limits.
     energy: value of the cost at q.
-    status: how the search ended, see `estimator.optimise.solution`: "converged", "stalled", "iterations" (the budget
-        ended), "separated" (parts that overlapped were parted, and the search ended before its residual was small:
-        nothing to do) or "sampled" (a mean of particles, no minimum).
+    status: how the search ended, see `estimator.energy.descent.solution`: "converged", "stalled", "iterations" (the
+        budget ended), "separated" (parts that overlapped were parted, and the search ended before its residual was
+        small: nothing to do) or "sampled" (a mean of particles, no minimum).
     kkt_residual: largest entry of the projected gradient, recomputed from the problem at q.
     penetration: deepest overlap of two body parts at q [m], 0 if none.
     parent: index of the mode of the previous frame that this one continues, -1 if none.

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.data.cameras.lens import is_parallel
 from estimator.data.cameras.projection import AWAY, project_point, project_with_jacobian
-from estimator.terms.points import to_world, turn
+from estimator.energy.points import to_world, turn
 from humanoid.support.compiled import jit
 
 

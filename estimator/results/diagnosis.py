@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.model import CostModel, CostSettings
 from estimator.data.observation import Observation
 from estimator.results.run_file import Run
 from estimator.search.association import EXCHANGED
+from estimator.search.cost_model import CostModel, CostSettings
 from humanoid.subject.landmarks import mirror_index
 
 MOST = 0.5

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import logsumexp
 
+from estimator.energy.priors import Stabilisers
 from estimator.results.calibration import Calibration
 from estimator.results.marginals import Marginals
 from estimator.results.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
-from estimator.terms.priors import Stabilisers
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -10,19 +10,19 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.energy.descent.covariance import mode_covariance
+from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.inference.beliefs.graph import Belief
 from estimator.limbs.left_over import LeftOver
 from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
-from estimator.optimise.covariance import mode_covariance
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.limb_choices import Choice, Mistakes, choices, instead
 from estimator.search.limb_places import Place, limb_places
 from estimator.search.limb_pulls import LimbPulls, LimbScores, Near, Stiffness
 from estimator.search.mode_search import ModeSearch, Scored
-from estimator.terms.limb_targets import LimbPull, LimbTargets
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.support.settings import check, setting
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from estimator.terms.reprojection import Reprojection
+from estimator.energy.reprojection import Reprojection
 
 AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
 

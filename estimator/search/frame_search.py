@@ -8,21 +8,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cost.model import CostModel
 from estimator.cues.base import Past
+from estimator.energy.descent.contact import separate
+from estimator.energy.descent.covariance import mode_covariance
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.solution import Solution, StepCounts
+from estimator.energy.limb_targets import LimbPull, LimbTargets
+from estimator.energy.term import Cost, QuadraticModel, Term
 from estimator.likelihood.image_likelihood import Followed, ImageLikelihood
 from estimator.modes.mixture import Mode
 from estimator.modes.origin import Origin, PoseKey, PreviousPose
-from estimator.optimise.contact import separate
-from estimator.optimise.covariance import mode_covariance
-from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import Solution, StepCounts
 from estimator.search.association import Association
+from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
-from estimator.terms.limb_targets import LimbPull, LimbTargets
-from estimator.terms.term import Cost, QuadraticModel, Term
 
 
 class FrameCase(NamedTuple):

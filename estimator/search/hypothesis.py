@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.energy.descent.solution import StepCounts
 from estimator.modes.mixture import Mode
 from estimator.modes.origin import Family, Origin
-from estimator.optimise.solution import StepCounts
 
 _START = Origin(Family.START)
 

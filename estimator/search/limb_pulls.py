@@ -6,11 +6,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from estimator.energy.limb_targets import LimbPull
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
 from estimator.numerics.alignment import similarity_onto
 from estimator.search.limb_choices import Choice
 from estimator.search.views import with_root
-from estimator.terms.limb_targets import LimbPull
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements, limbs_on_joints
 

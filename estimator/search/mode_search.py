@@ -8,15 +8,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from estimator.cost.model import CostModel
 from estimator.data.observation import Observation
+from estimator.energy.descent.seek import Seeker
+from estimator.energy.descent.solution import StepCounts
+from estimator.energy.reprojection import Reprojection
 from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import best_distinct, body_size
 from estimator.modes.mixture import Mixture, mixture_of
-from estimator.optimise.seek import Seeker
-from estimator.optimise.solution import StepCounts
-from estimator.parallel.pool import OneProcess, Workers
+from estimator.numerics.pool import OneProcess, Workers
 from estimator.search.association import AS_DETECTED, EXCHANGED, Association
+from estimator.search.cost_model import CostModel
 from estimator.search.examples.index import REMEDY, load_index
 from estimator.search.examples.known import Examples
 from estimator.search.examples.person_seen import CUES, Sight
@@ -25,7 +26,6 @@ from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.volumes import importance_log_volumes
-from estimator.terms.reprojection import Reprojection
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.pose_prior import PosePrior
 from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters
@@ -26,7 +27,6 @@ from estimator.search.pose_draws import PartDraws
 from estimator.search.pose_elsewhere import GUIDED, anywhere
 from estimator.search.pose_parts import PoseParts
 from estimator.search.pose_target import Expected, PoseTarget
-from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting
 

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.pose_prior import PosePrior
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.steps import Reach, Steps
 from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_parts import PoseParts
-from estimator.terms.pose_prior import PosePrior
 from humanoid.kinematics.body import Body, PlacedBodies
 
 

@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from estimator.cost.model import CostModel, CostSettings
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
+from estimator.energy.limb_targets import LimbPull
 from estimator.likelihood.settings import CueSettings
-from estimator.parallel.pool import checked_count, worker_pool
+from estimator.numerics.pool import checked_count, worker_pool
 from estimator.search.association import Association
+from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
-from estimator.terms.limb_targets import LimbPull
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Base, subject_from_text
@@ -25,7 +25,7 @@ from humanoid.subject.subject import Base, subject_from_text
 @contextmanager
 def search_pool(search: ModeSearch, processes: int) -> Iterator[None]:
     """Within it so many processes do the work of a search, this one among them; what comes out is the same to the last
-    bit. One process is this one alone. See `estimator.parallel.pool.worker_pool`, also for the errors.
+    bit. One process is this one alone. See `estimator.numerics.pool.worker_pool`, also for the errors.
     """
     if checked_count(processes) == 1:
         yield
@@ -40,7 +40,7 @@ def search_pool(search: ModeSearch, processes: int) -> Iterator[None]:
 
 
 class SearchRecipe(NamedTuple):
-    """Makes an equal `ModeSearch` in another process, and its frames' searches (see `estimator.parallel.job.Job`).
+    """Makes an equal `ModeSearch` in another process, and its frames' searches (see `estimator.numerics.job.Job`).
     urdf, source, base: of the subject."""
 
     urdf: str

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from estimator.optimise.contact import ContactSettings
-from estimator.optimise.qp import PROXQP, STEP_SOLVERS
-from estimator.optimise.seek import SeekSettings
+from estimator.energy.descent.contact import ContactSettings
+from estimator.energy.descent.qp import PROXQP, STEP_SOLVERS
+from estimator.energy.descent.seek import SeekSettings
 from humanoid.support.settings import check, setting
 
 BY_KEYPOINTS, BY_INDEX = STARTS = ("keypoints", "index")

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.optimise.covariance import MAX_STD, free_mask
+from estimator.energy.descent.covariance import MAX_STD, free_mask
+from estimator.energy.term import Cost, QuadraticModel
 from estimator.search.proposals import log_density_at_centre
-from estimator.terms.term import Cost, QuadraticModel
 from humanoid.kinematics.body import Body
 
 TAIL = 5.0  # degrees of freedom of the importance density: heavier than the posterior, so that no weight runs away

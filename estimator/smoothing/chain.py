@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import solveh_banded
 
+from estimator.energy.descent.covariance import free_mask
+from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
+from estimator.energy.term import Cost
 from estimator.modes.motion import MotionPrior
 from estimator.numerics.robust import LORENTZIAN, robust_square
-from estimator.optimise.covariance import free_mask
-from estimator.optimise.newton import Damping, NewtonSettings, Problem, Step, minimise
 from estimator.smoothing.ties import Ties
-from estimator.terms.term import Cost
 from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
 
 DAMPING = Damping(first=1e-6)

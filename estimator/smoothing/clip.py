@@ -9,18 +9,18 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.data.source import Cues, Progress
+from estimator.energy.descent.contact import separate
+from estimator.energy.descent.solution import STALLED, Solution
+from estimator.energy.priors import Transition
+from estimator.energy.term import Cost
 from estimator.modes.best_path import best_path
 from estimator.modes.motion import MotionPrior
-from estimator.optimise.contact import separate
-from estimator.optimise.solution import STALLED, Solution
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.chain import REACH, Chain
 from estimator.smoothing.frames import frame_costs, frame_energies, only
 from estimator.smoothing.renewal import Renewal, Trajectory
 from estimator.smoothing.settings import SmoothSettings
-from estimator.terms.priors import Transition
-from estimator.terms.term import Cost
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from humanoid.kinematics.body import Body
@@ -43,7 +43,7 @@ def smooth_track(
     prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
     mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
     (`Renewal`). Parts that the smoothing pushed into each other are parted again
-    (`estimator.optimise.contact`). `progress` is told how many frames of how many are done.
+    (`estimator.energy.descent.contact`). `progress` is told how many frames of how many are done.
     """
     settings = settings or SmoothSettings()
     track = _Track(search, observations, results, settings, cues)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.energy.term import Cost
 from estimator.modes.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.chain import REACH, Chain
 from estimator.smoothing.frames import frame_costs, frame_energies
 from estimator.smoothing.settings import SmoothSettings
-from estimator.terms.term import Cost
 from estimator.trackers.frame_result import FrameResult
 
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.energy.term import Cost, Term
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.ties import Ties, ties_of
-from estimator.terms.term import Cost, Term
 from estimator.trackers.beginning import observable
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import PosedBody

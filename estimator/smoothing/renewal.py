@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.energy.term import Cost
 from estimator.modes.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
 from estimator.smoothing.chain import REACH, Chain
 from estimator.smoothing.frames import flow_ties, renewed_cost
 from estimator.smoothing.settings import SmoothSettings
 from estimator.smoothing.ties import Ties
-from estimator.terms.term import Cost
 
 See = Callable[[int], Observation]
 """A frame of the track, by its place in it, with what its pictures show."""

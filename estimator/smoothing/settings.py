@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimator.cost.model import CostModel, per_dof
 from estimator.modes.motion import MotionPrior
+from estimator.search.cost_model import CostModel, per_dof
 from humanoid.support.settings import setting
 
 

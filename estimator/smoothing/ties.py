@@ -8,10 +8,10 @@ import numpy as np
 
 from estimator.cues.assigned import AssignedPoints
 from estimator.data.cameras.projection import project_with_jacobian
+from estimator.energy.points import to_world
+from estimator.energy.reprojection import BEHIND
+from estimator.energy.term import Term
 from estimator.numerics.robust import rho
-from estimator.terms.points import to_world
-from estimator.terms.reprojection import BEHIND
-from estimator.terms.term import Term
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.compiled import jit
 

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from estimator.cost.model import CostSettings, per_dof
+from estimator.energy.descent.seek import Seeker, SeekSettings
+from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.point_targets import PointTargets
+from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.term import Cost, Term
 from estimator.numerics.alignment import similarity_onto
-from estimator.optimise.seek import Seeker, SeekSettings
+from estimator.search.cost_model import CostSettings, per_dof
 from estimator.synthesis.mocap import Mocap
-from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.point_targets import PointTargets
-from estimator.terms.priors import Stabilisers, Transition
-from estimator.terms.term import Cost, Term
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.errors import InputError

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cost.model import ALL_DETECTED
 from estimator.data.observation import Observation
+from estimator.energy.descent.solution import StepCounts
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.modes.origin import Family
-from estimator.optimise.solution import StepCounts
 from estimator.search.budget import BudgetSettings, Source, allocated
+from estimator.search.cost_model import ALL_DETECTED
 from estimator.search.examples.person_seen import can_be_looked_up
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_proposals import SHAPES, Proposals, ProposalSettings

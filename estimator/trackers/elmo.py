@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cost.model import per_dof
 from estimator.cues.cue_picture import CuePicture
 from estimator.data.observation import Observation
+from estimator.energy.descent.solution import SAMPLED, StepCounts
 from estimator.modes.merge import best_distinct
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.modes.reweighting import diffusion_std, reweighted
-from estimator.optimise.solution import SAMPLED, StepCounts
+from estimator.search.cost_model import per_dof
 from estimator.search.examples.lookup import Looked
 from estimator.search.examples.lookup_picture import lookup_picture
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.cost.model import CostModel
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
@@ -20,6 +19,7 @@ from estimator.limbs.left_over import LeftOver
 from estimator.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
 from estimator.limbs.volume import common_box
 from estimator.limbs.window import Instant
+from estimator.search.cost_model import CostModel
 from estimator.search.shouters.contract import Shouts
 from estimator.search.shouters.hull import HullSettings, hull_shouts
 from estimator.search.shouters.importance import ImportanceSettings, importance_functions

@@ -19,9 +19,9 @@ from estimator.data.formats.checked_arrays import (
     sizes_of,
 )
 from estimator.data.observation import Observation
+from estimator.energy.descent.solution import ITERATIONS, StepCounts
 from estimator.modes.mixture import Mixture, Mode
 from estimator.modes.origin import Family, Origins
-from estimator.optimise.solution import ITERATIONS, StepCounts
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body

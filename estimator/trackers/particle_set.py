@@ -8,16 +8,16 @@ import numpy as np
 
 from estimator.cues.base import Past
 from estimator.data.observation import Observation
+from estimator.energy.descent.solution import SAMPLED
+from estimator.energy.term import Cost, QuadraticModel, Term
 from estimator.inference.clusters import clusters, mean_and_covariance
 from estimator.inference.particles import Particles
 from estimator.modes.merge import body_size
 from estimator.modes.mixture import Mixture, Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
-from estimator.optimise.solution import SAMPLED
 from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
-from estimator.terms.term import Cost, QuadraticModel, Term
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import carried, judged
 from estimator.trackers.particle_state import ParticleState

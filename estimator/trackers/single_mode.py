@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cost.model import CostModel
 from estimator.data.observation import Observation
+from estimator.energy.descent.solution import StepCounts
 from estimator.modes.origin import Family, Origin, PreviousPose
-from estimator.optimise.solution import StepCounts
+from estimator.search.cost_model import CostModel
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis

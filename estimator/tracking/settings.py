@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from estimator.cost.model import CostSettings
 from estimator.likelihood.settings import CueSettings, cue_settings
+from estimator.search.cost_model import CostSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.smoothing import SmoothSettings
 from humanoid.support.settings import plain

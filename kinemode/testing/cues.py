@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cost.model import image_extent
 from estimator.cues.base import CameraView, Cue, Matcher, Past, Shown
 from estimator.data.image_cues import ImageCues
+from estimator.energy.term import Term
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.likelihood.image_likelihood import ImageModel
-from estimator.terms.term import Term
+from estimator.search.cost_model import image_extent
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.testing.laws import differing, require

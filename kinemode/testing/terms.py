@@ -1,4 +1,4 @@
-"""What every term of the energy promises (see `estimator.terms.term.Term`)."""
+"""What every term of the energy promises (see `estimator.energy.term.Term`)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def check_term(term: Any, body: Body, q: np.ndarray, *, curvature: float | None 
 
     Parameters
     ----------
-    term, body: see `estimator.terms.term.Term`.
+    term, body: see `estimator.energy.term.Term`.
     q (nq,): away from kinks, or differences are no derivatives.
     curvature: how far the exact Hessian may be from differences of the gradient, relative to its largest entry; None
         for a term that does not know all of its curvature.

@@ -17,11 +17,11 @@ from estimator.cues.depth.matching import (
 )
 from estimator.cues.depth.reading import DepthReading, PersonPoints
 from estimator.cues.depth.settings import IDLE, DepthLikelihoodSettings, DepthSettings
+from estimator.energy.point_targets import PointTargets
+from estimator.energy.term import Term
 from estimator.imaging.camera_pictures import CameraPictures, PersonMasks
 from estimator.imaging.depth_map import Points
 from estimator.prediction.prediction import Prediction
-from estimator.terms.point_targets import PointTargets
-from estimator.terms.term import Term
 from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
 
 AGREES = 3.0  # standard deviations within which a point lies on the surface

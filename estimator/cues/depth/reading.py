@@ -13,9 +13,9 @@ from estimator.cues.depth.matching import spread_over
 from estimator.cues.depth.person import nearest_thing
 from estimator.cues.depth.settings import DepthSettings
 from estimator.cues.depth.sources import DepthSource, depth_source
+from estimator.energy.upright import world_up
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.imaging.depth_map import DepthMap, Points
-from estimator.terms.upright import world_up
 
 _ON_GRID = 20_000  # pixels that are looked at, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next

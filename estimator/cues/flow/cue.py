@@ -14,9 +14,9 @@ from estimator.cues.cue_picture import CONTOUR_LEGEND, CuePicture, Dots, Lines, 
 from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.cues.flow.point_flow import follow_points
 from estimator.cues.flow.settings import IDLE, FlowLikelihoodSettings
+from estimator.energy.term import Term
 from estimator.imaging.camera_pictures import CameraPictures
 from estimator.numerics.robust import LORENTZIAN
-from estimator.terms.term import Term
 from humanoid.kinematics.body import points_in_world
 
 FLOW_NODES = 200  # more say nothing new; beside keypoints flow has less weight, and fewer are enough

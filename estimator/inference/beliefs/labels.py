@@ -13,8 +13,8 @@ import numpy as np
 
 from estimator.inference.beliefs.mixture import CUT, Mixture, kernel_exponent, placement_exponent
 from estimator.inference.beliefs.space import Space
-from estimator.inference.beliefs.turns import carried, difference, moved
 from estimator.numerics.linear import solve_definite
+from estimator.numerics.rotations import carried, difference, moved
 from humanoid.support.compiled import jit
 
 _STEPS = 3  # of Gauss and Newton towards the mean of a product, where there are rotations

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.beliefs.turns import difference, moved, turn_after, turned, turned_back
+from estimator.numerics.rotations import difference, moved, turn_after, turned, turned_back
 from humanoid.support.compiled import jit
 
 TURNS_VOLUME = 8.0 * np.pi**2

@@ -12,9 +12,9 @@ from estimator.cues.depth.cue import Depth, PersonPoints
 from estimator.cues.silhouette.cue import Outline
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
+from estimator.energy.upright import world_up
 from estimator.imaging.person_view import ViewFrame, described
 from estimator.imaging.standing import LEAST_SHARE, largest_part, standing_places
-from estimator.terms.upright import world_up
 
 CUES = (Depth.name, Outline.name)
 """Of which one is needed, the first of those that are used: what a person is told from the rest of a picture by."""

@@ -9,12 +9,12 @@ from itertools import combinations
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.priors import STABILISER_NU
+from estimator.energy.upright import world_up
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
 from estimator.search.jumps.parts import part_mirrored
 from estimator.search.jumps.sight import Sight
-from estimator.terms.priors import STABILISER_NU
-from estimator.terms.upright import world_up
 from humanoid.kinematics.body import ROOT_TURN_Q, Body
 
 MISS = 0.005  # m: standard deviation of the distance from a ray, about a pixel

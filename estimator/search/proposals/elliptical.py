@@ -23,7 +23,7 @@ class CovarianceScaledProposal:
     ----------
     body: whose configurations are drawn.
     q (nq,): the mode. covariance (nv, nv): in the tangent space at q, zero rows and columns where limits are active
-        (see `estimator.optimise.covariance.mode_covariance`), positive definite on the rest.
+        (see `estimator.energy.descent.covariance.mode_covariance`), positive definite on the rest.
     scale: multiplies standard deviations; the s of CSS Figure 6, which multiplies the covariance, is scale^2.
     degrees_of_freedom: of a multivariate Student t distribution, heavier in the tails the fewer they are; infinite for
         a Gaussian. The scale is that of the t's core: its covariance, where it has one, is larger by n / (n - 2).

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator.data.formats.npz import read_npz
 from estimator.data.media.threads import one_thread
-from estimator.parallel.pool import Workers, worker_pool
+from estimator.numerics.pool import Workers, worker_pool
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed
 from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
@@ -66,7 +66,7 @@ def train_index(
 
 
 class Painting(NamedTuple):
-    """What a process needs to paint examples (see `estimator.parallel.job.Job`). urdf, source, base: of the subject.
+    """What a process needs to paint examples (see `estimator.numerics.job.Job`). urdf, source, base: of the subject.
     side [m]: of the square around a person."""
 
     urdf: str

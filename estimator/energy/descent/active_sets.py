@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.energy.descent.box_step import model_decrease, solve_box
 from estimator.numerics.linear import eliminate
-from estimator.optimise.box_step import model_decrease, solve_box
 from humanoid.support.compiled import jit
 
 ACTIVE = 1e-9  # multiplier, in the scaled problem, from which a bound or row is active

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.energy.points import LoadedPoints, accumulate_points, to_world
+from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import POTENTIALS, rho
-from estimator.terms.points import LoadedPoints, accumulate_points, to_world
-from estimator.terms.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
@@ -56,7 +56,7 @@ class PointTargets(BatchTerm):
         self._loaded = LoadedPoints.on(self._joint)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         value: float = target_loads(
             posed.placements, self._joint, self._local, self._target, self._precision, self._weight, self._kind,
             self._nu, exact, self._loaded.points, self._loaded.force, self._loaded.weight,

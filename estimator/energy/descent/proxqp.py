@@ -22,8 +22,8 @@ Rows = tuple[np.ndarray, np.ndarray]
 class ProxQP:
     """min 1/2 x'Mx + g'x within bounds and above rows, for any number of rows; one persistent object for each.
 
-    scaled (n + 4, n), start (n,): a problem, written by `estimator.optimise.box_step.scale`. What multipliers come out
-    may depend, in their last digits, on what was solved before.
+    scaled (n + 4, n), start (n,): a problem, written by `estimator.energy.descent.box_step.scale`. What multipliers
+    come out may depend, in their last digits, on what was solved before.
     """
 
     def __init__(self, n: int) -> None:
@@ -34,7 +34,7 @@ class ProxQP:
         self._zeros = np.zeros(n)
 
     def multipliers(self, rows: Rows | None) -> np.ndarray:
-        """Multipliers (m + n,) of the rows and the bounds, see `estimator.optimise.active_sets.settle`.
+        """Multipliers (m + n,) of the rows and the bounds, see `estimator.energy.descent.active_sets.settle`.
 
         rows: A (m, n) and b (m,), not scaled. The array is the solver's own, good until it solves again.
         """

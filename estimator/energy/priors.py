@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import POTENTIALS, rho, robust_square, robust_sum
-from estimator.terms.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
@@ -37,7 +37,7 @@ class Stabilisers(BatchTerm):
         self._weight, self._kind, self._nu = float(weight), POTENTIALS[potential], float(nu)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         value: float = stabilise(
             posed.q, self._q_index, self._v_index, self._rest, self._precision, self._weight, self._kind, self._nu,
             gradient, hessian, exact,
@@ -81,7 +81,7 @@ class Transition(BatchTerm):
         self._identity = np.zeros((0, 0))
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         e = self._change(posed.q)
         jacobian = self._identity
         if self._blocks:

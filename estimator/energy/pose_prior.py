@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from estimator.terms.pose_mixture import PoseMixture
-from estimator.terms.priors import STABILISER_NU as NU
-from estimator.terms.term import BatchTerm
+from estimator.energy.pose_mixture import PoseMixture
+from estimator.energy.priors import STABILISER_NU as NU
+from estimator.energy.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
@@ -67,7 +67,7 @@ class PosePrior(BatchTerm):
         self._log_background, self._weight = math.log(mixture.background), float(weight)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         value: float = mixture_energy(
             posed.q, self._q_index, self._v_index, self._log_share, self._mean, self._whiten_t, self._precision,
             self._log_background, self._rest, self._rest_precision, self._weight, exact, gradient, hessian,

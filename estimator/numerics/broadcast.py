@@ -6,7 +6,7 @@ import pickle
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from estimator.parallel.memory import SharedMemory
+from estimator.numerics.memory import SharedMemory
 
 SMALL = 4096  # bytes; arrays up to this size travel with the notice
 _LINE = 64  # bytes; arrays begin where those of numpy's own may

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Generic, Protocol, TypeVar
 
-from estimator.parallel.broadcast import Broadcaster
-from estimator.parallel.job import NUMBER, Everywhere, Job, Shared, Shown, serve, taken
-from estimator.parallel.worker import Worker, check_not_imported_again
+from estimator.numerics.broadcast import Broadcaster
+from estimator.numerics.job import NUMBER, Everywhere, Job, Shared, Shown, serve, taken
+from estimator.numerics.worker import Worker, check_not_imported_again
 from humanoid.support.errors import InputError
 
 MOST = 64

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.inference.beliefs.turns import half_sine_ratio, turn_between, turn_of, turned, turned_back
+from estimator.energy.points import add_by_column, bend, gather
+from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import POTENTIALS, rho
-from estimator.terms.points import add_by_column, bend, gather
-from estimator.terms.term import BatchTerm
+from estimator.numerics.rotations import half_sine_ratio, turn_between, turn_of, turned, turned_back
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
@@ -65,7 +65,7 @@ class LimbTargets(BatchTerm):
         self._moment = np.zeros((body.njoints, 3, 3))
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         for buffer in (self._force, self._load, self._moment):
             buffer[:] = 0.0
         value: float = limb_loads(

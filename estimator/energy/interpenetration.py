@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.terms.term import BatchTerm
+from estimator.energy.term import BatchTerm
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
@@ -50,7 +50,7 @@ class Interpenetration(BatchTerm):
         self._settings = np.array([scale, weight, power, at_margin, slope_there, self_collision.margin])
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         contacts = self.self_collision.near(posed)
         if not contacts.distance.size:
             return 0.0

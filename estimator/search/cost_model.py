@@ -9,16 +9,16 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
+from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.pose_mixture import load_mixture, shipped_mixture
+from estimator.energy.pose_prior import PosePrior, misfit
+from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.reprojection import Reprojection
+from estimator.energy.term import Cost, Term
+from estimator.energy.upright import Upright, world_up
 from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.numerics.robust import POTENTIALS
-from estimator.terms.interpenetration import Interpenetration
-from estimator.terms.pose_mixture import load_mixture, shipped_mixture
-from estimator.terms.pose_prior import PosePrior, misfit
-from estimator.terms.priors import Stabilisers, Transition
-from estimator.terms.reprojection import Reprojection
-from estimator.terms.term import Cost, Term
-from estimator.terms.upright import Upright, world_up
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread
@@ -38,8 +38,9 @@ class CostSettings:
         it keeps sharply detected points of the face from deciding the body's size.
     stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
     pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
-        takes (`estimator.terms.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped ones,
-        of human34, and a body that they do not suit (`estimator.terms.pose_prior.misfit`) has the rest positions alone.
+        takes (`estimator.energy.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped
+        ones, of human34, and a body that they do not suit (`estimator.energy.pose_prior.misfit`) has the rest positions
+        alone.
     interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
         [m] over which it changes e-fold.
     turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between

@@ -12,7 +12,7 @@ from typing import Generic, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from estimator.optimise.solution import CONVERGED, ITERATIONS, SETTLED, STALLED
+from estimator.energy.descent.solution import CONVERGED, ITERATIONS, SETTLED, STALLED
 
 RETRIED = 4.0, 1e-3  # factor on the damping of a model that had no step, and the least that it is then damped by
 LEAST_PROMISE = 1e-300  # divides

@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import recv_handle
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from estimator.parallel.broadcast import Notice, Receiver
+from estimator.numerics.broadcast import Notice, Receiver
 
 NUMBER = 2  # bytes of the number of a piece
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.optimise.active_sets import settle
-from estimator.optimise.box_step import (
+from estimator.energy.descent.active_sets import settle
+from estimator.energy.descent.box_step import (
     FREE,
     NOT_CONVEX,
     UNSETTLED,
@@ -18,9 +18,9 @@ from estimator.optimise.box_step import (
     scale,
     solve_box,
 )
-from estimator.optimise.newton import Step
-from estimator.optimise.proxqp import ProxQP, Rows
-from estimator.optimise.solution import StepCounts
+from estimator.energy.descent.newton import Step
+from estimator.energy.descent.proxqp import ProxQP, Rows
+from estimator.energy.descent.solution import StepCounts
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

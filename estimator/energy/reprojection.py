@@ -13,9 +13,9 @@ from estimator.data.cameras.projection import (
     project_with_jacobian,
 )
 from estimator.data.observation import Observation
+from estimator.energy.points import LoadedPoints, accumulate_points, to_world
+from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import POTENTIALS, rho
-from estimator.terms.points import LoadedPoints, accumulate_points, to_world
-from estimator.terms.term import BatchTerm
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 
@@ -52,7 +52,7 @@ class Reprojection(BatchTerm):
         self._loaded = LoadedPoints.on(body.landmark_joint)
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         value = self._load_points(posed, exact)
         accumulate_points(self._body, posed, self._loaded, gradient, hessian, exact)
         return value

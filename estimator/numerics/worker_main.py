@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from estimator.parallel.signals import FOR_THE_LEADER
+from estimator.numerics.signals import FOR_THE_LEADER
 
 PARTING = 1.0  # s given to a process to end by itself
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.priors import STABILISER_NU
+from estimator.energy.term import BatchTerm
 from estimator.numerics.robust import POTENTIALS, rho
-from estimator.terms.priors import STABILISER_NU
-from estimator.terms.term import BatchTerm
 from humanoid.kinematics.body import ROOT_JOINT, Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 
@@ -42,7 +42,7 @@ class Upright(BatchTerm):
         )
 
     def accumulate(self, posed: PosedBody, gradient: np.ndarray, hessian: np.ndarray, exact: bool = False) -> float:
-        """See `estimator.terms.term.Term`."""
+        """See `estimator.energy.term.Term`."""
         value: float = tilt(
             posed.placements[ROOT_JOINT], self._axis, self._up, self._precision, self._weight, self._kind, self._nu,
             exact, gradient, hessian,

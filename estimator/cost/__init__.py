@@ -1,1 +1,0 @@
-"""The energy of a frame, assembled from its terms."""
