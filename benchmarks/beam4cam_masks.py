@@ -11,8 +11,8 @@ import numpy as np
 import kinemode as km
 from benchmarks.common import Data, beam_folder, start, tell
 from benchmarks.outline import drawn
-from estimator.cues.silhouette.background import grab
 from estimator.data.media.threads import one_thread
+from estimator.vision.cues.silhouette.background import grab
 from humanoid.kinematics.body import points_in_world
 from humanoid.shape.surface import surface_of
 from kinemode.target import made_folder

@@ -32,12 +32,12 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.image_cues import ImageCues
 from estimator.data.media.picture import write_picture
-from estimator.imaging.faces import skin_points
-from estimator.imaging.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.search.cost_model import image_extent
 from estimator.synthesis.render import Renderer
+from estimator.vision.faces import skin_points
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.skin import Blobs, SkinModel, SkinSettings, learned_skin, skin_blobs
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import load_subject

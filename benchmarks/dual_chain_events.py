@@ -23,10 +23,10 @@ from benchmarks.dual_chain_event_clips import EVENTS, LOST, SWAPPED, TOUCH, Even
 from benchmarks.dual_chain_runs import Film, tracker_of
 from benchmarks.kept_runs import Figures, Kept, all_done
 from estimator.data.observation import Observation
-from estimator.imaging.skin import SkinModel
 from estimator.inference.chains.evidence import Detections
 from estimator.search.seen_features import SeenFeatures
 from estimator.trackers.dual_chain import DualState
+from estimator.vision.skin import SkinModel
 from kinemode.terminal import report
 
 FULL, ALONE, ONE_WAY, PRINTED = "dual-chain", "no chain of points", "one-way", "printed"

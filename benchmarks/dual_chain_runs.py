@@ -18,10 +18,10 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
 from estimator.inference.particles import systematic
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.trackers.dual_chain import DualChain, DualState
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.rendering.files import RenderedClip

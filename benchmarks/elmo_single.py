@@ -16,14 +16,14 @@ from benchmarks.elmo_clips import JOINTS, filmed_poses
 from benchmarks.mocap_person import person
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.known import Examples
 from estimator.synthesis.examples.poses import sampler_of
 from estimator.trackers.elmo import Elmo
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from kinemode.pictures import CueChoice, cue_choice
 from kinemode.rendering.files import RenderedClip

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.eigen_templates import EigenSpace
-from estimator.imaging.patches import CHANNELS
 from estimator.limbs.potentials import SHIPPED, load_potentials
 from estimator.search.shouters.template_file import load_templates, save_templates
 from estimator.search.shouters.templates import LimbTemplate, LimbTemplates
+from estimator.vision.eigen_templates import EigenSpace
+from estimator.vision.patches import CHANNELS
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import LimbGraph, limb_graph
 from humanoid.subject.subject import load_subject

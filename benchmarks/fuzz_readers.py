@@ -21,14 +21,14 @@ from estimator.data.formats.checked_json import read_json
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.data.formats.motion_table import read_motion_table
 from estimator.data.media.clip import Clip
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import stored_state
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.shape.solids import solids_of

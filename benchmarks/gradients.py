@@ -11,8 +11,6 @@ import pinocchio as pin
 
 from benchmarks.common import Json, save, start
 from benchmarks.surface import Frame, hypotheses, rendered_frame
-from estimator.cues.base import Past
-from estimator.cues.depth.matching import surface_precision
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.energy.descent.qp import StepSolver
@@ -24,13 +22,15 @@ from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
 from estimator.energy.upright import Upright, world_up
-from estimator.imaging.depth_map import Points
-from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel, CostSettings, image_extent
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
+from estimator.vision.cues.base import Past
+from estimator.vision.cues.depth.matching import surface_precision
+from estimator.vision.depth_map import Points
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody

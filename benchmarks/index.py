@@ -19,8 +19,8 @@ from benchmarks.index_plot import TITLES, write_curves
 from benchmarks.index_searches import Row as SearchRow
 from benchmarks.index_searches import searched
 from estimator.data.media.threads import one_thread
-from estimator.imaging.edge_histogram import edge_histogram
 from estimator.search.examples.index import ExampleIndex, load_index
+from estimator.vision.edge_histogram import edge_histogram
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask
 from estimator.limbs.likelihood import LimbView, limb_view
 from estimator.limbs.volume import common_box
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
@@ -18,6 +17,7 @@ from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.retarget import retarget
+from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import Limb, LimbGraph, limb_placements

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
@@ -18,6 +17,7 @@ from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion import authored_motion
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.retarget import retarget
+from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements

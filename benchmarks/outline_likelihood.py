@@ -22,9 +22,9 @@ import kinemode as km
 from benchmarks.common import Json, Several, save, start, tell
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
-from estimator.likelihood.outline_values import OutlineLikelihood, OutlineSettings
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
+from estimator.vision.likelihood.outline_values import OutlineLikelihood, OutlineSettings
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.subject import load_subject

@@ -19,15 +19,15 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
-from estimator.likelihood.ahead import ReadAhead
-from estimator.likelihood.image_likelihood import CameraLikelihood
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.search.frame_search import FrameSearch
 from estimator.trackers.base import Tracker
 from estimator.trackers.capabilities import sharing
 from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
+from estimator.vision.likelihood.ahead import ReadAhead
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

@@ -16,17 +16,17 @@ from typing import Annotated
 import numpy as np
 
 from benchmarks.common import Json, Several, save, start
-from estimator.cues.assigned import AssignedPoints
-from estimator.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.cues.flow.flow_field import FlowSettings, flow_field
-from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.data.image_cues import ImageCues
 from estimator.energy.term import Term
-from estimator.likelihood.image_likelihood import CameraLikelihood, ImageModel
-from estimator.likelihood.settings import ImageSettings
-from estimator.prediction.seeing import see_points
 from estimator.search.cost_model import image_extent
 from estimator.synthesis import Renderer, authored_motion, scene_cameras
+from estimator.vision.cues.assigned import AssignedPoints
+from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
+from estimator.vision.cues.flow.flow_field import FlowSettings, flow_field
+from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageModel
+from estimator.vision.likelihood.settings import ImageSettings
+from estimator.vision.seeing import see_points
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import load_subject
 from kinemode.terminal import report

@@ -18,12 +18,12 @@ import numpy as np
 from benchmarks.common import Json, save, start
 from estimator.data.observation import Observation
 from estimator.energy.term import Term
-from estimator.likelihood.reader import CueReader
 from estimator.search.association import AS_DETECTED
 from estimator.synthesis import DetectorSettings, ViewSettings
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.vision.likelihood.reader import CueReader
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.inputs.files import InputFiles

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from estimator.cues.base import Cue
 from estimator.data.observation import Observation
-from estimator.likelihood.registry import CUES
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.base import Tracker
 from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
 from estimator.trackers.capabilities import GoesByCue, HasEnergy, SharesWork
 from estimator.trackers.frame_result import FrameResult
+from estimator.vision.cues.base import Cue
+from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.settings import Chosen

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cues.assigned import AssignedPoints
-from estimator.cues.base import Past
 from estimator.data.observation import Observation
 from estimator.energy.term import Term
-from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
+from estimator.vision.cues.assigned import AssignedPoints
+from estimator.vision.cues.base import Past
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from humanoid.kinematics.body import PosedBody
 
 

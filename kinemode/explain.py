@@ -10,15 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.cues.base import Past, Shown
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
-from estimator.imaging.resolution import scaled_camera
-from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
-from estimator.likelihood.persons import persons_before
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.registry import CUES
 from estimator.modes.origin import Family, Origin
 from estimator.results.run_file import Run
 from estimator.search.mode_search import ModeSearch
@@ -26,6 +20,12 @@ from estimator.trackers.capabilities import HasEnergy, SeesOtherwise, ShowsMore
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
+from estimator.vision.cues.base import Past, Shown
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
+from estimator.vision.likelihood.persons import persons_before
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.registry import CUES
+from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE

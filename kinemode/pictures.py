@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.likelihood.ahead import ReadAhead
-from estimator.likelihood.persons import persons_before
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.registry import CUES, cues_of
-from estimator.likelihood.settings import CueSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.tracking.idle_settings import Idle
+from estimator.vision.likelihood.ahead import ReadAhead
+from estimator.vision.likelihood.persons import persons_before
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.registry import CUES, cues_of
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.load import Inputs

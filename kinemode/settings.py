@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, cast
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.likelihood.settings import CueSettings
 from estimator.search.cost_model import without_prior
 from estimator.tracking.idle_settings import (
     Idle,
@@ -28,6 +27,7 @@ from estimator.tracking.registry import (
     shares_work,
 )
 from estimator.tracking.settings import Settings
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.kinematics.body import Body
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError

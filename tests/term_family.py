@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from builders import BROWN, body_of, camera_at, observe, random_pose
 
-from estimator.cues.assigned import AssignedPoints, Assignments
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import Observation
 from estimator.energy.interpenetration import Interpenetration
@@ -21,6 +20,7 @@ from estimator.energy.term import Term
 from estimator.energy.upright import Upright, world_up
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
+from estimator.vision.cues.assigned import AssignedPoints, Assignments
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph

@@ -14,9 +14,9 @@ import pytest
 
 import kinemode
 from estimator.data.media.clip import Clip
-from estimator.likelihood.registry import CUES
 from estimator.results.run_file import Run
 from estimator.trackers.css import CssSettings
+from estimator.vision.likelihood.registry import CUES
 from humanoid.support.errors import InputError
 from kinemode import jobs
 from kinemode.pictures import cue_choice

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.cues.base import CameraView, ContourMatch, Cue, Matcher
-from estimator.cues.cue_picture import CuePicture
 from estimator.data.formats.cameras import load_cameras
-from estimator.imaging.camera_pictures import CameraPictures
-from estimator.likelihood.registry import CUES
 from estimator.numerics.robust import LORENTZIAN
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropic
+from estimator.vision.cues.base import CameraView, ContourMatch, Cue, Matcher
+from estimator.vision.cues.cue_picture import CuePicture
+from estimator.vision.likelihood.registry import CUES
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from kinemode.rendering.files import RenderedClip

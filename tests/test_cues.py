@@ -10,11 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
-from estimator.cues.flow.point_flow import follow_points
-from estimator.cues.silhouette.cue import BesidePerson, Outline
-from estimator.cues.silhouette.foreground import (
+from estimator.data.image_cues import ImageCues
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
+from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
+from estimator.vision.cues.flow.point_flow import follow_points
+from estimator.vision.cues.silhouette.cue import BesidePerson, Outline
+from estimator.vision.cues.silhouette.foreground import (
     Background,
     SilhouetteSettings,
     background_beside,
@@ -23,12 +25,10 @@ from estimator.cues.silhouette.foreground import (
     person_mask,
     silhouette_of,
 )
-from estimator.data.image_cues import ImageCues
-from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.resolution import scaled_camera
-from estimator.likelihood.ahead import ReadAhead
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
+from estimator.vision.likelihood.ahead import ReadAhead
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.resolution import scaled_camera
 from humanoid.support.errors import InputError
 from tests.builders import BROWN, camera_at
 

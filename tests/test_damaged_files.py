@@ -17,11 +17,11 @@ import pytest
 from benchmarks import fuzz_judge, fuzz_readers
 from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
-from estimator.cues.silhouette.foreground import silhouette_of
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.image_cues import ImageCues
 from estimator.search.mode_search import ModeSearch
 from estimator.tracking.registry import make_tracker
+from estimator.vision.cues.silhouette.foreground import silhouette_of
 from humanoid.kinematics.body import Body
 from humanoid.shape.solids import solids_of
 from humanoid.subject.subject import load_subject

@@ -11,17 +11,17 @@ import pytest
 from scipy.spatial import cKDTree
 
 import kinemode as km
-from estimator.cues.depth.cue import Depth, PersonPoints
-from estimator.cues.depth.floor import found_floor
-from estimator.cues.depth.matching import spread_over, surface_precision
-from estimator.cues.depth.person import nearest_thing
 from estimator.data.formats.cameras import load_cameras
-from estimator.imaging.depth_map import Points
-from estimator.likelihood.image_likelihood import ImageModel
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.results.run_file import Run
 from estimator.synthesis import SceneSettings, ViewSettings
+from estimator.vision.cues.depth.cue import Depth, PersonPoints
+from estimator.vision.cues.depth.floor import found_floor
+from estimator.vision.cues.depth.matching import spread_over, surface_precision
+from estimator.vision.cues.depth.person import nearest_thing
+from estimator.vision.depth_map import Points
+from estimator.vision.likelihood.image_likelihood import ImageModel
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject

@@ -12,9 +12,6 @@ from scipy.spatial.transform import Rotation
 
 import kinemode as km
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.eigen_templates import eigen_space
-from estimator.imaging.foreground_rays import ray_places, seen_by_all
-from estimator.imaging.patches import CHANNELS, PatchView, patch_view, patches_at
 from estimator.inference.beliefs.space import placements_of
 from estimator.limbs.volume import common_box
 from estimator.search.shouters.template_file import load_templates, save_templates
@@ -24,6 +21,9 @@ from estimator.synthesis.examples.limb_templates import middle_of, train_templat
 from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.rig_pictures import RigExample, RigPainter
+from estimator.vision.eigen_templates import eigen_space
+from estimator.vision.foreground_rays import ray_places, seen_by_all
+from estimator.vision.patches import CHANNELS, PatchView, patch_view, patches_at
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph

@@ -15,14 +15,9 @@ import pytest
 from builders import body_of, camera_at, random_pose
 
 import kinemode as km
-from estimator.cues.cue_picture import Dots
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.imaging.edge_histogram import SIDE, bin_count
-from estimator.imaging.person_view import ViewFrame, cut_out
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.modes.mixture import Mode, mixture_of
 from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
@@ -36,6 +31,11 @@ from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import PAIRS_AT_ONCE, train_index
 from estimator.trackers.elmo import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.vision.cues.cue_picture import Dots
+from estimator.vision.edge_histogram import SIDE, bin_count
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.person_view import ViewFrame, cut_out
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject, subject_from_text

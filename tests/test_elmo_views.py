@@ -7,19 +7,19 @@ import pinocchio as pin
 import pytest
 from builders import body_of
 
-from estimator.cues.depth.cue import PersonPoints
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
-from estimator.imaging.person_view import ViewFrame, square_transform
-from estimator.imaging.standing import standing_places
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.search.examples.bits import Bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed
 from estimator.search.examples.index import ExampleIndex, IndexRecipe
 from estimator.search.examples.person_seen import PersonView
 from estimator.search.examples.votes import Votes
 from estimator.synthesis.examples.poses import PoseSampler
+from estimator.vision.cues.depth.cue import PersonPoints
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.person_view import ViewFrame, square_transform
+from estimator.vision.standing import standing_places
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject
 from kinemode.rendering.files import RenderedClip

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.imaging.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram, edges_by_direction
 from estimator.search.examples.bits import Bits, learned_bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed, unpacked
+from estimator.vision.edge_histogram import DIRECTIONS, SIDE, WINDOWS, bin_count, edge_histogram, edges_by_direction
 
 
 def hashed(values: np.ndarray, seed: int = 0) -> HashTables:

@@ -17,11 +17,11 @@ import pytest
 
 import kinemode as km
 from estimator.data.formats.packing import pack, unpack
-from estimator.likelihood.reader import CueReader
 from estimator.modes.origin import Family
-from estimator.prediction.visibility import OUTER
 from estimator.results.run_file import Run
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.visibility import OUTER
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front
 from kinemode.explain import cue_reader, explain, run_settings

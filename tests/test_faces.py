@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.imaging.faces import FACE, FaceDetector, face_of_keypoints, skin_points
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
 from estimator.synthesis.skin_detector import SkinDetectorSettings, simulated_blobs, simulated_faces
+from estimator.vision.faces import FACE, FaceDetector, face_of_keypoints, skin_points
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

@@ -10,20 +10,20 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cues.assigned import AssignedPoints, Assignments
-from estimator.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
-from estimator.cues.edges.matching import search_edges
-from estimator.cues.flow.flow_field import FlowField, FlowSettings, flow_field
-from estimator.cues.flow.point_flow import follow_points
-from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.data.image_cues import ImageCues
 from estimator.energy.term import Cost, Term
-from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.likelihood.settings import ImageSettings
 from estimator.numerics.robust import LECLERC, LORENTZIAN
-from estimator.prediction.visibility import HIDDEN, INNER, OUTER
 from estimator.search.cost_model import image_extent
 from estimator.synthesis import Renderer, ViewSettings, authored_motion, framing_cameras
+from estimator.vision.cues.assigned import AssignedPoints, Assignments
+from estimator.vision.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
+from estimator.vision.cues.edges.matching import search_edges
+from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
+from estimator.vision.cues.flow.point_flow import follow_points
+from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
+from estimator.vision.likelihood.settings import ImageSettings
+from estimator.vision.visibility import HIDDEN, INNER, OUTER
 from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope
 

@@ -20,7 +20,7 @@ from estimator.data.media.clip import Clip, ClipReport
 from estimator.data.media.film import write_film
 from estimator.data.resampling import at_places
 from estimator.data.timing import CameraClock, clip_clock, keypoint_clock, timeline
-from estimator.imaging.resolution import resized_camera, same_aspect
+from estimator.vision.resolution import resized_camera, same_aspect
 from humanoid.support.errors import InputError
 from kinemode.inputs import load as load_module
 from kinemode.inputs.declared import Declared

@@ -9,15 +9,20 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cues.silhouette.background import KnownBody
-from estimator.cues.silhouette.cue import Outline
-from estimator.cues.silhouette.foreground import SilhouetteSettings, foreground_mask, learn_background, silhouette_of
 from estimator.data.image_cues import ImageCues
-from estimator.imaging.camera_pictures import CameraPictures
-from estimator.imaging.known_person import KnownPerson
-from estimator.imaging.limbs import Limbs, limbs_of
-from estimator.likelihood.persons import persons_before
-from estimator.likelihood.settings import cue_settings
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.cues.silhouette.background import KnownBody
+from estimator.vision.cues.silhouette.cue import Outline
+from estimator.vision.cues.silhouette.foreground import (
+    SilhouetteSettings,
+    foreground_mask,
+    learn_background,
+    silhouette_of,
+)
+from estimator.vision.known_person import KnownPerson
+from estimator.vision.likelihood.persons import persons_before
+from estimator.vision.likelihood.settings import cue_settings
+from estimator.vision.limbs import Limbs, limbs_of
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject

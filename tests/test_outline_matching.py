@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.cues.silhouette.matching import nearest_contour
-from estimator.prediction.visibility import HIDDEN, INNER, OUTER
+from estimator.vision.cues.silhouette.matching import nearest_contour
+from estimator.vision.visibility import HIDDEN, INNER, OUTER
 
 
 def directions(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from estimator.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.cues.silhouette.foreground import silhouette_of
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.image_cues import ImageCues
-from estimator.likelihood.outline_kernels import project_limb
-from estimator.likelihood.outline_values import OutlineLikelihood, OutlineSettings
+from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
+from estimator.vision.cues.silhouette.foreground import silhouette_of
+from estimator.vision.likelihood.outline_kernels import project_limb
+from estimator.vision.likelihood.outline_values import OutlineLikelihood, OutlineSettings
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import limb_placements

@@ -22,10 +22,6 @@ from estimator.data.cameras.projection import (
 from estimator.data.formats.cameras import load_cameras, write_cameras
 from estimator.data.formats.cameras_json import camera_from_json, camera_to_json
 from estimator.data.formats.keypoints import load_keypoints
-from estimator.imaging.patches import patch_view
-from estimator.imaging.undistortion import undistortion_maps
-from estimator.prediction.prediction import Prediction, Predictor
-from estimator.prediction.visibility import OUTER, VISIBLE
 from estimator.search.jumps import KinematicJumps
 from estimator.search.jumps.limb_solutions import limb_solutions
 from estimator.search.jumps.sight import sight_of, turned
@@ -33,6 +29,10 @@ from estimator.search.views import view_sphere
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
+from estimator.vision.patches import patch_view
+from estimator.vision.prediction import Prediction, Predictor
+from estimator.vision.undistortion import undistortion_maps
+from estimator.vision.visibility import OUTER, VISIBLE
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.support.errors import InputError

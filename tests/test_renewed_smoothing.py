@@ -10,9 +10,7 @@ import pytest
 from builders import body_of, camera_at
 
 import kinemode
-from estimator.cues.assigned import AssignedPoints, assignments
 from estimator.energy.term import Cost
-from estimator.likelihood.ahead import ReadAhead
 from estimator.numerics.robust import LORENTZIAN
 from estimator.results.run_file import Run
 from estimator.smoothing import clip as smoothing_of_clips
@@ -21,6 +19,8 @@ from estimator.smoothing.renewal import Renewal, Trajectory
 from estimator.smoothing.ties import FlowTie
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker
+from estimator.vision.cues.assigned import AssignedPoints, assignments
+from estimator.vision.likelihood.ahead import ReadAhead
 from humanoid.kinematics.body import Body
 from kinemode.explain import cue_reader, run_settings
 from kinemode.rendering.clip import RenderedClip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.imaging.ridges import SCALES, nearest_scale, ridges_of
+from estimator.vision.ridges import SCALES, nearest_scale, ridges_of
 
 HEIGHT, WIDTH = 200, 240
 Y, X = np.mgrid[:HEIGHT, :WIDTH].astype(float)

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.likelihood.settings import idle_rules
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import TRACKERS, settings_for
+from estimator.vision.likelihood.settings import idle_rules
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

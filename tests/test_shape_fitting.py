@@ -12,8 +12,6 @@ import pinocchio as pin
 import pytest
 from builders import SUBJECTS, bent, body_of, camera_at, inside
 
-from estimator.cues.edges.edge_map import EdgeSettings, edge_map
-from estimator.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
@@ -28,6 +26,8 @@ from estimator.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.search.cost_model import CostSettings
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
+from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
+from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody

@@ -16,14 +16,14 @@ from benchmarks.beginnings import WITHIN, begun, verdict
 from benchmarks.elmo_recovery import LONGEST, SHORTEST, spans
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.modes.mixture import mixture_of
 from estimator.results.reference_motion import Reference
 from estimator.trackers.mixture_state import MixtureState
 from estimator.tracking.idle_settings import fit_settings
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.settings import Settings
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

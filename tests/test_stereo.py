@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.stereo import StereoPair
+from estimator.vision.stereo import StereoPair
 from humanoid.support.errors import InputError
 
 SIZE = (640, 480)

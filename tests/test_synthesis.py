@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from estimator.imaging.stereo import StereoPair
 from estimator.results.evaluation import limit_violations
 from estimator.results.reference_motion import Reference
 from estimator.synthesis import (
@@ -31,6 +30,7 @@ from estimator.synthesis.clothing import Garment, dressed
 from estimator.synthesis.motion_keys import MOTIONS
 from estimator.synthesis.plate import place_of
 from estimator.synthesis.raster import paint
+from estimator.vision.stereo import StereoPair
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of

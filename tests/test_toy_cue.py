@@ -16,8 +16,8 @@ import kinemode
 from benchmarks.common import ROOT
 from benchmarks.resume import differences
 from estimator.data.formats.cameras import load_cameras
-from estimator.imaging.camera_pictures import CameraPictures
-from estimator.likelihood.registry import CUES, register
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.likelihood.registry import CUES, register
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

@@ -17,12 +17,12 @@ from benchmarks.common import ROOT
 from benchmarks.resume import differences
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.results.run_file import Run
 from estimator.tracking.registry import TRACKERS, make_tracker, register
 from estimator.tracking.runner import run as run_tracker
 from estimator.tracking.runner import stored_state
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode.explain import explain

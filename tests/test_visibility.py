@@ -12,9 +12,9 @@ from trimesh import Trimesh
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
 from estimator.data.cameras.camera import Camera
-from estimator.prediction.prediction import Prediction, Predictor
-from estimator.prediction.view import GAP, JOINED
-from estimator.prediction.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
+from estimator.vision.prediction import Prediction, Predictor
+from estimator.vision.view import GAP, JOINED
+from estimator.vision.visibility import BACK_FACING, HIDDEN, INNER, OCCLUDED, OUTER, OUTSIDE, VISIBLE
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import load_subject, subject_from_text

@@ -16,8 +16,6 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.sequence import assemble
 from estimator.energy.descent.solution import StepCounts
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.settings import cue_settings
 from estimator.numerics import pool
 from estimator.numerics.broadcast import SMALL, Broadcaster, Receiver
 from estimator.search.cost_model import CostModel
@@ -29,6 +27,8 @@ from estimator.trackers.capabilities import HasEnergy, sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.subject.subject import load_subject

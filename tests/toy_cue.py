@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from estimator.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.cues.base import CameraView, Cue, Matcher
-from estimator.cues.cue_picture import CuePicture, Dots, dimmed, links
-from estimator.likelihood.registry import register
 from estimator.numerics.robust import LORENTZIAN
+from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropic
+from estimator.vision.cues.base import CameraView, Cue, Matcher
+from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed, links
+from estimator.vision.likelihood.registry import register
 
 
 @dataclass(frozen=True)

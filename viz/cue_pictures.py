@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.cues.cue_picture import Area, Colour, CuePicture, Dots, Lines, dimmed
 from estimator.data.media.picture import write_picture
-from estimator.prediction.prediction import Prediction
-from estimator.prediction.visibility import BACK_FACING, OCCLUDED, OUTSIDE, VISIBLE
+from estimator.vision.cues.cue_picture import Area, Colour, CuePicture, Dots, Lines, dimmed
+from estimator.vision.prediction import Prediction
+from estimator.vision.visibility import BACK_FACING, OCCLUDED, OUTSIDE, VISIBLE
 from humanoid.support.errors import InputError
 from viz import palette
 from viz.solids.body_solids import side_of

@@ -12,7 +12,7 @@ Progress = Callable[[int, int], None]
 
 
 class Cues(Protocol):
-    """Where the pictures' cues come from (see `estimator.likelihood.reader.CueReader`)."""
+    """Where the pictures' cues come from (see `estimator.vision.likelihood.reader.CueReader`)."""
 
     def at(self, index: int) -> tuple[ImageCues, ...]:
         """The cues of every camera at a frame."""

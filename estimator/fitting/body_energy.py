@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cues.assigned import nothing
 from estimator.data.observation import Observation
 from estimator.fitting.contour_points import ContourPoints, PointLoads
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
-from estimator.likelihood.settings import ImageSettings
 from estimator.search.cost_model import CostModel, CostSettings, image_extent
+from estimator.vision.cues.assigned import nothing
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
+from estimator.vision.likelihood.settings import ImageSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
 

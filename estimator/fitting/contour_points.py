@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cues.assigned import Assignments
-from estimator.cues.assigned_loads import assigned_loads
 from estimator.data.cameras.camera import Camera
-from estimator.prediction.prediction import Contours
+from estimator.vision.cues.assigned import Assignments
+from estimator.vision.cues.assigned_loads import assigned_loads
+from estimator.vision.prediction import Contours
 from humanoid.kinematics.body import PosedBody
 
 
@@ -31,7 +31,7 @@ class ContourPoints:
 
     A point keeps its share of the way between its nodes and its rise over their chord, so that it moves as they do.
 
-    joint (N,) int, nodes (N, 2) int, share (N,): see `estimator.prediction.prediction.Contours`.
+    joint (N,) int, nodes (N, 2) int, share (N,): see `estimator.vision.prediction.Contours`.
 
     Parameters
     ----------

@@ -15,8 +15,8 @@ from estimator.fitting.fit import Fit, ShapeFit
 from estimator.fitting.settings import FitSettings
 from estimator.fitting.shape_parameters import OF_PART
 from estimator.fitting.shaped_body import ShapedBody, Unknowns
-from estimator.likelihood.registry import cues_of
 from estimator.search.cost_model import CostSettings
+from estimator.vision.likelihood.registry import cues_of
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject

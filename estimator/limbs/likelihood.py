@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.ridges import Ridges, ridges_of
 from estimator.limbs.features import CUES, FEATURES, PERSON, UNKNOWN, add_ratios, cone_of, maps_of, measured
 from estimator.limbs.models import LimbModels, shipped_models
 from estimator.limbs.volume import common_box
+from estimator.vision.ridges import Ridges, ridges_of
 from humanoid.limbs.limb import Limb
 from humanoid.support.settings import check, setting
 

@@ -16,9 +16,9 @@ from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
 from estimator.energy.upright import Upright, world_up
-from estimator.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from estimator.numerics.robust import POTENTIALS
+from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
+from estimator.vision.likelihood.settings import CueSettings, ImageSettings, cue_settings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread

@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cues.base import Past
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution, StepCounts
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.term import Cost, QuadraticModel, Term
-from estimator.likelihood.image_likelihood import Followed, ImageLikelihood
 from estimator.modes.mixture import Mode
 from estimator.modes.origin import Origin, PoseKey, PreviousPose
 from estimator.search.association import Association
@@ -23,6 +21,8 @@ from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
+from estimator.vision.cues.base import Past
+from estimator.vision.likelihood.image_likelihood import Followed, ImageLikelihood
 
 
 class FrameCase(NamedTuple):

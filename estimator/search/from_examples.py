@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.cues.silhouette.cue import Outline
 from estimator.data.observation import Observation
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family, Origin
@@ -18,6 +17,7 @@ from estimator.search.examples.votes import turned_away
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
+from estimator.vision.cues.silhouette.cue import Outline
 from humanoid.kinematics.body import Body
 
 

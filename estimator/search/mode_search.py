@@ -12,7 +12,6 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import StepCounts
 from estimator.energy.reprojection import Reprojection
-from estimator.likelihood.image_likelihood import ImageLikelihood
 from estimator.modes.merge import best_distinct, body_size
 from estimator.modes.mixture import Mixture, mixture_of
 from estimator.numerics.pool import OneProcess, Workers
@@ -26,6 +25,7 @@ from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.volumes import importance_log_volumes
+from estimator.vision.likelihood.image_likelihood import ImageLikelihood
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError

@@ -22,11 +22,11 @@ from estimator.inference.particles import effective_count, normalised, systemati
 from estimator.inference.steps import Reach, Steps
 from estimator.inference.tempering import Tempered, TemperingSettings, tempered
 from estimator.inference.walk import Box
-from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_draws import PartDraws
 from estimator.search.pose_elsewhere import GUIDED, anywhere
 from estimator.search.pose_parts import PoseParts
 from estimator.search.pose_target import Expected, PoseTarget
+from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting
 

@@ -13,8 +13,8 @@ from estimator.energy.pose_prior import PosePrior
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.steps import Reach, Steps
-from estimator.likelihood.outline_values import OutlineLikelihood
 from estimator.search.pose_parts import PoseParts
+from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body, PlacedBodies
 
 

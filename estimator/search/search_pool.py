@@ -10,13 +10,13 @@ from typing import NamedTuple
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.energy.limb_targets import LimbPull
-from estimator.likelihood.settings import CueSettings
 from estimator.numerics.pool import checked_count, worker_pool
 from estimator.search.association import Association
 from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Base, subject_from_text

@@ -10,14 +10,14 @@ import numpy as np
 
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.imaging.faces import FaceDetector, Faces, face_of_keypoints, skin_points
-from estimator.imaging.resolution import resized_pixels
-from estimator.imaging.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
 from estimator.inference.chains.evidence import Detections
 from estimator.search.cost_model import CostModel, image_extent
 from estimator.search.feature_detections import all_of, at_size, of_blobs, of_faces, of_keypoints
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import HEAD, PointFeatures, landmark_features, skin_features
+from estimator.vision.faces import FaceDetector, Faces, face_of_keypoints, skin_points
+from estimator.vision.resolution import resized_pixels
+from estimator.vision.skin import SkinModel, SkinSettings, learned_skin, skin_blobs
 from humanoid.support.errors import InputError
 
 SKIN, KEYPOINTS = "skin", "keypoints"

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from estimator.cues.assigned import AssignedPoints
 from estimator.data.cameras.projection import project_with_jacobian
 from estimator.energy.points import to_world
 from estimator.energy.reprojection import BEHIND
 from estimator.energy.term import Term
 from estimator.numerics.robust import rho
+from estimator.vision.cues.assigned import AssignedPoints
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.compiled import jit
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.imaging.faces import Faces
-from estimator.imaging.skin import Blobs
+from estimator.vision.faces import Faces
+from estimator.vision.skin import Blobs
 from humanoid.support.settings import check, setting
 
 

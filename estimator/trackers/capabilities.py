@@ -9,11 +9,11 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
-from estimator.cues.cue_picture import CuePicture
 from estimator.data.observation import Observation
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.base import State, Tracker
 from estimator.trackers.frame_result import FrameResult
+from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.support.errors import InputError
 
 S = TypeVar("S", bound=State)

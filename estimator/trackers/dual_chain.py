@@ -11,14 +11,12 @@ import numpy as np
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
 from estimator.data.observation import Observation
-from estimator.imaging.skin import SkinModel, SkinSettings
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED, messages
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.chains.kalman import PointChain, Points, PointSettings
 from estimator.inference.particles import Particles
 from estimator.inference.tempering import TemperingSettings
-from estimator.likelihood.outline_values import OutlineLikelihood, OutlineSettings
 from estimator.modes.mixture import Mixture
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
@@ -31,6 +29,8 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, judged, result_of
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from estimator.vision.likelihood.outline_values import OutlineLikelihood, OutlineSettings
+from estimator.vision.skin import SkinModel, SkinSettings
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.idle import PICTURES, idle_where, idle_without

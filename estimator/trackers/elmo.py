@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cues.cue_picture import CuePicture
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import SAMPLED, StepCounts
 from estimator.modes.merge import best_distinct
@@ -35,6 +34,7 @@ from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
+from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.kinematics.body import ROOT_JOINT, Body
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import check, setting

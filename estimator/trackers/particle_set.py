@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.cues.base import Past
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import SAMPLED
 from estimator.energy.term import Cost, QuadraticModel, Term
@@ -21,6 +20,7 @@ from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import carried, judged
 from estimator.trackers.particle_state import ParticleState
+from estimator.vision.cues.base import Past
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.idle import idle_where
 

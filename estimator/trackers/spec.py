@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from estimator.likelihood.settings import CueSettings
 from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_KEYPOINTS, ModeSearchSettings
 from estimator.trackers.base import Tracker
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.idle import IdleRule, idle_where

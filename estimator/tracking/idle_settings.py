@@ -6,12 +6,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from estimator.likelihood.settings import idle_rules
 from estimator.search.settings import BY_KEYPOINTS
 from estimator.tracking.idle_rules import RULES
 from estimator.tracking.registry import DEFAULT, TRACKERS, settings_for
 from estimator.tracking.setting_changes import refused
 from estimator.tracking.settings import Settings
+from estimator.vision.likelihood.settings import idle_rules
 from humanoid.support.errors import InputError
 from humanoid.support.idle import ONE_CAMERA, PICTURES, IdleRule
 from humanoid.support.settings import every_setting

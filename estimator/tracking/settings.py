@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from estimator.likelihood.settings import CueSettings, cue_settings
 from estimator.search.cost_model import CostSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.smoothing import SmoothSettings
+from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.support.settings import plain
 
 COMMON = ("cost", "search", "smooth", "cues")

@@ -12,7 +12,7 @@ from humanoid.support.errors import InputError
 from kinemode.inputs.named import by_name, named_values, value_of
 
 if TYPE_CHECKING:
-    from estimator.imaging.resolution import Size
+    from estimator.vision.resolution import Size
 
 Sizes = str | tuple[int, int] | Iterable[str] | Mapping[str, str | tuple[int, int]] | None
 Rates = float | str | Iterable[str] | Mapping[str, float] | None

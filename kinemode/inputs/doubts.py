@@ -10,7 +10,7 @@ from estimator.data.agreement import Agreement, agreement
 from estimator.data.clock_offsets import likely_offsets
 from estimator.data.formats.keypoints import KeypointTrack
 from estimator.data.observation import Observation
-from estimator.imaging.resolution import Size
+from estimator.vision.resolution import Size
 from humanoid.support.errors import InputError
 from kinemode.inputs.declared import Declared
 

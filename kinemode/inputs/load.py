@@ -22,7 +22,7 @@ from estimator.data.people.everybody import everybody
 from estimator.data.resampling import at_places
 from estimator.data.sequence import assemble
 from estimator.data.timing import CameraClock, Timeline, timeline
-from estimator.imaging.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
+from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.inputs.clocks import clocks_of, notes_on_time
@@ -48,7 +48,7 @@ class Inputs:
 
     observations (T). times (T,) [s]. clips (C): of each camera, in the observations' order, None for keypoints alone.
     notes: what the user should know of the input.
-    masks, backgrounds (C): of each camera where they are given, see `estimator.likelihood.reader.CueReader`.
+    masks, backgrounds (C): of each camera where they are given, see `estimator.vision.likelihood.reader.CueReader`.
     frames (C): number of each clip's frame at each instant (T,), None where it is the instant's own number.
     rights (C): number of the camera to the right of each that makes a stereo pair with it, or None. depths (C): folder
     of its depth pictures, or None.

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from estimator.data.formats.keypoints import load_keypoints
-from estimator.imaging.resolution import Size, fitted_track
+from estimator.vision.resolution import Size, fitted_track
 from kinemode.inputs.named import PathLike
 
 

@@ -16,14 +16,14 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints_in_memory import Layout
 from estimator.data.media.stream import PictureStream
 from estimator.data.observation import Observation
-from estimator.likelihood.reader import CueReader
-from estimator.likelihood.registry import CUES
-from estimator.likelihood.settings import CueSettings
 from estimator.smoothing import FixedLag
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker
+from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.registry import CUES
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError

@@ -10,13 +10,13 @@ from rich.console import Console
 from rich.table import Table
 
 from estimator.fitting.fit import Fit, ShapeFit
-from estimator.likelihood.registry import CUES
 from estimator.results.coordinate_errors import JointScore
 from estimator.results.evaluation import LIMB_JOINTS, Evaluation
 from estimator.results.gait.gait import Gait
 from estimator.results.run_file import Run
 from estimator.results.shared_landmarks import CENTRED
 from estimator.tracking.registry import TRACKERS
+from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import subject_names
 from kinemode.explain import Explanation
 from kinemode.findings import findings, status_counts, status_lines

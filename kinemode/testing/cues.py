@@ -1,4 +1,4 @@
-"""What every cue of the pictures promises (see `estimator.cues.base.Cue`)."""
+"""What every cue of the pictures promises (see `estimator.vision.cues.base.Cue`)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.cues.base import CameraView, Cue, Matcher, Past, Shown
 from estimator.data.image_cues import ImageCues
 from estimator.energy.term import Term
-from estimator.imaging.camera_pictures import CameraPictures
-from estimator.likelihood.image_likelihood import ImageModel
 from estimator.search.cost_model import image_extent
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.cues.base import CameraView, Cue, Matcher, Past, Shown
+from estimator.vision.likelihood.image_likelihood import ImageModel
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.testing.laws import differing, require
@@ -42,7 +42,7 @@ def check_cue(
 
     Parameters
     ----------
-    cue: see `estimator.cues.base.Cue`.
+    cue: see `estimator.vision.cues.base.Cue`.
     body: in the pictures. pictures: opens the clip of one camera, anew each time it is called.
     q (T, nq): poses of the body at the clip's instants, two or more; features are matched a little beside them.
     settings: the cue's own, unless its defaults. curvature: see `check_term`.

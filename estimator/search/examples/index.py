@@ -14,10 +14,10 @@ import pinocchio as pin
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations
 from estimator.data.formats.checked_json import mapping
 from estimator.data.formats.npz import read_npz
-from estimator.imaging.edge_histogram import bin_count
-from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.bits import Bits
 from estimator.search.examples.hashing import KEY_BITS, TABLES, HashTables, Neighbours
+from estimator.vision.edge_histogram import bin_count
+from estimator.vision.person_view import ViewFrame
 from humanoid.kinematics.body import ROOT_Q, Body
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError

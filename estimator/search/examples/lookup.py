@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.person_seen import PersonView, Sight, person_views
 from estimator.search.examples.votes import Votes
+from estimator.vision.person_view import ViewFrame
 from humanoid.support.errors import InputError
 
 ELEVATION = 15.0  # degrees by which a camera may look down more, or less, than the examples' does

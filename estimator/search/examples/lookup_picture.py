@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from estimator.cues.cue_picture import CuePicture, Dots, Lines, dimmed
 from estimator.data.image_cues import ImageCues
-from estimator.imaging.edge_histogram import edges_by_direction
-from estimator.imaging.person_view import square_transform
 from estimator.search.examples.lookup import Looked
 from estimator.search.jumps.anatomy import Anatomy
+from estimator.vision.cues.cue_picture import CuePicture, Dots, Lines, dimmed
+from estimator.vision.edge_histogram import edges_by_direction
+from estimator.vision.person_view import square_transform
 from humanoid.kinematics.body import Body
 
 NAME = "examples"

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.cues.depth.cue import Depth, PersonPoints
-from estimator.cues.silhouette.cue import Outline
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.energy.upright import world_up
-from estimator.imaging.person_view import ViewFrame, described
-from estimator.imaging.standing import LEAST_SHARE, largest_part, standing_places
+from estimator.vision.cues.depth.cue import Depth, PersonPoints
+from estimator.vision.cues.silhouette.cue import Outline
+from estimator.vision.person_view import ViewFrame, described
+from estimator.vision.standing import LEAST_SHARE, largest_part, standing_places
 
 CUES = (Depth.name, Outline.name)
 """Of which one is needed, the first of those that are used: what a person is told from the rest of a picture by."""

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.imaging.person_view import ViewFrame
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.person_seen import PersonView
+from estimator.vision.person_view import ViewFrame
 from humanoid.kinematics.body import ROOT_JOINT, Body, PlacedBodies
 
 _AT_ONCE = 4096  # examples that are posed together

@@ -12,9 +12,9 @@ import numpy as np
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.data.formats.checked_json import mapping
 from estimator.data.formats.npz import read_npz
-from estimator.imaging.eigen_templates import EigenSpace
-from estimator.imaging.patches import CHANNELS
 from estimator.search.shouters.templates import REMEDY, LimbTemplate, LimbTemplates
+from estimator.vision.eigen_templates import EigenSpace
+from estimator.vision.patches import CHANNELS
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 

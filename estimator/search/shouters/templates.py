@@ -9,10 +9,10 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.imaging.eigen_templates import EigenSpace
-from estimator.imaging.foreground_rays import ray_places
-from estimator.imaging.patches import PatchView, patch_view, patches_at
 from estimator.search.shouters.contract import Shout, Shouts
+from estimator.vision.eigen_templates import EigenSpace
+from estimator.vision.foreground_rays import ray_places
+from estimator.vision.patches import PatchView, patch_view, patches_at
 from humanoid.limbs.limb import LimbGraph
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
@@ -81,7 +81,7 @@ class LimbTemplates:
     """Templates of some limbs of a body for a rig of cameras C.
 
     names: the cameras'. centre (C, 3) [m], R_camera_world (C, 3, 3): where they stand. box (2, 3) [m]: where limbs can
-    be. side, contrast: of the patches (`estimator.imaging.patches.patches_at`). templates: one a pair of limbs.
+    be. side, contrast: of the patches (`estimator.vision.patches.patches_at`). templates: one a pair of limbs.
     """
 
     names: tuple[str, ...]

@@ -8,9 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.eigen_templates import SHARE, eigen_space
-from estimator.imaging.foreground_rays import ray_places
-from estimator.imaging.patches import patches_at
 from estimator.inference.beliefs.space import points_of
 from estimator.limbs.likelihood import LimbSettings
 from estimator.limbs.volume import common_box
@@ -18,6 +15,9 @@ from estimator.search.shouters.templates import LimbTemplate, LimbTemplates
 from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.rig_pictures import RigExample, RigPainter
+from estimator.vision.eigen_templates import SHARE, eigen_space
+from estimator.vision.foreground_rays import ray_places
+from estimator.vision.patches import patches_at
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import Limb, LimbGraph

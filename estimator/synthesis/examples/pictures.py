@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.person_view import ViewFrame, described
 from estimator.synthesis.clothing import dressed_at_random, periodic_noise
 from estimator.synthesis.raster import paint_cloth
+from estimator.vision.person_view import ViewFrame, described
 from humanoid.kinematics.body import ROOT_Q, Body, directions_in_world, points_in_world
 from humanoid.shape.surface import Surface, surface_of
 from humanoid.subject.subject import Subject
@@ -31,7 +31,7 @@ _WIDER = 3  # px by which blocks of pixels that are compared by stereo widen a p
 
 
 class Example(NamedTuple):
-    """description (bins,): see `estimator.imaging.edge_histogram`. q (nq,): the pose, the root in the frame of the view
+    """description (bins,): see `estimator.vision.edge_histogram`. q (nq,): the pose, the root in the frame of the view
     (`ViewFrame`). landmarks (L, 3) [m]: of the pose in that frame, about their mean. grey, where (200, 200): the
     cut-out, and where it shows the person."""
 

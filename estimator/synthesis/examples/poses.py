@@ -23,7 +23,7 @@ class PoseSampler:
     Limbs that begin high on the body have any angles within their limits (ELMO section 4: "constrained
     only by anatomical feasibility"); other joints are drawn from their stabilisers, within limits too, and those
     without one stay at rest. A free root has any heading within `headings` [degrees] about facing against x, to which
-    `estimator.imaging.person_view` looks. legs: whether they move as far as their stabilisers say, or only a little.
+    `estimator.vision.person_view` looks. legs: whether they move as far as their stabilisers say, or only a little.
     """
 
     def __init__(self, body: Body, *, headings: float = 360.0, legs: bool = False) -> None:

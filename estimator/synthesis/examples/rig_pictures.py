@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.imaging.patches import PatchView, patch_view
-from estimator.imaging.resolution import scaled_camera
 from estimator.synthesis.clothing import Clothes, dressed_at_random, periodic_noise
 from estimator.synthesis.examples.pictures import Variant
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.raster import paint_cloth
+from estimator.vision.patches import PatchView, patch_view
+from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import ROOT_Q, PosedBody, directions_in_world, points_in_world
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.shape.surface import Surface

@@ -1,1 +1,0 @@
-"""What a camera should see of a pose: visible nodes and occluding contours."""

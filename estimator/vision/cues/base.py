@@ -1,0 +1,178 @@
+"""What a cue of the pictures is: how it is read from them, matched to a predicted pose, and shown to people.
+
+A cue is one room: a `Cue` says what it is called, what its settings are and how it is read; the `Matcher` that it makes
+for one camera at one instant turns what was read into parts of the energy around a pose. `register` in
+`estimator.vision.likelihood.registry` makes it known; nothing else names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+from estimator.energy.term import Term
+from estimator.vision.camera_pictures import CameraPictures, PersonMasks
+from estimator.vision.cues.assigned import AssignedPoints, Assignments
+from estimator.vision.cues.cue_picture import CuePicture
+from estimator.vision.cues.settings import SurfaceSettings
+from estimator.vision.prediction import Prediction, Predictor
+from humanoid.kinematics.body import Body, PosedBody
+from humanoid.shape.surface import Surface
+from humanoid.support.idle import IdleRule
+
+LEAST_NOISE = 0.5  # px
+
+
+class Past(NamedTuple):
+    """How the body lay in the frame before, and where its velocity has taken it since, if that is known."""
+
+    parent: PosedBody
+    predicted: PosedBody | None = None
+
+
+class ContourMatch(NamedTuple):
+    """Features assigned to points of a prediction's contours.
+
+    label: its row in the energy's table. features: their points are indices into `Prediction.contours`. unassigned:
+    energy of what nothing answers to; it has a row of its own, `unassigned_label`, if that is not empty.
+    """
+
+    label: str
+    features: Assignments
+    unassigned: float = 0.0
+    unassigned_label: str = ""
+
+
+class Shown(NamedTuple):
+    """A pose that is to be explained: `posed`, its prediction, the prediction of the pose at which features were
+    assigned, and the past that it was followed from, None where there is none or it is not known."""
+
+    posed: PosedBody
+    prediction: Prediction
+    assigned: Prediction
+    past: Past | None
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """What a cue is matched by: one camera at one instant.
+
+    body, surface, predictor: of the subject, in this camera. cues: all that was read of the image. extent: the
+    subject's in the image [px]. weight: factor of all image terms, below 1 where keypoints see the person too.
+    likelihood: settings of the image likelihood as a whole. settings: the cue's own.
+    """
+
+    body: Body
+    surface: Surface
+    predictor: Predictor
+    cues: ImageCues
+    extent: float
+    weight: float
+    likelihood: SurfaceSettings
+    settings: Any
+
+    @property
+    def camera(self) -> Camera:
+        """At the resolution of the cues."""
+        return self.cues.camera
+
+    def sigma(self, noise: float) -> float:
+        """Standard deviation [px] of a noise given as a fraction of the extent, never below half a pixel."""
+        return max(LEAST_NOISE, noise * self.extent)
+
+    def on_contours(self, prediction: Prediction, features: Assignments) -> AssignedPoints:
+        """The term of features assigned to a prediction's contours."""
+        contours = prediction.contours
+        return AssignedPoints(self.body, self.camera, contours.joint, contours.local, [features])
+
+
+class Matcher:
+    """One cue of one camera at one instant, matched to poses. A cue overrides what it can do.
+
+    What it returns depends on the pose alone, to the last bit: several processes share the work.
+    """
+
+    def __init__(self, view: CameraView) -> None:
+        self.view = view
+
+    def contours(self, prediction: Prediction) -> list[ContourMatch]:
+        """Features assigned to the contours of a pose; all cues' together make one term."""
+        return []
+
+    def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
+        """Other terms around a pose, of which `prediction` is the view."""
+        return []
+
+    def follow(self, pasts: Sequence[Past]) -> list[Any]:
+        """What the image says of each past, for a cue that `follows`: small, picklable, taken by `since`."""
+        return [None for _ in pasts]
+
+    def since(self, followed: Any) -> list[Term]:
+        """Terms that tie a pose to a past, from what `follow` has said of it."""
+        return []
+
+    def leading(self, followed: Any) -> list[Term]:
+        """Terms by which a hypothesis is led from a past to where the image is looked at around it: those of `since`,
+        unless the cue leads more firmly than it weighs."""
+        return self.since(followed)
+
+    def agreement(self, prediction: Prediction) -> float | None:
+        """Share, 0 to 1, of what can be seen of a pose that the image agrees with; below half a frame is "hard". None
+        where the cue cannot tell."""
+        return None
+
+    def pictures(self, shown: Shown) -> Iterable[CuePicture]:
+        """What an explanation of a pose shows of the cue."""
+        return ()
+
+
+class Cue:
+    """A kind of thing that pictures show of a body. One object, without a state, stands for it everywhere.
+
+    name: as in `--cues` and in the settings' group `cues.NAME`. summary: in one sentence. settings: a frozen dataclass
+    of numbers, texts and truth values, with its defaults and what they mean in its docstring.
+    follows: whether it ties a pose to where the body was in the frame before. on_contours: whether its features lie on
+    the body's contours, to which the shape of a body can be fitted. needs_picture: whether its matcher looks at
+    `ImageCues.picture`, which otherwise stays in the process that reads it. uses_masks: whether it takes given masks of
+    the person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
+    pictures are given.
+    idle: which of its settings, in `cues.NAME` and `cost.image`, have no effect under which others. That the group of a
+    cue that is not used has none need not be said.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    settings: ClassVar[Any]
+    follows: ClassVar[bool] = False
+    on_contours: ClassVar[bool] = False
+    needs_picture: ClassVar[bool] = False
+    uses_masks: ClassVar[bool] = False
+    needs_depth: ClassVar[bool] = False
+    idle: ClassVar[tuple[IdleRule, ...]] = ()
+
+    def prepare(self, pictures: CameraPictures, settings: Any) -> Any:
+        """What has to be known of a whole clip before it is read, such as its background; given to `read`."""
+        return None
+
+    def read(self, pictures: CameraPictures, instant: int, settings: Any, prepared: Any) -> Any:
+        """What one camera's picture says at an instant, None for nothing: a picklable thing of arrays, the same
+        regardless of what was read before. InputError past the clip's end."""
+        raise NotImplementedError
+
+    def person_masks(self, prepared: Any) -> PersonMasks | None:
+        """Where the person is in every picture, for the other cues to go by, from what `prepare` gave; None where this
+        cue does not know beforehand."""
+        return None
+
+    def match(self, view: CameraView) -> Matcher:
+        """Its matcher, where something was read."""
+        raise NotImplementedError
+
+    def doubt(self, cues: ImageCues, keypoints: np.ndarray, instant: int) -> str:
+        """Why what was read cannot be of the person whose keypoints (N, 2) [px] are these, empty where it can."""
+        return ""

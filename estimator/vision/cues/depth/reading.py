@@ -1,0 +1,154 @@
+"""The person's surface in the depth of one camera: what is neither floor nor scenery, and nearest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from estimator.energy.upright import world_up
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.cues.depth.floor import Floor, found_floor
+from estimator.vision.cues.depth.matching import spread_over
+from estimator.vision.cues.depth.person import nearest_thing
+from estimator.vision.cues.depth.settings import DepthSettings
+from estimator.vision.cues.depth.sources import DepthSource, depth_source
+from estimator.vision.depth_map import DepthMap, Points
+
+_ON_GRID = 20_000  # pixels that are looked at, about
+_JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
+_ASIDE = 0.25  # of a jump that just counts: what is farther behind its near side does not lie on that
+_LEAST = 20  # points that say something
+_SCENE_FRAMES, _FLOOR_POINTS = 9, 2000
+
+
+class Grid(NamedTuple):
+    """Pixels (P,) of a depth picture that are looked at, every `step`-th, with the directions (P, 3) of their rays."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    directions: np.ndarray
+    step: int
+
+
+class DepthScene(NamedTuple):
+    """What is known of a clip: where its depth is from, the pixels that are looked at, up (3,), the floor, and the
+    farthest that is seen at each of the pixels at some instants (P,) [m], NaN where nothing is."""
+
+    source: DepthSource
+    grid: Grid
+    up: np.ndarray
+    floor: Floor | None
+    farthest: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PersonPoints:
+    """The person's surface as seen at one instant.
+
+    points: some of it. pixels (M, 2): of the depth picture's pixels that show the person, in the camera of the cues.
+    step [px]: between neighbouring ones.
+    """
+
+    points: Points
+    pixels: np.ndarray
+    step: float
+
+    def mask(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Where the person is in a picture of some (height, width) of the cues, bool."""
+        mask = np.zeros(shape[:2], np.uint8)
+        x, y = np.round(self.pixels).astype(int).T
+        inside = (x >= 0) & (x < mask.shape[1]) & (y >= 0) & (y < mask.shape[0])
+        mask[y[inside], x[inside]] = 1
+        side = 2 * int(np.ceil(0.5 * self.step)) + 1
+        return cv2.dilate(mask, np.ones((side, side), np.uint8)) > 0
+
+
+class DepthReading:
+    """Finds the person in the depth of a clip (`estimator.vision.camera_pictures.PersonMasks`). The last instant is
+    kept: several cues ask for it."""
+
+    def __init__(self, pictures: CameraPictures, settings: DepthSettings, scene: DepthScene) -> None:
+        self._pictures, self._settings, self._scene = pictures, settings, scene
+        self._last: tuple[int, PersonPoints | None] | None = None
+
+    @staticmethod
+    def of(pictures: CameraPictures, settings: DepthSettings) -> DepthReading | None:
+        """By floor and scene in some frames of a camera that stands still; None where no depth is given."""
+        source = depth_source(pictures, settings)
+        return None if source is None else DepthReading(pictures, settings, _scene(pictures, settings, source))
+
+    def at(self, instant: int) -> PersonPoints | None:
+        """The person at an instant; None where nobody is seen."""
+        if self._last is None or self._last[0] != instant:
+            self._last = instant, _person(self._pictures, instant, self._settings, self._scene)
+        return self._last[1]
+
+    def mask(self, instant: int) -> np.ndarray | None:
+        """See `PersonMasks`."""
+        person = self.at(instant)
+        return None if person is None else person.mask(self._pictures.camera.image_size[::-1])
+
+
+def _scene(pictures: CameraPictures, settings: DepthSettings, source: DepthSource) -> DepthScene:
+    grid, up = _grid(source), world_up((pictures.camera,))
+    maps = [source.at(i) for i in pictures.instants(_SCENE_FRAMES)]
+    some = [_seen(depth, grid, settings)[0] for depth in maps]
+    at_pixels = np.array([depth.depth[grid.rows, grid.columns] for depth in maps])
+    farthest = np.fmax.reduce(at_pixels)
+    rng = np.random.default_rng(0)
+    thinned = [p.some(rng.choice(len(p), min(len(p), _FLOOR_POINTS), replace=False)) for p in some]
+    places, along = (np.concatenate([getattr(p, name) for p in thinned]) for name in ("places", "along"))
+    return DepthScene(source, grid, up, found_floor(places, along, up, rng), farthest)
+
+
+def _person(pictures: CameraPictures, instant: int, settings: DepthSettings, scene: DepthScene) -> PersonPoints | None:
+    grid = scene.grid
+    depth = scene.source.at(instant)
+    points, where = _seen(depth, grid, settings)
+    jumps, behind = _jumps(depth, grid)
+    if scene.floor is not None:
+        height = scene.floor.height(points.places)
+        above = height > settings.floor + 2.0 * points.along * np.abs(points.rays @ scene.floor.normal)
+        points, where = points.some(above), where[above]
+    area = np.square(grid.step * points.across)
+    values = depth.depth[grid.rows[where], grid.columns[where]]
+    moved = scene.farthest[where] - values > _JUMP + 3.0 * depth.noise * np.square(scene.farthest[where])
+    between = behind[where] | (jumps[where] & ~moved)  # thin limbs are all edge
+    mine = nearest_thing(points, area, scene.up, settings.gap, between, moved, len(grid.rows))
+    if np.count_nonzero(mine) < _LEAST:
+        return None
+    points = points.some(mine)
+    pixels = pictures.camera.project(points.places)
+    return PersonPoints(points.some(spread_over(len(points), settings.points)), pixels, float(grid.step))
+
+
+def _grid(source: DepthSource) -> Grid:
+    width, height = source.camera.image_size
+    step = max(1, round(np.sqrt(width * height / _ON_GRID)))
+    rows, columns = (x.ravel() for x in np.mgrid[step // 2 : height : step, step // 2 : width : step])
+    directions = source.camera.directions(np.stack([columns, rows], axis=1).astype(float))
+    return Grid(rows, columns, directions, step)
+
+
+def _jumps(depth: DepthMap, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the grid's pixels (P,) lie at a jump of the depth, where what is seen may lie between two things, and
+    which of these not on its near side."""
+    rows, columns = grid.rows // grid.step, grid.columns // grid.step
+    values = np.full((rows.max() + 1, columns.max() + 1), np.nan, np.float32)
+    values[rows, columns] = depth.depth[grid.rows, grid.columns]
+    around, known = np.ones((3, 3), np.uint8), np.isfinite(values)
+    far = cv2.dilate(np.where(known, values, np.float32(0.0)), around)
+    near = cv2.erode(np.where(known, values, np.float32(_FAR)), around)
+    least = _JUMP + 3.0 * depth.noise * np.square(near)
+    jump = far - near > least
+    return jump[rows, columns], (jump & (values - near > _ASIDE * least))[rows, columns]
+
+
+def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[Points, np.ndarray]:
+    """The places that a depth picture shows, and which of the grid's pixels these are."""
+    values = depth.depth[grid.rows, grid.columns]
+    where = np.flatnonzero(np.isfinite(values) & (values < settings.farthest))
+    return depth.points(grid.rows[where], grid.columns[where], grid.directions[where]), where

@@ -1,0 +1,92 @@
+"""Reads the cues of clips: what every cue that is used says of every camera's picture at an instant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+from estimator.data.media.clip import Clip
+from estimator.vision.camera_pictures import CameraPictures
+from estimator.vision.known_person import KnownPerson
+from estimator.vision.likelihood.registry import CUES
+from estimator.vision.likelihood.settings import CueSettings
+
+
+class CueReader:
+    """Reads the cues of synchronised clips, one a camera.
+
+    clips: open clips or their paths. cameras: in the same order.
+    masks: for each camera a folder of images or a video, white on the person, or None; they replace the background.
+    plates: for each camera a picture of the empty scene, or None.
+    frames: for each camera the number of its clip's frame at each instant (T,), or None where that is the instant's.
+    persons: for each camera where keypoints say that the person is, or None (`estimator.vision.known_person`).
+    rights: for each camera the number of the one to its right that makes a stereo pair with it, or None.
+    depths: for each camera a folder of depth pictures (`estimator.data.media.depth_folder`), or None.
+
+    Attributes
+    ----------
+    notes: for the user.
+
+    Raises
+    ------
+    InputError: a file cannot be read, or its size is not the camera's.
+    """
+
+    def __init__(
+        self,
+        clips: Sequence[Clip | Path],
+        cameras: Sequence[Camera],
+        settings: CueSettings,
+        *,
+        masks: Sequence[Path | None] | None = None,
+        plates: Sequence[Path | None] | None = None,
+        frames: Sequence[np.ndarray | None] | None = None,
+        persons: Sequence[KnownPerson | None] | None = None,
+        rights: Sequence[int | None] | None = None,
+        depths: Sequence[Path | None] | None = None,
+    ) -> None:
+        none, size = (None,) * len(cameras), settings.working_size
+        given = (masks or none, plates or none, frames or none, persons or none, depths or none)
+        each = [
+            CameraPictures(clip, camera, size, masks=mask, plate=plate, frames=numbers, person=person, depth=depth)
+            for clip, camera, mask, plate, numbers, person, depth in zip(clips, cameras, *given, strict=True)
+        ]
+        for pictures, right in zip(each, rights or none, strict=True):
+            pictures.right = None if right is None else each[right]
+        self._views = tuple(_View(pictures, settings) for pictures in each)
+        self.notes = tuple(note for view in self._views for note in view.pictures.notes)
+
+    def at(self, index: int) -> tuple[ImageCues, ...]:
+        """Cues of every camera at instant `index`, regardless of what was read before; InputError past a clip's end."""
+        return tuple(view.at(index) for view in self._views)
+
+    def close(self) -> None:
+        """Let go of the files."""
+        for view in self._views:
+            view.pictures.close()
+
+
+class _View:
+    """One camera's pictures, and what each cue has to know of them as a whole."""
+
+    def __init__(self, pictures: CameraPictures, settings: CueSettings) -> None:
+        self.pictures = pictures
+        used = [(CUES[name], settings.of(name)) for name in settings.used]
+        self._follows = any(cue.follows for cue, _ in used)
+        prepared: dict[str, Any] = {}
+        for cue, own in sorted(used, key=lambda each: not each[0].needs_depth):  # who knows where the person is, first
+            prepared[cue.name] = cue.prepare(pictures, own)
+            pictures.person_masks = pictures.person_masks or cue.person_masks(prepared[cue.name])
+        self._used = [(cue, own, prepared[cue.name]) for cue, own in used]
+
+    def at(self, index: int) -> ImageCues:
+        if self._follows:
+            self.pictures.before(index)  # read in the order of the clip, and kept
+        read: dict[str, Any] = {cue.name: cue.read(self.pictures, index, s, known) for cue, s, known in self._used}
+        picture = self.pictures.picture(index)
+        return ImageCues(self.pictures.camera, {n: value for n, value in read.items() if value is not None}, picture)

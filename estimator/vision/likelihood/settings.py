@@ -1,0 +1,98 @@
+"""Settings of the image likelihood, and of the cues that are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, make_dataclass, replace
+from functools import cache
+from typing import Any
+
+from estimator.vision.cues.base import Cue
+from estimator.vision.cues.depth.settings import DepthLikelihoodSettings
+from estimator.vision.cues.edges.settings import EdgeLikelihoodSettings
+from estimator.vision.cues.flow.settings import FlowLikelihoodSettings
+from estimator.vision.cues.silhouette.settings import OutlineLikelihoodSettings
+from estimator.vision.likelihood.registry import CUES, register
+from humanoid.support.idle import IdleRule
+from humanoid.support.settings import check, setting
+
+_USE = "use_"
+
+
+@dataclass(frozen=True)
+class ImageSettings(DepthLikelihoodSettings, OutlineLikelihoodSettings, FlowLikelihoodSettings, EdgeLikelihoodSettings):
+    """How pictures enter the energy.
+
+    Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as `..._evidence` independent
+    measurements however fine the mesh is; 0 leaves the cue out. Noises are standard deviations; `..._noise` of edges
+    and outline is a fraction of the subject's extent in the image (root mean square distance of its landmarks from
+    their centre), never below half a pixel.
+    """
+
+
+@dataclass(frozen=True)
+class CueSettings:
+    """Which cues are computed, and how.
+
+    working_size: longest side of the pictures they are computed from [px]; larger frames are reduced to it.
+    """
+
+    # `cue_settings` makes them: each registered cue adds a truth value `use_NAME` and a group `NAME` of its own
+
+    working_size: int = setting(640, at_least=64)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Names of the cues that are computed, in the order of registration."""
+        return tuple(name for name in self._names if getattr(self, _USE + name))
+
+    def using(self, names: Iterable[str]) -> CueSettings:
+        """The same with these cues and no others."""
+        chosen = set(names)
+        uses: dict[str, Any] = {_USE + name: name in chosen for name in self._names}
+        return replace(self, **uses)
+
+    def of(self, name: str) -> Any:
+        """The settings of one cue."""
+        return getattr(self, name)
+
+    @property
+    def _names(self) -> list[str]:
+        return [f.name.removeprefix(_USE) for f in fields(self) if f.name.startswith(_USE)]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The cues travel along: a helping process, which has imported no plug-in, then knows them too."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return _unpacked, (tuple(CUES[name] for name in self._names), values)
+
+
+def cue_settings(names: Iterable[str] | None = None, *, working_size: int = CueSettings.working_size) -> CueSettings:
+    """The default settings of all registered cues, with these `names` in use, or all of them."""
+    made = _settings_of(tuple(CUES.values()))(working_size=working_size)
+    return made if names is None else made.using(names)
+
+
+def idle_rules() -> tuple[IdleRule, ...]:
+    """Which settings of cues have no effect under which others."""
+    unused = [IdleRule((f"cues.{name}",), ((f"cues.{_USE}{name}", False),)) for name in CUES]
+    return (*unused, *(rule for cue in CUES.values() for rule in cue.idle))
+
+
+@cache
+def _settings_of(known: tuple[Cue, ...]) -> type[CueSettings]:
+    """`CueSettings` with the fields of these cues, and what they are."""
+    uses: list[Any] = [(_USE + cue.name, bool, field(default=True)) for cue in known]
+    groups: list[Any] = [(cue.name, type(cue.settings), field(default=cue.settings)) for cue in known]
+    made = make_dataclass("CueSettings", [*uses, *groups], bases=(CueSettings,), frozen=True)
+    made.__doc__ = " ".join(f"{_USE}{cue.name}: {cue.summary}." for cue in known)
+    return made
+
+
+def _unpacked(known: tuple[Cue, ...], values: dict[str, Any]) -> CueSettings:
+    for cue in known:
+        if cue.name not in CUES:
+            register(cue)
+    return _settings_of(tuple(CUES[cue.name] for cue in known))(**values)
