@@ -21,10 +21,10 @@ from benchmarks.pose_prior_clips import captured_files, trial_of
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
-from estimator.limbs.likelihood import LimbLikelihood
-from estimator.search.assembly import assembled
 from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.loose_limbed.assembly import assembled
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements

@@ -24,8 +24,8 @@ from benchmarks.dual_chain_runs import Film, tracker_of
 from benchmarks.kept_runs import Figures, Kept, all_done
 from estimator.data.observation import Observation
 from estimator.inference.chains.evidence import Detections
-from estimator.search.seen_features import SeenFeatures
-from estimator.trackers.dual_chain import DualState
+from estimator.trackers.dual_chain.seen_features import SeenFeatures
+from estimator.trackers.dual_chain.tracker import DualState
 from estimator.vision.skin import SkinModel
 from kinemode.terminal import report
 

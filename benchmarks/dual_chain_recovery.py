@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.common import save
 from benchmarks.dual_chain_runs import Film, UpperClip, tracker_of
 from benchmarks.kept_runs import Figures, Kept
-from estimator.trackers.dual_chain import DualChain, DualState
+from estimator.trackers.dual_chain.tracker import DualChain, DualState
 from kinemode.terminal import report
 
 BEGIN = (20, 45, 70)  # frames at which poses are put wrong

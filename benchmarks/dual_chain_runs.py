@@ -18,7 +18,7 @@ from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
 from estimator.inference.particles import systematic
-from estimator.trackers.dual_chain import DualChain, DualState
+from estimator.trackers.dual_chain.tracker import DualChain, DualState
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings

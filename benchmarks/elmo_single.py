@@ -20,7 +20,7 @@ from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.known import Examples
 from estimator.synthesis.examples.poses import sampler_of
-from estimator.trackers.elmo import Elmo
+from estimator.trackers.elmo.tracker import Elmo
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.limb_pictures import Shown, jittered, nowhere
-from estimator.limbs.features import FEATURES, SWAPPED
-from estimator.limbs.gibbs import Gibbs, all_pairs, fitted
-from estimator.limbs.models import LimbModels
+from estimator.trackers.loose_limbed.limbs.features import FEATURES, SWAPPED
+from estimator.trackers.loose_limbed.limbs.gibbs import Gibbs, all_pairs, fitted
+from estimator.trackers.loose_limbed.limbs.models import LimbModels
 from humanoid.limbs.limb import LimbGraph
 
 QUANTILES = {"edge": 5, "ridge": 5}  # levels of the filters' answers, evenly filled

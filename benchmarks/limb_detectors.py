@@ -21,9 +21,9 @@ from benchmarks.limb_likelihood import FRAMES, HELD_OUT, NEVER, PAPER, person, s
 from benchmarks.limb_pictures import Shown, shown_clip
 from benchmarks.pose_prior_clips import captured_files, subject_of
 from estimator.inference.beliefs.space import placements_of
-from estimator.limbs.likelihood import LimbLikelihood
-from estimator.search.shouters.contract import Shout, Shouts
-from estimator.search.shouters.hull import hull_shouts
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
+from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.hull import hull_shouts
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
 from kinemode.terminal.report import console, table

@@ -15,11 +15,11 @@ from benchmarks.limb_templates import NEAR, TURNED
 from benchmarks.tracking import timed_track
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
-from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.results.reference_motion import Reference
 from estimator.results.run_file import Run
-from estimator.search.shouters.contract import Shout
-from estimator.search.shouters.keypoints import keypoint_shouts
+from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.trackers.loose_limbed.part_detectors.contract import Shout
+from estimator.trackers.loose_limbed.part_detectors.keypoints import keypoint_shouts
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
 from humanoid.subject.landmarks import mirror_index

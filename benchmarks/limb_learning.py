@@ -19,7 +19,10 @@ from benchmarks.limb_learning_plot import draw_potentials
 from benchmarks.pose_learning import POOR_FIT, VAGUE_STD
 from benchmarks.pose_prior_clips import LEFT_OUT, captured_files, subject_of, trial_of
 from estimator.inference.beliefs.learning import LearnSettings
-from estimator.limbs.potential_learning import (
+from estimator.search.cost_model import CostSettings, per_dof
+from estimator.synthesis.mocap import load_mocap
+from estimator.synthesis.retarget import retarget
+from estimator.trackers.loose_limbed.limbs.potential_learning import (
     LimbPoses,
     captured_poses,
     drawn_poses,
@@ -27,10 +30,7 @@ from estimator.limbs.potential_learning import (
     learned_potentials,
     log_densities,
 )
-from estimator.limbs.potentials import SHIPPED, LimbPotentials, load_potentials
-from estimator.search.cost_model import CostSettings, per_dof
-from estimator.synthesis.mocap import load_mocap
-from estimator.synthesis.retarget import retarget
+from estimator.trackers.loose_limbed.limbs.potentials import SHIPPED, LimbPotentials, load_potentials
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from benchmarks.figure_file import new_figure, write_figure
 from estimator.inference.beliefs.learning import RelativePlacements
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
-from estimator.limbs.potentials import LimbPotentials
+from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
 from humanoid.kinematics.body import Body
 from humanoid.limbs.cones import Cone, cone_surface
 from humanoid.limbs.limb import LimbGraph, limb_placements

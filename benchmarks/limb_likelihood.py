@@ -20,9 +20,9 @@ from benchmarks.common import NO_CAPTURE_HERE, in_processes, save, start, tell
 from benchmarks.limb_densities import Examples, examples_of, learned
 from benchmarks.limb_pictures import Shown, all_limbs, moved_away, shown_clip, turned_away
 from benchmarks.pose_prior_clips import captured_files, subject_of
-from estimator.limbs.features import CUES
-from estimator.limbs.likelihood import LimbLikelihood, LimbSettings
-from estimator.limbs.models import SHIPPED
+from estimator.trackers.loose_limbed.limbs.features import CUES
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings
+from estimator.trackers.loose_limbed.limbs.models import SHIPPED
 from estimator.vision.ridges import ridges_of
 from humanoid.subject.subject import Subject, load_subject
 from kinemode.terminal.report import console, table

@@ -17,10 +17,10 @@ from benchmarks.limb_pictures import Shown, shown_clip
 from benchmarks.pose_prior_clips import captured_files
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of
-from estimator.limbs.features import PERSON
-from estimator.search.shouters.contract import Shouts
-from estimator.search.shouters.templates import LimbTemplates, TemplateSettings, template_shouts
 from estimator.synthesis.examples.limb_templates import train_templates
+from estimator.trackers.loose_limbed.limbs.features import PERSON
+from estimator.trackers.loose_limbed.part_detectors.contract import Shouts
+from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, TemplateSettings, template_shouts
 from estimator.vision.patches import PatchView, patch_view
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph

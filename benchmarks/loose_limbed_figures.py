@@ -24,8 +24,8 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.propagation import Propagated
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
-from estimator.limbs.window import window
-from estimator.trackers.loose_limbed import LooseLimbed
+from estimator.trackers.loose_limbed.limbs.window import window
+from estimator.trackers.loose_limbed.tracker import LooseLimbed
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.limbs.limb import LimbGraph

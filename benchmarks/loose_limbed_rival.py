@@ -12,7 +12,7 @@ from benchmarks.pose_prior_clips import captured_files
 from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.inference.particles import Particles, normalised
-from estimator.limbs.likelihood import LimbLikelihood
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
 

@@ -21,13 +21,13 @@ from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
 from estimator.inference.particles import normalised
-from estimator.limbs.instant import LimbLogRatio, limb_views, shows_person
-from estimator.limbs.likelihood import LimbLikelihood
 from estimator.modes.mixture import Mode
 from estimator.modes.mixture import mixture_of as mixture_of_modes
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.limb_state import LimbState
-from estimator.trackers.loose_limbed import LooseLimbed
+from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio, limb_views, shows_person
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
+from estimator.trackers.loose_limbed.state import LimbState
+from estimator.trackers.loose_limbed.tracker import LooseLimbed
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.limbs.limb import limb_placements

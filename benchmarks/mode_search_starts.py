@@ -17,7 +17,7 @@ from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.synthesis.motion_keys import motion_named
 from estimator.trackers.capabilities import energy_of
-from estimator.trackers.css import CovarianceScaledSampling
+from estimator.trackers.css.tracker import CovarianceScaledSampling
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

@@ -15,12 +15,12 @@ from estimator.inference.beliefs.graph import UNEXPLAINED, Belief
 from estimator.inference.beliefs.space import PLACEMENTS, Space, placements_of, points_of
 from estimator.modes.mixture import Mixture
 from estimator.modes.origin import Family
-from estimator.search.assembly import AssemblySettings, assembled
 from estimator.search.cost_model import CostModel
-from estimator.search.limb_choices import Mistakes, choices, instead, outermost
-from estimator.search.limb_places import limb_places
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
+from estimator.trackers.loose_limbed.assembly import AssemblySettings, assembled
+from estimator.trackers.loose_limbed.limb_choices import Mistakes, choices, instead, outermost
+from estimator.trackers.loose_limbed.limb_places import limb_places
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph

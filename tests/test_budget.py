@@ -9,10 +9,10 @@ from scipy.stats import multivariate_normal
 
 from estimator.data.observation import Observation
 from estimator.energy.term import Cost, QuadraticModel
-from estimator.search.budget import BudgetSettings, Source, allocated
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.volumes import Surroundings, importance_log_volumes
+from estimator.trackers.css.budget import BudgetSettings, Source, allocated
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body, PosedBody

@@ -16,8 +16,8 @@ from estimator.inference.chains.exchange import APART
 from estimator.search.cost_model import CostModel
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import Tracker
-from estimator.trackers.points_beside import BesideSettings, BesideState, PointsBeside
-from estimator.trackers.single_mode import SingleMode
+from estimator.trackers.baselines.single_mode import SingleMode
+from estimator.trackers.css.points_beside import BesideSettings, BesideState, PointsBeside
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index

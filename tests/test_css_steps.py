@@ -12,11 +12,11 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import MAX_STD
 from estimator.modes.merge import bhattacharyya
 from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.search.frame_proposals import Proposals
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.settings import ModeSearchSettings
-from estimator.trackers.css import PAPER, REFINED, CovarianceScaledSampling
+from estimator.trackers.css.frame_proposals import Proposals
+from estimator.trackers.css.tracker import PAPER, REFINED, CovarianceScaledSampling
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState
 from estimator.tracking.registry import make_tracker, settings_for

@@ -15,9 +15,9 @@ from estimator.data.formats.checked_arrays import DamageError
 from estimator.data.observation import Observation
 from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
-from estimator.search.pose_chain import PoseChainSettings
 from estimator.search.settings import ModeSearchSettings
-from estimator.trackers.dual_chain import DualChain, DualChainSettings, DualState
+from estimator.trackers.dual_chain.pose_chain import PoseChainSettings
+from estimator.trackers.dual_chain.tracker import DualChain, DualChainSettings, DualState
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision

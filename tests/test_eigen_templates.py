@@ -13,14 +13,19 @@ from scipy.spatial.transform import Rotation
 import kinemode as km
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of
-from estimator.limbs.volume import common_box
-from estimator.search.shouters.template_file import load_templates, save_templates
-from estimator.search.shouters.templates import LimbTemplates, TemplateSettings, best_apart, template_shouts
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.examples.limb_templates import middle_of, train_templates
 from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.rig_pictures import RigExample, RigPainter
+from estimator.trackers.loose_limbed.limbs.volume import common_box
+from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates, save_templates
+from estimator.trackers.loose_limbed.part_detectors.templates import (
+    LimbTemplates,
+    TemplateSettings,
+    best_apart,
+    template_shouts,
+)
 from estimator.vision.eigen_templates import eigen_space
 from estimator.vision.foreground_rays import ray_places, seen_by_all
 from estimator.vision.patches import CHANNELS, PatchView, patch_view, patches_at

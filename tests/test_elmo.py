@@ -29,7 +29,7 @@ from estimator.synthesis.examples import training
 from estimator.synthesis.examples.pictures import ExamplePainter, variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.training import PAIRS_AT_ONCE, train_index
-from estimator.trackers.elmo import Elmo, ElmoState
+from estimator.trackers.elmo.tracker import Elmo, ElmoState
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.vision.cues.cue_picture import Dots
 from estimator.vision.edge_histogram import SIDE, bin_count

@@ -23,7 +23,7 @@ from benchmarks.runs_plot import write_differences, write_runs
 from benchmarks.scores import TRAJECTORIES, Outcome, TrackErrors
 from benchmarks.sequences import FPS, Task
 from benchmarks.summaries import gain, judged, paired, spread_of
-from estimator.search.budget import Source, allocated
+from estimator.trackers.css.budget import Source, allocated
 from estimator.tracking.registry import TRACKERS
 
 

@@ -11,14 +11,14 @@ import pytest
 from benchmarks.limb_detectors import RATES, instant_rates, right
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of, points_of
-from estimator.limbs.features import PERSON, SCENE
-from estimator.limbs.left_over import LeftOver
-from estimator.limbs.likelihood import LimbLikelihood, LimbView, limb_view
-from estimator.limbs.visual_hull import visual_hull
-from estimator.search.limb_choices import outermost
-from estimator.search.shouters.contract import Shout, Shouts
-from estimator.search.shouters.hull import HullSettings, hull_shouts
-from estimator.search.shouters.left_over import left_over_places
+from estimator.trackers.loose_limbed.left_over_detector import left_over_places
+from estimator.trackers.loose_limbed.limb_choices import outermost
+from estimator.trackers.loose_limbed.limbs.features import PERSON, SCENE
+from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbView, limb_view
+from estimator.trackers.loose_limbed.limbs.visual_hull import visual_hull
+from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_shouts
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from tests.builders import bent, body_of, camera_at

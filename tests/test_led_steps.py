@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
-from estimator.search.led_steps import Length, led_steps
+from estimator.trackers.dual_chain.led_steps import Length, led_steps
 
 NAMES = ("head", "hand")
 STD = np.array([0.2, 0.1, 0.3])

@@ -11,13 +11,13 @@ from builders import body_of, camera_at, observe, random_pose
 
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import placements_of
-from estimator.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
-from estimator.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.numerics.alignment import motions_onto, similarity_onto
 from estimator.search.cost_model import CostModel
-from estimator.search.shouters.contract import Shout, Shouts
-from estimator.search.shouters.keypoint_fits import Fits, turned_about
-from estimator.search.shouters.keypoints import KeypointShoutSettings, keypoint_shouts
+from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
+from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import Fits, turned_about
+from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointShoutSettings, keypoint_shouts
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.subject.landmarks import mirror_index

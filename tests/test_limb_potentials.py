@@ -23,7 +23,7 @@ from estimator.inference.beliefs.learning import (
     tangents,
 )
 from estimator.inference.beliefs.space import PLACEMENTS
-from estimator.limbs.potential_learning import (
+from estimator.trackers.loose_limbed.limbs.potential_learning import (
     LimbPoses,
     backward_points,
     captured_poses,
@@ -33,7 +33,7 @@ from estimator.limbs.potential_learning import (
     limb_poses,
     log_densities,
 )
-from estimator.limbs.potentials import LimbPotentials, load_potentials, shipped_potentials
+from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials, load_potentials, shipped_potentials
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody
 from humanoid.limbs.graph import limb_graph
@@ -219,7 +219,9 @@ def poses_within(body: Body) -> np.ndarray:
     """Drawn poses (N, nq), read off what `limb_poses` is given."""
     kept: list[np.ndarray] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("estimator.limbs.potential_learning.limb_poses", lambda g, b, q, p: kept.append(q))
+        patch.setattr(
+            "estimator.trackers.loose_limbed.limbs.potential_learning.limb_poses", lambda g, b, q, p: kept.append(q)
+        )
         drawn_poses(body, graph_of("arm8"), 50, (), np.zeros(body.nv), np.random.default_rng(0))
     return kept[0]
 
@@ -326,6 +328,8 @@ def test_what_trackers_are_measured_on_is_not_learned() -> None:
     seen = unseen_by(None, [f.stem for f in files])
     assert len(seen) == len(files) - 8
     assert not {"07_01", "02_05", "16_01", "26_01", "05_10"} & {trial_of(name) for name in seen}
-    about = json.loads(Path(__file__).parents[1].joinpath("estimator/limbs/potentials.json").read_text())["about"]
+    about = json.loads(
+        Path(__file__).parents[1].joinpath("estimator/trackers/loose_limbed/limbs/potentials.json").read_text()
+    )["about"]
     learned_of = about.split("Clips ")[1].split(". Not seen")[0].split(", ")
     assert learned_of == seen

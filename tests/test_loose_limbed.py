@@ -15,11 +15,11 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import Box
 from estimator.inference.beliefs.space import PLACEMENTS
-from estimator.limbs.window import Instant, Past, window
-from estimator.search.shouters.contract import Shout
-from estimator.search.shouters.importance import ImportanceSettings, importance_functions
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.limb_state import LimbState
+from estimator.trackers.loose_limbed.limbs.window import Instant, Past, window
+from estimator.trackers.loose_limbed.part_detectors.contract import Shout
+from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions
+from estimator.trackers.loose_limbed.state import LimbState
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker, settings_for
 from humanoid.support.errors import InputError

@@ -82,7 +82,7 @@ THIS = "tests/test_papers.py::test_planted_faults_are_found"
         (GOOD.format("tests/test_paper.py::test_planted_faults_are_found"), 1),
         (GOOD.format("none"), 1),
         (GOOD.format(THIS).replace("| eq. 1 ", "| eq. 1 | and more "), 1),
-        ("In a sentence: `estimator.trackers.css.Cs`.", 1),
+        ("In a sentence: `estimator.trackers.css.tracker.Cs`.", 1),
     ],
 )
 def test_planted_faults_are_found(text: str, count: int) -> None:

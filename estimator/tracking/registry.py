@@ -7,18 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimator.trackers import (
-    annealed,
-    condensation,
-    css,
-    css_dual,
-    dual_chain,
-    elmo,
-    loose_limbed,
-    multiple_hypothesis,
-    single_mode,
-)
 from estimator.trackers.base import Tracker
+from estimator.trackers.baselines import annealed, condensation, multiple_hypothesis, single_mode
+from estimator.trackers.css import css_dual
+from estimator.trackers.css import tracker as css
+from estimator.trackers.dual_chain import tracker as dual_chain
+from estimator.trackers.elmo import tracker as elmo
+from estimator.trackers.loose_limbed import tracker as loose_limbed
 from estimator.trackers.spec import Spec
 from estimator.tracking.setting_changes import changed, former_names, refused, renamed
 from estimator.tracking.settings import COMMON, Settings

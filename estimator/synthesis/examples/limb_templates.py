@@ -9,12 +9,12 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import points_of
-from estimator.limbs.likelihood import LimbSettings
-from estimator.limbs.volume import common_box
-from estimator.search.shouters.templates import LimbTemplate, LimbTemplates
 from estimator.synthesis.examples.pictures import variants
 from estimator.synthesis.examples.poses import PoseSampler
 from estimator.synthesis.examples.rig_pictures import RigExample, RigPainter
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbSettings
+from estimator.trackers.loose_limbed.limbs.volume import common_box
+from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplate, LimbTemplates
 from estimator.vision.eigen_templates import SHARE, eigen_space
 from estimator.vision.foreground_rays import ray_places
 from estimator.vision.patches import patches_at

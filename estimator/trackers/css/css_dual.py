@@ -1,0 +1,58 @@
+"""Covariance scaled sampling beside a chain of keypoints."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.css.points_beside import BesideSettings, PointsBeside
+from estimator.trackers.css.tracker import IDLE, CovarianceScaledSampling, CssSettings
+from estimator.trackers.spec import Spec, by_search
+from humanoid.support.idle import idle_where
+
+_GROUP = "css_dual"
+
+
+@dataclass(frozen=True)
+class CssDualSettings(CssSettings):
+    """The settings of `CssSettings`, and:
+
+    beside: the chain of keypoints.
+    """
+
+    beside: BesideSettings = field(default_factory=BesideSettings)
+
+
+class CssDual(PointsBeside):
+    """`CovarianceScaledSampling`, which keeps keypoints that are missing for a while (see `PointsBeside`)."""
+
+    def __init__(self, search: ModeSearch, settings: CssDualSettings | None = None) -> None:
+        settings = settings or CssDualSettings()
+        self._css = CovarianceScaledSampling(search, settings)
+        super().__init__(self._css, search, settings.beside)
+
+    def shared(self, processes: int) -> AbstractContextManager[None]:
+        """See `estimator.trackers.capabilities.SharesWork`."""
+        return self._css.shared(processes)
+
+
+SPEC = Spec(
+    name="css-dual",
+    sentence="css beside a chain of keypoints, which keeps those that are missing for a while",
+    make=by_search(CssDual),
+    group=_GROUP,
+    settings=CssDualSettings(),
+    idle=(
+        *(rule.of_group("css", _GROUP) for rule in IDLE),
+        idle_where(
+            f"{_GROUP}.beside.evidence.shared {_GROUP}.beside.points.mistaken {_GROUP}.beside.points.lost",
+            "a keypoint is of one landmark",
+        ),
+        idle_where(
+            f"{_GROUP}.beside.points {_GROUP}.beside.evidence {_GROUP}.beside.exchange", css_dual__beside__farthest=0.0
+        ),
+    ),
+    shares_work=lambda own: True,
+    may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
+)

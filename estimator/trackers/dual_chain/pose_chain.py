@@ -1,0 +1,256 @@
+"""A chain of poses by weighted samples, drawn part by part from where an image shows their features.
+
+Likelihood sampling (Taycher and Darrell 2003; Taycher et al. 2004, section 4) as one chain of several: samples come
+from what is told of the features, by inverse kinematics, and from the past, and are weighed by past, features and
+outlines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.energy.pose_prior import PosePrior
+from estimator.inference.chains.exchange import Message, nothing_seen
+from estimator.inference.chains.feature_density import FeatureDensity, uniform
+from estimator.inference.clusters import clusters
+from estimator.inference.particles import effective_count, normalised, systematic
+from estimator.inference.steps import Reach, Steps
+from estimator.inference.tempering import Tempered, TemperingSettings, tempered
+from estimator.inference.walk import Box
+from estimator.trackers.dual_chain.pose_draws import PartDraws
+from estimator.trackers.dual_chain.pose_elsewhere import GUIDED, anywhere
+from estimator.trackers.dual_chain.pose_parts import PoseParts
+from estimator.trackers.dual_chain.pose_target import Expected, PoseTarget
+from estimator.vision.likelihood.outline_values import OutlineLikelihood
+from humanoid.kinematics.body import Body
+from humanoid.support.settings import check, setting
+
+_FEATURE_NOISE = 2.0  # px, of where a feature is in the image of a pose
+_GROUPED = 1000  # samples that a density of features is made of, at most
+_FEWEST = 8  # samples of a stratum
+BY_PARTS, BY_PAST = "parts", "past"
+
+
+@dataclass(frozen=True)
+class PoseChainSettings:
+    """How poses are drawn.
+
+    particles: how many. draws: "parts", trunk and limbs one after the other from where past and image have them, or
+    "past", whole poses from the past alone, as CONDENSATION has it. kernels: of the past, by which parts are weighed.
+    by_past, by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
+    led from the past to the features. groups: of samples that the features are expected by.
+    noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
+    and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
+    but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
+    rest: seconds, at the least, in which joints of which nothing is seen go two thirds of the way back to rest
+    (`Rest`). tempering: how outlines are let in.
+    Raises InputError where a value cannot be.
+    """
+
+    particles: int = setting(2000, at_least=2)
+    draws: str = setting(BY_PARTS, one_of=(BY_PARTS, BY_PAST))
+    kernels: int = setting(100, at_least=1)
+    by_past: float = setting(0.2, at_least=0, at_most=1)
+    by_image: float = setting(0.2, at_least=0, at_most=1)
+    groups: int = setting(3, at_least=1)
+    noise: float = setting(0.45, above=0)
+    far: float = setting(0.2, at_least=0, at_most=1)
+    wide: float = setting(3.0, at_least=1)
+    lost: float = setting(0.03, at_least=0)
+    renewed: float = setting(0.2, above=0, below=1)
+    rest: float = setting(0.5, above=0)
+    tempering: TemperingSettings = field(default_factory=TemperingSettings)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Crowd:
+    """Poses of one frame: q (N, nq), weights (N,) that sum to one. reference (nq,): in whose tangent space they are
+    moved."""
+
+    q: np.ndarray
+    weights: np.ndarray
+    reference: np.ndarray
+
+
+class _Way(NamedTuple):
+    """That the past is wrong about some parts, by number, and where they may be instead; odds: beside 1 that it is
+    right about all."""
+
+    odds: float
+    elsewhere: Mapping[int, Reach]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseChain:
+    """One frame's chain of poses (`estimator.inference.chains.exchange.Chain`).
+
+    camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
+    past: whether samples also come from the past, as they have to where the image does not show everything; without, as
+    likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
+    pose_prior, if_hidden: see `PoseTarget`. told: filled with how it went: samples, effective_sample_size, powers,
+    accepted.
+    """
+
+    rng: np.random.Generator
+    parts: PoseParts
+    camera: Camera
+    outlines: OutlineLikelihood | None
+    std: np.ndarray
+    settings: PoseChainSettings
+    past: bool = True
+    pose_prior: PosePrior | None = None
+    if_hidden: tuple[float, float] = (0.0, 0.0)
+    told: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def body(self) -> Body:
+        """Whose poses."""
+        return self.parts.body
+
+    def predict(self, state: Crowd, dt: float) -> Expected:
+        """See `Chain`; the noise of `dt` is in `std` already."""
+        s, body = self.settings, self.body
+        lower, upper = body.tangent_bounds(state.reference)
+        steps = Steps(self.std, lower, upper, self.parts.dofs, s.far, s.wide)
+        count = s.particles if s.draws == BY_PAST else min(s.kernels, len(state.weights))
+        few = systematic(self.rng, state.weights, count)
+        centres, even = body.differences(state.reference, state.q)[few], np.full(count, 1.0 / count)
+        spread = self.std * np.sqrt(1.0 + s.far * (s.wide**2 - 1.0))
+        centres = self.parts.rest.returned(centres, state.reference, spread, -np.expm1(-dt / s.rest))
+        samples = steps.moved(self.rng, centres[systematic(self.rng, even, s.particles)])
+        return Expected(state.reference, centres, even, steps, samples)
+
+    def features(self, prior: Expected) -> FeatureDensity:
+        """See `Chain`: groups of the samples' features, each as a normal density."""
+        target, names = self._target(prior, None), self.parts.features.names
+        some = prior.samples[:: -(-len(prior.samples) // _GROUPED)]
+        flat = target.pixels(target.prepared(some)).reshape(len(some), -1)
+        flat = flat[np.isfinite(flat).all(axis=1)]
+        if not len(flat):
+            return uniform(names)
+        radius = 2.0 * float(np.sqrt(flat.var(axis=0).max())) + _FEATURE_NOISE
+        label = clusters(flat, np.full(len(flat), 1.0 / len(flat)), radius, self.settings.groups)
+        log_weight, mean, covariance = [], [], []
+        for k in range(int(label.max()) + 1):
+            own = flat[label == k]
+            off = own - own.mean(axis=0)
+            log_weight.append(np.log(len(own) / len(flat)))
+            mean.append(own.mean(axis=0))
+            covariance.append(off.T @ off / len(own) + _FEATURE_NOISE**2 * np.eye(flat.shape[1]))
+        known = np.ones((len(mean), len(names)), dtype=bool)
+        return FeatureDensity(
+            names, np.array(log_weight), known, np.array(mean).reshape(len(mean), -1, 2), np.array(covariance)
+        )
+
+    def update(self, prior: Expected, message: Message) -> tuple[Crowd, float]:
+        """See `Chain`. Without any sample the past goes on alone.
+
+        The past may be wrong about limbs. So some samples have one limb anew, or all, from where the image shows their
+        ends or from rest, and the rest from the past: a stratum of its own, weighed by its odds and its evidence, since
+        among the others a limb that was just found would be selected away before outlines speak for it. One such way is
+        tried in every frame, in turn by chance, at the odds of all of them.
+        """
+        if self.settings.draws == BY_PAST:
+            return self._by_past(self._target(prior, message))
+        self.told["samples"] = self.told["effective_sample_size"] = 0.0
+        ways = self._ways(prior)
+        few = max(int(self.settings.renewed * self.settings.particles), _FEWEST) if len(ways) > 1 else 0
+        counts = (max(self.settings.particles - few, _FEWEST), few)
+        strata = [self._stratum(prior, message, way, count) for way, count in zip(ways, counts, strict=False)]
+        told = [-np.inf if result is None else result.log_evidence for result in strata]
+        odds = np.array([way.odds for way in ways])
+        weights, log_evidence = _shares(odds / odds.sum(), np.array(told))
+        if strata[0] is None and not weights.any():
+            return self.without_samples(prior)
+        each = [np.full(len(r.x), w / len(r.x)) for r, w in zip(strata, weights, strict=True) if r is not None]
+        x = np.vstack([r.x for r in strata if r is not None])
+        if len(strata) > 1:
+            self.told["renewed"] = float(weights[1:].sum())
+            x = x[systematic(self.rng, np.concatenate(each), self.settings.particles)]
+        return self._even(prior, x), log_evidence
+
+    def _ways(self, prior: Expected) -> list[_Way]:
+        """That the past is right, and another way."""
+        s, right = self.settings, _Way(1.0, {})
+        if not self.past or s.lost <= 0.0:
+            return [right]
+        chosen, other = self._chosen(), anywhere(self.parts, prior)
+        return [right, _Way(len(self._wrong) * s.lost ** len(chosen), dict.fromkeys(chosen, other))]
+
+    @property
+    def _wrong(self) -> tuple[tuple[int, ...], ...]:
+        """The parts that the past may be wrong about: one limb, or all of them."""
+        limbs = range(1, self.parts.count)
+        return (*((part,) for part in limbs), *((tuple(limbs),) if len(limbs) > 1 else ()))
+
+    def _chosen(self) -> tuple[int, ...]:
+        """Those that this frame tries."""
+        return self._wrong[self.rng.integers(len(self._wrong))]
+
+    def _stratum(self, prior: Expected, message: Message, way: _Way, count: int) -> Tempered | None:
+        """Samples of the posterior with some parts elsewhere than where the past has them, and their evidence."""
+        s = self.settings
+        some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
+        target = replace(self._target(prior, message), elsewhere=way.elsewhere)
+        drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
+        if drawn is None:
+            return None
+        # parts were chosen by what is told of each alone: in the end they are weighed by what is told of all
+        told = target.told(target.prepared(drawn.x))
+        possible = np.isfinite(told)
+        log_weight = np.where(possible, told - drawn.told, -np.inf)
+        begun = GUIDED if way.elsewhere and self.outlines else 0.0
+        box = Box(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
+        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, begun)
+        if result is None:
+            return None
+        if not way.elsewhere:
+            self.told["samples"], self.told["effective_sample_size"] = float(possible.sum()), result.effective
+            self.told["powers"], self.told["accepted"] = float(result.powers), result.accepted
+        return result._replace(log_evidence=result.log_evidence + drawn.log_evidence)
+
+    def without_samples(self, prior: Expected) -> tuple[Crowd, float]:
+        """Where the image shows nothing that a pose could be drawn from: what was expected."""
+        self.told["samples"], self.told["effective_sample_size"] = 0.0, 0.0
+        return self._even(prior, prior.samples), -np.inf
+
+    def _by_past(self, target: PoseTarget) -> tuple[Crowd, float]:
+        """Whole poses of the past, selected by features and outlines (Isard and Blake 1998)."""
+        x = target.prior.samples
+        placed = target.prepared(x)
+        log_weight = target.told(placed) + target.likelihood(placed)
+        if not np.isfinite(log_weight).any():
+            return self.without_samples(target.prior)
+        weights, log_mean = normalised(log_weight)
+        self.told["samples"] = float(np.isfinite(log_weight).sum())
+        self.told["effective_sample_size"] = effective_count(weights)
+        return self._even(target.prior, x[systematic(self.rng, weights, len(x))]), log_mean
+
+    def _target(self, prior: Expected, message: Message | None) -> PoseTarget:
+        told = nothing_seen(self.parts.features.names) if message is None else message
+        return PoseTarget(
+            self.parts, self.camera, self.outlines, prior, told, pose_prior=self.pose_prior, if_hidden=self.if_hidden
+        )
+
+    def _even(self, prior: Expected, x: np.ndarray) -> Crowd:
+        """Poses at tangents x (N, nv), each as likely as the others."""
+        q = self.body.integrated(np.tile(prior.reference, (len(x), 1)), x)
+        return Crowd(q, np.full(len(q), 1.0 / len(q)), prior.reference)
+
+
+def _shares(prior: np.ndarray, log_evidence: np.ndarray) -> tuple[np.ndarray, float]:
+    """Posterior shares (S,) of strata with prior shares (S,) by their evidence, 0 where none has any; and the logarithm
+    of the evidence of all."""
+    if not np.isfinite(log_evidence).any():
+        return np.zeros(len(prior)), -np.inf
+    highest = log_evidence.max()
+    each = prior * np.exp(log_evidence - highest)
+    return each / each.sum(), float(highest + np.log(each.sum()))

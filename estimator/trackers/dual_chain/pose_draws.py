@@ -1,0 +1,154 @@
+"""Poses drawn part by part: trunks first, then each limb, from where the past and the image have it.
+
+Given trunk, head and neck the limbs are independent (Taycher et al. 2004, section 4), so each is drawn and weighed by
+what tells of it alone; weights of joint draws collapse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.inference.particles import normalised, systematic
+from estimator.inference.steps import Steps
+from estimator.search.proposals.limb_ik import ImageProposal
+from estimator.trackers.dual_chain.led_steps import LedSteps, Length, led_steps
+from estimator.trackers.dual_chain.pose_elsewhere import BY_IMAGE, GUIDED, TRIES
+from estimator.trackers.dual_chain.pose_target import PoseTarget
+
+_WAYS = 6  # to see the features of a part, that lead it
+_WIDER = 1.3  # are led steps, which are linear, than those of the past
+_BY_PAST, _LED, _BY_IMAGE = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Even samples of some parts: tangents x (N, nv), and told (N,), the sum of what each was chosen by: what the
+    message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean of
+    that under what was expected."""
+
+    x: np.ndarray
+    told: np.ndarray
+    log_evidence: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PartDraws:
+    """How the parts of one frame are drawn.
+
+    past: whether they also come from the past. by_past, by_image: shares of what comes from the past as it is, and from
+    inverse kinematics of the end of a limb; all others are steps from the past that are led to the features.
+    """
+
+    rng: np.random.Generator
+    target: PoseTarget
+    past: bool
+    by_past: float
+    by_image: float
+
+    def all_parts(self, x: np.ndarray) -> Drawn | None:
+        """As many poses as there are at tangents x (N, nv), with every part drawn in turn; None where the image shows
+        nothing that one can be drawn from."""
+        drawn: Drawn | None = Drawn(x, np.zeros(len(x)))
+        for part in range(self.target.parts.count):
+            drawn = None if drawn is None else self._with_part(drawn, part)
+        return drawn
+
+    def _with_part(self, drawn: Drawn, part: int) -> Drawn | None:
+        """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
+        its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
+        target, group = self.target, self.target.parts.dofs[part]
+        elsewhere, count = part in target.elsewhere, len(drawn.x)
+        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (drawn.x, drawn.told))
+        reach = target.past_of(part)
+        kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
+        steps, centres = reach.steps, reach.centres[kernel]
+        proposal = self._seen_end(part)
+        if not self.past and part > 0 and proposal is None:
+            return None
+        led, shares = self._led(x, steps, centres, kernel, part), self._shares(part, proposal is not None)
+        x, ok = self._sampled(x, steps, centres, group, led, proposal, shares)
+        placed = target.prepared(x)
+        own = reach.log_density_each(x, kernel, part)
+        with np.errstate(divide="ignore"):
+            log_shares = np.log(shares)
+        log_q = np.logaddexp(own + log_shares[_BY_PAST], led.log_density(x[:, None, group])[:, 0] + log_shares[_LED])
+        if proposal is not None:
+            angles = x[:, group] + target.prior.reference[proposal.ik.entries]
+            log_q = np.logaddexp(log_q, proposal.log_density(angles, placed) + log_shares[_BY_IMAGE])
+        past = own if self.past else target.of_group(x, part)
+        told = target.evidence(placed, target.parts.of_part[part])
+        if elsewhere:
+            told = told + GUIDED * target.outlines_of(part, placed)
+        ok &= np.isfinite(log_q) & np.isfinite(told)
+        if not ok.any():
+            return None
+        log_weight = np.full(len(x), -np.inf)
+        log_weight[ok] = (past + told - log_q)[ok]
+        weights, log_mean = normalised(log_weight)
+        kept = systematic(self.rng, weights, count)
+        return Drawn(x[kept], before[kept] + told[kept], drawn.log_evidence + log_mean)
+
+    def _sampled(
+        self, x: np.ndarray, steps: Steps, centres: np.ndarray, group: np.ndarray, led: LedSteps,
+        proposal: ImageProposal | None, shares: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Tangents (N, nv) with a group drawn anew, inside of the limits, and which of them are, (N,) bool."""
+        x, ok = x.copy(), np.ones(len(x), dtype=bool)
+        way = self.rng.choice(3, size=len(x), p=shares)
+        by_past, is_led, by_image = (way == w for w in (_BY_PAST, _LED, _BY_IMAGE))
+        x[np.ix_(by_past, group)] = steps.moved_group(self.rng, centres[by_past], group)
+        x[np.ix_(is_led, group)] = led.sample(self.rng, 1)[is_led, 0]
+        if proposal is not None:
+            limbs = proposal.drawn(self.rng, self.target.prepared(x[by_image]))
+            x[np.ix_(by_image, group)] = limbs.angles - self.target.prior.reference[proposal.ik.entries]
+            ok[by_image] = limbs.ok
+        lower, upper = steps.lower[group], steps.upper[group]
+        ok &= ((x[:, group] >= lower) & (x[:, group] <= upper)).all(axis=1)
+        x[:, group] = np.clip(x[:, group], lower, upper)
+        return x, ok
+
+    def _shares(self, part: int, seen: bool) -> np.ndarray:
+        """Of draws by past, led and by the image (3,)."""
+        if not self.past:
+            return np.array([0.0, 1.0, 0.0]) if part == 0 else np.array([0.0, 0.0, 1.0])
+        by_image = (BY_IMAGE if part in self.target.elsewhere else self.by_image) if seen else 0.0
+        by_past = min(self.by_past, 1.0 - by_image)
+        return np.array([by_past, max(1.0 - by_past - by_image, 0.0), by_image])
+
+    def _led(self, x: np.ndarray, steps: Steps, centres: np.ndarray, kernel: np.ndarray, part: int) -> LedSteps:
+        """Where the features that a part moves lead it, on each of the poses x (N, nv): from its centre (N, nv), that
+        of a kernel (N,), or, where the past says nothing, from rest."""
+        target, parts = self.target, self.target.parts
+        group, moved = parts.dofs[part], parts.of_part[part]
+        names = [parts.features.names[f] for f in moved]
+        told = self.target.message.guide.over(parts.features.names).marginal(names).merged().reduced(_WAYS)
+        centres, std = centres[:, group], _WIDER * steps.std[group]
+        lengths = [Length(1.0 - steps.share, std), Length(steps.share, steps.wide * std)]
+        if not self.past:
+            rest, spread = parts.rest.guess(target.body, target.prior.reference)
+            centres, lengths = np.tile(rest[group], (len(x), 1)), [Length(1.0, spread[group])]
+        at = x.copy()
+        at[:, group] = centres
+        rows = np.arange(len(x))
+        if part == 0:  # nothing else moves what the trunk has: one for each kernel
+            _, first, rows = np.unique(
+                kernel if self.past else np.zeros(len(x)), return_index=True, return_inverse=True
+            )
+            at, centres = at[first], centres[first]
+        predicted, jacobian = parts.features.in_image(target.body, target.at(at), target.camera, moved)
+        lengths = [length for length in lengths if length.share > 0.0]
+        return led_steps(centres, lengths, told, predicted, jacobian[..., group]).of(rows)
+
+    def _seen_end(self, part: int) -> ImageProposal | None:
+        """Where the image may show the end of a limb; None for the trunk, and where nothing tells."""
+        if part == 0:
+            return None
+        parts = self.target.parts
+        name = parts.features.names[int(parts.of_part[part][-1])]
+        told = self.target.message.guide.over(parts.features.names).marginal([name]).merged()
+        seen = np.flatnonzero(told.known[:, 0])
+        if not len(seen):
+            return None
+        return ImageProposal(parts.ik[part - 1], self.target.camera, told.of(seen))

@@ -1,0 +1,146 @@
+"""What a frame expects and is told of poses, as the density that samples of them are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.energy.pose_prior import PosePrior
+from estimator.inference.chains.exchange import Message
+from estimator.inference.chains.feature_density import FeatureDensity
+from estimator.inference.steps import Reach, Steps
+from estimator.trackers.dual_chain.pose_parts import PoseParts
+from estimator.vision.likelihood.outline_values import OutlineLikelihood
+from humanoid.kinematics.body import Body, PlacedBodies
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What is expected of the next frame, in the tangent space at reference (nq,): centres (K, nv) of kernels with
+    weights (K,), steps from there, and samples (N, nv)."""
+
+    reference: np.ndarray
+    centres: np.ndarray
+    weights: np.ndarray
+    steps: Steps
+    samples: np.ndarray
+
+    @cached_property
+    def reach(self) -> Reach:
+        """Where poses are expected."""
+        return self.steps.reach(self.centres, self.weights)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTarget:
+    """The posterior of poses as tangents x (N, nv) (`estimator.inference.walk.Target`).
+
+    What the past expects of trunk and limbs is taken as independent: of a thousand poses that were put together of
+    parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.
+
+    camera: in which features are told. outlines: what else the picture says, None where nothing. elsewhere: the parts,
+    by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses people
+    take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much more an
+    association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and for one
+    that has none (`EvidenceSettings.if_hidden`).
+    """
+
+    parts: PoseParts
+    camera: Camera
+    outlines: OutlineLikelihood | None
+    prior: Expected
+    message: Message
+    elsewhere: Mapping[int, Reach] = field(default_factory=dict)
+    pose_prior: PosePrior | None = None
+    if_hidden: tuple[float, float] = (0.0, 0.0)
+    _told: dict[tuple[int, ...], FeatureDensity] = field(default_factory=dict, init=False)
+    _if_hidden: dict[tuple[bool, ...], FeatureDensity] = field(default_factory=dict, init=False)
+
+    @property
+    def body(self) -> Body:
+        """Whose poses."""
+        return self.parts.body
+
+    def past_of(self, part: int) -> Reach:
+        """Where a part is expected."""
+        return self.elsewhere.get(part, self.prior.reach)
+
+    def of_group(self, x: np.ndarray, group: int) -> np.ndarray:
+        """See `Target`: of the degrees of freedom of one part, by the past."""
+        return self.past_of(group).log_density(x, group)
+
+    def prepared(self, x: np.ndarray) -> PlacedBodies:
+        """See `Target`: poses at tangents x (N, nv)."""
+        return self.body.placed(self.at(x))
+
+    def told(self, samples: PlacedBodies) -> np.ndarray:
+        """See `Target`: by the message about all features; -inf where they have no image."""
+        return self.evidence(samples, range(len(self.parts.features.names)))
+
+    def likelihood(self, samples: PlacedBodies) -> np.ndarray:
+        """See `Target`: by outlines and silhouette, by which features are hidden, and by the learned prior of poses."""
+        value = np.zeros(len(samples.q)) if self.outlines is None else self._by_picture(samples, self.outlines)
+        return value if self.pose_prior is None else value - self.pose_prior.values(samples)
+
+    def _by_picture(self, samples: PlacedBodies, outlines: OutlineLikelihood) -> np.ndarray:
+        if not any(self.if_hidden):
+            return outlines.log_likelihood(samples)
+        value, hidden = outlines.with_hidden(samples, self.parts.features.points(samples), self.parts.of_limb)
+        return np.asarray(value + self._by_what_is_hidden(samples, hidden))
+
+    def _by_what_is_hidden(self, samples: PlacedBodies, hidden: np.ndarray) -> np.ndarray:
+        """By how much more the message says of poses (N,) since they hide features, (N, F) bool, which makes no
+        detection of them likely: a hand that is seen is not behind the trunk, which its place in the image leaves
+        open."""
+        value = np.zeros(len(samples.q))
+        if not hidden.any():
+            return value
+        told, pixels = self._told_of(tuple(range(self.parts.features.count))), self.pixels(samples)
+        for which in np.unique(hidden[hidden.any(axis=1)], axis=0):
+            rows = (hidden == which).all(axis=1)
+            value[rows] = self._told_if_hidden(tuple(which.tolist())).log_density(pixels[rows])
+            value[rows] -= told.log_density(pixels[rows])
+        return value
+
+    def _told_if_hidden(self, hidden: tuple[bool, ...]) -> FeatureDensity:
+        """The message about all features to poses that hide some of them, made once."""
+        if hidden not in self._if_hidden:
+            told = self._told_of(tuple(range(len(hidden))))
+            self._if_hidden[hidden] = told.if_hidden(np.array(hidden), *self.if_hidden)
+        return self._if_hidden[hidden]
+
+    def outlines_of(self, part: int, samples: PlacedBodies) -> np.ndarray:
+        """What the outlines of the limbs that a part moves say (N,), the others being where they are."""
+        if self.outlines is None:
+            return np.zeros(len(samples.q))
+        return np.asarray(self.outlines.values(samples, self.parts.shapes[part])[0].sum(axis=1))
+
+    def evidence(self, placed: PlacedBodies, features: Sequence[int] | np.ndarray) -> np.ndarray:
+        """What the message says of some features of N poses (N,); -inf where they have no image."""
+        if not len(features):
+            return np.zeros(len(placed.q))
+        told = self._told_of(tuple(int(f) for f in features))
+        pixels = self.pixels(placed)[:, list(features)]
+        whole = np.isfinite(pixels).all(axis=(1, 2))
+        value = np.full(len(pixels), -np.inf)
+        value[whole] = told.log_density(pixels[whole])
+        return value
+
+    def _told_of(self, features: tuple[int, ...]) -> FeatureDensity:
+        """The message about some features, made once."""
+        if features not in self._told:
+            names = self.parts.features.names
+            self._told[features] = self.message.evidence.over(names).marginal([names[f] for f in features])
+        return self._told[features]
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """Configurations (N, nq) at tangents x (N, nv)."""
+        return self.body.integrated(np.tile(self.prior.reference, (len(x), 1)), x)
+
+    def pixels(self, placed: PlacedBodies) -> np.ndarray:
+        """Features (N, F, 2) [px]; NaN where they have no image."""
+        return self.camera.project(self.parts.features.points(placed))

@@ -1,0 +1,298 @@
+"""Several simple trackers that correct each other through the image features they share (Taycher, Fisher and Darrell
+2004): a chain of poses, drawn by likelihood sampling, and a chain of points in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
+from estimator.data.observation import Observation
+from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
+from estimator.inference.chains.exchange import APART, EXCHANGES, GATED, messages
+from estimator.inference.chains.feature_density import FeatureDensity
+from estimator.inference.chains.kalman import PointChain, Points, PointSettings
+from estimator.inference.particles import Particles
+from estimator.inference.tempering import TemperingSettings
+from estimator.modes.mixture import Mixture
+from estimator.search.jumps.anatomy import anatomy_of
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.beginning import Begins, observable
+from estimator.trackers.defaults import AS_DETECTED, ONLY_FILTERS, together
+from estimator.trackers.dual_chain.pose_chain import BY_PAST, Crowd, PoseChain, PoseChainSettings
+from estimator.trackers.dual_chain.pose_parts import PoseParts
+from estimator.trackers.dual_chain.seen_features import (
+    KEYPOINTS,
+    KINDS,
+    SKIN,
+    KeypointFeatures,
+    SeenFeatures,
+    SkinFeatures,
+)
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import MixtureState, judged, result_of
+from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
+from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
+from estimator.vision.likelihood.outline_values import OutlineLikelihood, OutlineSettings
+from estimator.vision.skin import SkinModel, SkinSettings
+from humanoid.limbs.graph import limb_graph
+from humanoid.subject.landmarks import mirror_index
+from humanoid.support.idle import PICTURES, idle_where, idle_without
+from humanoid.support.settings import check, setting
+
+_FIELDS = {
+    "pose_q": Field("f", ("N", "nq")),
+    "pose_owner": Field("i", ("N",)),
+    "point_mean": Field("f", ("F", "4")),
+    "point_covariance": Field("f", ("D", "D")),
+}
+_SKIN = "skin_"
+
+
+@dataclass(frozen=True)
+class DualChainSettings:
+    """The chains.
+
+    features: what they share, "skin", face and hands as blobs in the picture, or "keypoints", all landmarks. pose: how
+    poses are drawn. points: how points move. chain: whether there is a chain of points at all. exchange: what chains
+    tell each other, see `estimator.inference.chains.exchange.messages`. past: whether poses also come from the past,
+    see `PoseChain`. evidence, skin, outline: what pictures say. face_model: file of a face detector, which helps where
+    features are of skin; none unless given. modes: hypotheses reported at most. cluster: radius of a hypothesis, root
+    mean square distance of landmarks as a fraction of the body's size.
+    Raises InputError where a value cannot be.
+    """
+
+    features: str = setting(SKIN, one_of=KINDS)
+    pose: PoseChainSettings = field(default_factory=PoseChainSettings)
+    points: PointSettings = field(default_factory=PointSettings)
+    chain: bool = True
+    exchange: str = setting(GATED, one_of=EXCHANGES)
+    past: bool = True
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    skin: SkinSettings = field(default_factory=SkinSettings)
+    face_model: str = ""
+    outline: OutlineSettings = field(default_factory=OutlineSettings)
+    modes: int = setting(5, at_least=1)
+    cluster: float = setting(0.1, above=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, eq=False)
+class DualState:
+    """The hypotheses, the time [s] they belong to, the poses q (N, nq) they were made of with the hypothesis of each,
+    owner (N,), the points, what skin looks like, None where features are keypoints."""
+
+    mixture: Mixture
+    time: float
+    q: np.ndarray
+    owner: np.ndarray
+    points: Points
+    skin: SkinModel | None
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `estimator.trackers.base.State`."""
+        return {
+            **MixtureState(self.mixture, self.time).arrays(),
+            **self.points.arrays(),
+            "pose_q": self.q,
+            "pose_owner": self.owner,
+            **({_SKIN + name: value for name, value in self.skin.arrays().items()} if self.skin else {}),
+        }
+
+
+class DualChain(Begins):
+    """The recipe. It begins as every tracker does, and learns the colour of skin from the keypoints of that frame.
+
+    Of every frame it tells samples, how many poses could be drawn, effective_sample_size, and features (F, 2) [px] with
+    feature_covariance (F, 2, 2), what is believed of the points.
+    """
+
+    def __init__(self, search: ModeSearch, settings: DualChainSettings | None = None) -> None:
+        self.search = search
+        self.body = search.body
+        s = self.settings = settings or DualChainSettings()
+        self._summary = Summary.of(self.body, s.modes, s.cluster)
+        # a keypoint is of one landmark; what hides a hand makes no keypoint of it
+        self._evidence = s.evidence if s.features == SKIN else replace(s.evidence, shared=0.0)
+        self.seen: SeenFeatures = (
+            SkinFeatures(search.model, s.skin, s.face_model) if s.features == SKIN else KeypointFeatures(search.model)
+        )
+
+    @property
+    def needed_cues(self) -> tuple[str, ...]:
+        """See `estimator.trackers.capabilities.GoesByCue`."""
+        return self.seen.needed_cues or super().needed_cues
+
+    @cached_property
+    def parts(self) -> PoseParts:
+        """The body's parts, with what is seen as features."""
+        return PoseParts.of(self.body, anatomy_of(self.body), self.seen.features, limb_graph(self.body))
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[DualState, FrameResult]:
+        """See `estimator.trackers.base.Tracker`.
+
+        Raises
+        ------
+        InputError: a body without such features, several cameras; no picture, or no skin in it, where that is needed.
+        """
+        s, parts = self.settings, self.parts
+        self.seen.check(observation)
+        first, result = first_particle_set(self.search, rng, observation, s.modes, s.pose.particles)
+        camera, states = observation.cameras[0], first.particles.states
+        pixels = camera.project(parts.features.points(self.body.placed(states))).reshape(len(states), -1)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
+        middle = (
+            pixels.mean(axis=0) if len(pixels) else np.tile(0.5 * np.array(camera.image_size), parts.features.count)
+        )
+        covariance = (pixels - middle).T @ (pixels - middle) / max(len(pixels), 1) + 4.0 * np.eye(len(middle))
+        skin = self.seen.learned(observation, middle.reshape(-1, 2))
+        extent = self.search.model.extent(camera, first.mixture.modes[0].q)
+        points = self._points(extent).begun(middle.reshape(-1, 2), covariance)
+        return DualState(first.mixture, first.time, states, first.particles.owner, points, skin), result
+
+    def step(
+        self, rng: np.random.Generator, state: DualState, observation: Observation
+    ) -> tuple[DualState, FrameResult]:
+        """See `estimator.trackers.base.Tracker`."""
+        s, dt = self.settings, observation.time - state.time
+        camera, reference = observation.cameras[0], state.mixture.modes[0].q
+        std = s.pose.noise * self.search.model.transition_std(dt)
+        outlines, pose_prior = self._outlines(observation, reference), self.search.model.pose_prior
+        if_hidden = s.evidence.if_hidden if s.features == SKIN else (0.0, 0.0)
+        pose = PoseChain(rng, self.parts, camera, outlines, std, s.pose, s.past, pose_prior, if_hidden)
+        points = self._points(self.search.model.extent(camera, reference))
+        detections = self.seen.detected(observation, state.skin)
+        crowd, after = self._updated(state, pose, points, detections, dt)
+        energy = FrameEnergy(self.search, observation, state.mixture)
+        particles = Particles(crowd.q, crowd.weights, np.zeros(len(crowd.q), dtype=np.int64))
+        mixture, owner = summarised(self.search, energy, particles, crowd.q, state.mixture, dt, self._summary)
+        told = {name: np.array(value) for name, value in pose.told.items()} | _of_points(points.features(after))
+        if observable(observation) or len(detections.mean):
+            _, result = judged(self.search, observation, mixture, told)
+        else:
+            result = result_of(observation, mixture, "unobserved", told)
+        return DualState(mixture, observation.time, crowd.q, owner, after, state.skin), result
+
+    def _points(self, size: float) -> PointChain:
+        """For a person of a size [px]. Blobs of both hands are alike; a keypoint has a name."""
+        names = self.parts.features.names
+        pairs = tuple((a, int(b)) for a, b in enumerate(mirror_index(names)) if a < b)
+        return PointChain(names, size, self.settings.points, pairs if self.settings.features == SKIN else ())
+
+    def _updated(
+        self, state: DualState, pose: PoseChain, points: PointChain, detections: Detections, dt: float
+    ) -> tuple[Crowd, Points]:
+        """Both chains after the four steps of section 3; without a chain of points these only go on."""
+        s = self.settings
+        crowd = Crowd(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
+        expected, going = pose.predict(crowd, dt), points.predict(state.points, dt)
+        said = [pose.features(expected), points.features(going)] if s.chain else [pose.features(expected)]
+        evidence = evidence_of(detections, self._evidence, said[-1])
+        if not s.past:
+            evidence = _of_all(evidence)
+        told = messages(said, evidence, s.exchange if s.chain else APART)
+        if s.past or evidence.density.known.all():
+            crowd, _ = pose.update(expected, told[0])
+        else:
+            crowd, _ = pose.without_samples(expected)
+        return crowd, points.update(going, told[1])[0] if s.chain else going
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> DualState:
+        """See `estimator.trackers.base.Tracker`."""
+        summary = MixtureState.from_arrays(arrays, self.body, minima=False)
+        count = self.parts.features.count
+        sizes = {"nq": self.body.nq, "F": count, "4": 4, "D": 4 * count}
+        check_arrays(arrays, _FIELDS, {**sizes, "N": length_of(arrays, "pose_owner")})
+        check_configurations(self.body, arrays["pose_q"], "pose_q")
+        owner = arrays["pose_owner"]
+        if not ((owner >= 0) & (owner < len(summary.mixture.weights))).all():
+            raise DamageError("pose_owner is no hypothesis")
+        if np.linalg.eigvalsh(arrays["point_covariance"])[0] <= 0.0:
+            raise DamageError("point_covariance is none")
+        own = {name.removeprefix(_SKIN): value for name, value in arrays.items() if name.startswith(_SKIN)}
+        skin = SkinModel.from_arrays(own) if self.settings.features == SKIN else None
+        return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, Points.from_arrays(arrays), skin)
+
+    def _outlines(self, observation: Observation, q: np.ndarray) -> OutlineLikelihood | None:
+        """What the picture says of whole poses, None without one; q (nq,): about where the body is."""
+        if not observation.cues:
+            return None
+        cues = observation.cues[0]
+        return OutlineLikelihood(
+            self.body, self.parts.graph, cues, self.search.model.extent(cues.camera, q), self.settings.outline
+        )
+
+
+def _of_points(believed: FeatureDensity) -> dict[str, np.ndarray]:
+    """What a frame tells of the chain of points."""
+    blocks = [believed.covariance[0, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(believed.names))]
+    return {"features": believed.mean[0], "feature_covariance": np.array(blocks)}
+
+
+def _of_all(evidence: Evidence) -> Evidence:
+    """The associations in which every feature is detected, if there are any: what likelihood sampling can draw from."""
+    whole = evidence.density.known.all(axis=1)
+    if not whole.any():
+        return evidence
+    return Evidence(evidence.density.of(np.flatnonzero(whole)), evidence.detection[whole])
+
+
+_PLAIN = PoseChainSettings(particles=1000, tempering=TemperingSettings(powers=1))
+_IDLE = (
+    ONLY_TO_BEGIN,
+    *DYNAMICS_ALONE,
+    idle_where(
+        "dual_chain.skin dual_chain.face_model dual_chain.evidence.shared dual_chain.evidence.hidden "
+        "dual_chain.points.mistaken dual_chain.points.lost",
+        dual_chain__features=KEYPOINTS,
+    ),
+    idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
+    idle_where(
+        "dual_chain.pose.kernels dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.tempering "
+        "dual_chain.pose.lost dual_chain.pose.renewed",
+        dual_chain__pose__draws=BY_PAST,
+    ),
+    idle_where(
+        "dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.lost dual_chain.pose.renewed",
+        dual_chain__past=False,
+    ),
+    idle_where("dual_chain.pose.groups", dual_chain__chain=False),
+    idle_where("dual_chain.pose.wide", dual_chain__pose__far=0.0),
+    idle_where("dual_chain.pose.renewed", dual_chain__pose__lost=0.0),
+    idle_where(
+        "dual_chain.pose.tempering.survival dual_chain.pose.tempering.moves", dual_chain__pose__tempering__powers=1
+    ),
+    idle_where("dual_chain.cluster", dual_chain__modes=1),
+    idle_without(PICTURES, "dual_chain.outline"),
+)
+
+
+def _spec(name: str, sentence: str, settings: DualChainSettings) -> Spec:
+    return Spec(
+        name=name,
+        sentence=sentence,
+        make=by_search(DualChain),
+        group="dual_chain",
+        settings=settings,
+        defaults=together(ONLY_FILTERS, AS_DETECTED),
+        idle=_IDLE,
+    )
+
+
+SPECS = (
+    _spec(
+        "dual-chain",
+        "poses and points in the image that correct each other (Taycher et al. 2004)",
+        DualChainSettings(),
+    ),
+    _spec(
+        "likelihood-sampling",
+        "poses drawn from where the image shows face and hands, without points (Taycher and Darrell 2003)",
+        DualChainSettings(chain=False, past=False, pose=_PLAIN),
+    ),
+)

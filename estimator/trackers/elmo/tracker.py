@@ -1,0 +1,338 @@
+"""ELMO: the modes of each frame's likelihood, found without the past and weighed by it (Demirdjian, Taycher,
+Shakhnarovich, Grauman and Darrell, ICCV 2005); and its parts alone: PSH, the likeliest example, and ICP, one search
+from the last pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.energy.descent.solution import SAMPLED, StepCounts
+from estimator.modes.merge import best_distinct
+from estimator.modes.mixture import Mixture, Mode, mixture_of
+from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.modes.reweighting import diffusion_std, reweighted
+from estimator.search.cost_model import per_dof
+from estimator.search.examples.lookup import Looked
+from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
+from estimator.search.first_pose import start_modes
+from estimator.search.frame_search import FrameCase
+from estimator.search.from_examples import Descent, best_reached, example_starts, shows_silhouette, sides
+from estimator.search.hypothesis import Candidate, Hypothesis
+from estimator.search.mode_search import ModeSearch
+from estimator.search.search_pool import search_pool
+from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
+from estimator.trackers.beginning import Begins, enough_keypoints
+from estimator.trackers.defaults import FROM_A_PAPER, together
+from estimator.trackers.elmo.lookup_picture import lookup_picture
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
+from estimator.trackers.spec import Spec, by_search
+from estimator.vision.cues.cue_picture import CuePicture
+from humanoid.kinematics.body import ROOT_JOINT, Body
+from humanoid.support.idle import idle_where
+from humanoid.support.settings import check, setting
+
+_USUAL = Descent()
+
+
+@dataclass(frozen=True)
+class ElmoSettings:
+    """ELMO and its parts.
+
+    neighbours: examples of the index (`search.index`) that a frame is searched from, 50 in the paper; 0 for none.
+    votes: several cameras choose these together, each voting for the others' too; without, each gives as many. keep:
+    search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of each
+    start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go on
+    from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
+    so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
+    are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
+    beside those of the neighbours. again: so often they are tried once more where the silhouette counts too, in the
+    first frame, or the first after some without the person. away: what a pose pays [nats] then that turns its back to
+    the only camera: most people are filmed from in front, and depth hardly tells.
+    jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
+    paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, a
+    frame sooner after the last with the person says by that share less of which way they face; 0 for never.
+    settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
+    with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
+    likelihood has them and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
+    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
+    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
+    """
+
+    neighbours: int = setting(_USUAL.neighbours, at_least=0)
+    votes: bool = _USUAL.votes
+    keep: bool = True
+    modes: int = setting(5, at_least=1)
+    rounds: int = setting(_USUAL.rounds, at_least=0)
+    survivors: int = setting(_USUAL.survivors, at_least=1)
+    recombined: int = setting(_USUAL.recombined, at_least=0)
+    recombined_of: int = setting(_USUAL.recombined_of, at_least=1)
+    limbs: int = setting(_USUAL.limbs, at_least=0)
+    again: int = setting(_USUAL.again, at_least=0)
+    away: float = setting(_USUAL.away, at_least=0)
+    jump: float = setting(12.0, above=0)
+    correlated: float = setting(0.5, at_least=0)
+    settle: bool = True
+    turn_floor: float = setting(0.3, above=0)
+    root_turn_floor: float = setting(0.15, above=0)
+    root_slide_floor: float = setting(0.1, above=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @property
+    def descent(self) -> Descent:
+        """Those of them that say how modes are searched from examples."""
+        return Descent(**{name: getattr(self, name) for name in Descent._fields})
+
+
+@dataclass(frozen=True)
+class ElmoState:
+    """mixture: of the last frame. time [s]: of that. seen [s]: of the last frame in which the person was seen."""
+
+    mixture: Mixture
+    time: float
+    seen: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """See `estimator.trackers.base.State`."""
+        return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
+
+
+class Elmo(Begins):
+    """The recipe; numbers in comments are the paper's equations.
+
+    The person is seen by depth or, where that is not used, by the silhouette; the pose by all that is looked at.
+
+    Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
+    how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
+    """
+
+    @property
+    def needed_cues(self) -> tuple[str, ...]:
+        """See `estimator.trackers.capabilities.GoesByCue`."""
+        return CUES
+
+    def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
+        self.search = search
+        self.body: Body = search.body
+        self.settings = settings or ElmoSettings()
+
+    def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
+        """See `estimator.trackers.base.Tracker`."""
+        if self.needs_keypoints or not self.settings.neighbours:
+            mixture = start_modes(self.search, rng, observation, self.settings.modes)
+            return self._judged(observation, mixture, None)
+        self.search.examples.check(observation)
+        return self._searched(observation, None)
+
+    def step(
+        self, rng: np.random.Generator, state: ElmoState, observation: Observation
+    ) -> tuple[ElmoState, FrameResult]:
+        """See `estimator.trackers.base.Tracker`."""
+        if not self._can_search(observation):
+            after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
+            return ElmoState(after.mixture, after.time, state.seen), result
+        return self._searched(observation, state)
+
+    def _can_search(self, observation: Observation) -> bool:
+        """Whether a frame can be searched: from the last modes if from nothing else."""
+        if self.settings.keep and sees_person(observation, self.search.sight):
+            return True
+        if self.settings.neighbours:
+            return can_be_looked_up(observation, self.search.sight)
+        return enough_keypoints(observation)
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
+        """See `estimator.trackers.base.Tracker`."""
+        state = MixtureState.from_arrays(arrays, self.body)
+        seen = float(arrays["seen"])
+        if not seen <= state.time:
+            raise ValueError(f"the person was seen at {seen:g} s, after {state.time:g}")
+        return ElmoState(state.mixture, state.time, seen)
+
+    def shared(self, processes: int) -> AbstractContextManager[None]:
+        """See `estimator.trackers.capabilities.SharesWork`."""
+        return search_pool(self.search, processes)
+
+    def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
+        """See `estimator.trackers.capabilities.ShowsMore`: what was looked up, and the modes that came of it."""
+        anatomy, modes = self.search.jumps.anatomy, list(result.q)
+        shown: dict[int, CuePicture] = {}
+        for look in self.looked(observation):
+            cues = observation.cues[look.camera]
+            shown[look.camera] = lookup_picture(self.body, anatomy, self.search.examples.index.side, cues, look, modes)
+        return shown
+
+    def looked(self, observation: Observation) -> list[Looked]:
+        """What the pictures of a frame are looked up by and what is there; nothing without neighbours."""
+        s = self.settings
+        return self.search.examples.looked(observation, s.neighbours, s.votes) if s.neighbours else []
+
+    def _looked_anew(self, observation: Observation) -> list[Looked]:
+        s = self.settings
+        return self.search.examples.looked_anew(observation, s.neighbours, s.votes) if s.neighbours else []
+
+    def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
+        before = self.search.steps
+        anew = state is None or state.seen < state.time  # who was hidden may have turned
+        looks = self._looked_anew(observation) if anew else self.looked(observation)
+        starts = self._starts(looks, state, anew)
+        likelihood = self.search.likelihood(observation, starts[0].q)
+        case = FrameCase(self.search.associations(observation), 0.0, likelihood)
+        mixture = self._modes(starts, looks, observation, case, anew)  # 3
+        if state is not None:
+            mixture = self._weighed(mixture, state, observation)  # 6
+            if self.settings.settle:
+                mixture = self._settled(mixture, state, case._replace(dt=observation.time - state.seen))
+            mixture = self._moving(mixture, state, observation.time)
+        told = _told(looks, starts, StepCounts.between(before, self.search.steps))
+        return self._judged(observation, mixture, told)
+
+    def _starts(self, looks: Sequence[Looked], state: ElmoState | None, anew: bool) -> list[Hypothesis]:
+        starts = example_starts(self.body, looks, self.settings.away if anew else 0.0)
+        if state is not None and self.settings.keep:
+            starts += [Hypothesis(mode.q, 0, Origin(Family.KEPT)) for mode in state.mixture.modes]
+        return starts
+
+    def _modes(
+        self,
+        starts: Sequence[Hypothesis],
+        looks: Sequence[Looked],
+        observation: Observation,
+        case: FrameCase,
+        anew: bool,
+    ) -> Mixture:
+        """The best distinct modes of the likelihood that are reached from the starts."""
+        s, search = self.settings, self.search
+        if s.rounds == 0:
+            return self._likeliest(starts, case)
+        if not anew:
+            return best_reached(search, [starts], looks, observation, case, s.descent._replace(again=0), s.modes)
+        return best_reached(search, sides(self.body, starts, looks), looks, observation, case, s.descent, s.modes)
+
+    def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
+        """The start of lowest energy as it is, as uncertain as one frame's change."""
+        (best,) = self.search.screened(starts, case, 1)
+        energy = -self.search.frame(case).look(best)
+        covariance = np.diag(np.square(self._floor))
+        mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
+        return mixture_of((mode,), np.zeros(1))
+
+    @cached_property
+    def _floor(self) -> np.ndarray:
+        s = self.settings
+        return per_dof(self.body, s.turn_floor, s.root_turn_floor, s.root_slide_floor)
+
+    def _weighed(self, likely: Mixture, state: ElmoState, observation: Observation) -> Mixture:
+        """Modes of the likelihood, weighed by the past (eq. 6)."""
+        std = diffusion_std(self.search.model.transition_std(1.0), observation.time - state.seen, self._floor)
+        modes, jump = [m.q for m in likely.modes], self.settings.jump
+        wide = [m.covariance for m in likely.modes] if self.settings.settle else None
+        weighed = reweighted(self.body, modes, self._as_new(likely, state, observation), state.mixture, std, jump, wide)
+        continued = (replace(mode, parent=int(p)) for mode, p in zip(likely.modes, weighed.parent, strict=True))
+        return mixture_of(tuple(continued), weighed.log_scores)
+
+    def _as_new(self, likely: Mixture, state: ElmoState, observation: Observation) -> np.ndarray:
+        """Log scores (L,) of modes by what is new in a frame.
+
+        A silhouette hardly shows which way a person faces, and its errors, which then decide, stay the same for a
+        while: by so much less the best mode that faces as before and the best that is turned round differ. Among those
+        that face one way nothing changes.
+        """
+        share = (observation.time - state.seen) / max(self.settings.correlated, 1e-9)
+        if share >= 1.0 or not self.body.has_free_root or not shows_silhouette(observation):
+            return likely.log_scores
+        poses = np.array([state.mixture.modes[0].q, *(mode.q for mode in likely.modes)])
+        ahead = self.body.placed(poses).placements[:, ROOT_JOINT, :3]
+        turned, scores = ahead[1:] @ ahead[0] < 0.0, likely.log_scores
+        best = np.array([scores[turned == way].max() for way in turned])
+        return np.asarray(scores - (1.0 - share) * best)
+
+    def _settled(self, weighed: Mixture, state: ElmoState, case: FrameCase) -> Mixture:
+        """The same modes with the transition from their parents, where they have one, in the energy. Those that come to
+        one pose are one, of the weight of the likelier."""
+        candidates = [self._candidate(mode, state, case) for mode in weighed.modes]
+        scored = list(zip(self.search.refined(candidates, case), weighed.log_scores.tolist(), strict=True))
+        kept = best_distinct(scored, lambda x: x[1], lambda x: x[0].landmarks, self.search.distinct_by, len(scored))
+        return mixture_of(tuple(r.mode for r, _ in kept), np.array([score for _, score in kept]))
+
+    def _candidate(self, mode: Mode, state: ElmoState, case: FrameCase) -> Candidate:
+        previous = None if mode.parent < 0 else PreviousPose(state.mixture.modes[mode.parent].q)
+        origin = Origin(mode.origin.family if mode.origin else Family.KEPT, previous)
+        association = [a.name for a in case.associations].index(mode.association)
+        landmarks = self.body.landmarks(self.body.at(mode.q))
+        return Candidate(Hypothesis(mode.q, association, origin, mode.parent), mode.q, landmarks, mode.energy)
+
+    def _moving(self, mixture: Mixture, state: ElmoState, time: float) -> Mixture:
+        """The same modes with their velocities since their parents."""
+        before, elapsed = state.mixture.modes, time - state.time
+        modes = (
+            m if m.parent < 0 else replace(m, velocity=self.body.velocity(before[m.parent].q, m.q, elapsed))
+            for m in mixture.modes
+        )
+        return replace(mixture, modes=tuple(modes))
+
+    def _judged(
+        self, observation: Observation, mixture: Mixture, told: Mapping[str, np.ndarray] | None
+    ) -> tuple[ElmoState, FrameResult]:
+        after, result = judged(self.search, observation, mixture, told)
+        return ElmoState(after.mixture, after.time, after.time), result
+
+
+def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
+    counts = {f: sum(h.origin.family is f for h in starts) for f in (Family.EXAMPLE, Family.KEPT)}
+    return {
+        **searches_told(counts, steps),
+        "looked_at": np.array(sum(look.neighbours.looked_at for look in looks)),
+        "fell_back": np.array(sum(look.neighbours.fell_back for look in looks)),
+    }
+
+
+_OWN: dict[str, Any] = {
+    "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},
+    "cost": {"stabiliser_weight": 0.25, "image": {"outline_evidence": 20.0}},
+}
+"""A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
+does not have, only hold what depth does not show. Modes that face the camera and that turn away, which the others do
+not look for in every frame, have the same silhouette but for its errors: it counts for less."""
+
+
+def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDEX) -> Spec:
+    return Spec(
+        name=name,
+        sentence=sentence,
+        make=by_search(Elmo),
+        group="elmo",
+        settings=settings,
+        defaults=together(FROM_A_PAPER, _OWN, {"search": {"start": start}}),
+        idle=(
+            idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),
+            idle_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
+        ),
+        looks_up=lambda own: own.neighbours > 0,
+        shares_work=lambda own: True,
+    )
+
+
+SPECS = (
+    _spec("elmo", "modes of each frame's likelihood, found through an index of examples (ELMO)", ElmoSettings()),
+    _spec(
+        "psh",
+        "the likeliest of the examples that look like the picture (ELMO section 4)",
+        ElmoSettings(modes=1, keep=False, rounds=0, settle=False),
+    ),
+    _spec(
+        "icp",
+        "one search from the last pose (ELMO section 4)",
+        ElmoSettings(modes=1, neighbours=0, rounds=8, survivors=1, settle=False),
+        BY_KEYPOINTS,
+    ),
+)

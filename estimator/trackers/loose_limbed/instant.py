@@ -1,0 +1,159 @@
+"""What the loose-limbed tracker makes of one instant: the likelihood of limbs, and who shouts where they may be."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.image_cues import ImageCues
+from estimator.data.observation import Observation
+from estimator.inference.beliefs.mixture import Density
+from estimator.search.cost_model import CostModel
+from estimator.trackers.beginning import enough_keypoints
+from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio, limb_views, shows_person
+from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
+from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
+from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
+from estimator.trackers.loose_limbed.limbs.volume import common_box
+from estimator.trackers.loose_limbed.limbs.window import Instant
+from estimator.trackers.loose_limbed.part_detectors.contract import Shouts
+from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_shouts
+from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions
+from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointShoutSettings, keypoint_shouts
+from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates
+from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, observed_views, template_shouts
+from humanoid.limbs.limb import LimbGraph
+from humanoid.support.settings import check
+
+_KEPT = 3  # instants whose views are kept: that to come is asked for again as the present one, and as the last
+
+
+@dataclass(frozen=True)
+class ShoutSettings:
+    """Who says bottom-up where limbs may be, and how importance functions are made of it.
+
+    by_keypoints: the frame's keypoints, by every pair of views, or one and the limb's length. by_hull: places that are
+    foreground in all views, the likeliest for each limb. templates: a file of eigen-templates, made by `kinemode
+    train-templates` for these cameras; none without. keypoints, hull: of these two. importance: of Q.
+    """
+
+    by_keypoints: bool = True
+    by_hull: bool = True
+    templates: str = ""
+    keypoints: KeypointShoutSettings = field(default_factory=KeypointShoutSettings)
+    hull: HullSettings = field(default_factory=HullSettings)
+    importance: ImportanceSettings = field(default_factory=ImportanceSettings)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True)
+class SeenSettings:
+    """What limbs are seen by.
+
+    pictures: of their likelihood. keypoints: how a frame's keypoints count as evidence beside it, if `by_keypoints`.
+    """
+
+    pictures: LimbSettings = field(default_factory=LimbSettings)
+    by_keypoints: bool = True
+    keypoints: KeypointEvidenceSettings = field(default_factory=KeypointEvidenceSettings)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+class InstantReader:
+    """Makes likelihoods and importance functions of the frames of one clip; those of a frame that is asked for again
+    are not read again."""
+
+    def __init__(self, model: CostModel, graph: LimbGraph, seen: SeenSettings, shout: ShoutSettings) -> None:
+        self._model, self._graph, self._seen, self._shout = model, graph, seen, shout
+        self._kept: deque[tuple[tuple[ImageCues, ...], list[LimbView]]] = deque(maxlen=_KEPT)
+        self._box: tuple[tuple[Camera, ...], np.ndarray] | None = None
+
+    def shows_person(self, observation: Observation) -> bool:
+        """Whether there are enough keypoints, or a view shows the person."""
+        return enough_keypoints(observation) or shows_person(self._views(observation))
+
+    def pictures(self, observation: Observation) -> LimbLikelihood | None:
+        """What the pictures of a frame say of limbs, None without any."""
+        views = self._views(observation)
+        if not views:
+            return None
+        box = self.box(observation)
+        return LimbLikelihood(self._graph.limbs, views, settings=self._seen.pictures, box=box)
+
+    def left_over(self, observation: Observation) -> LeftOver | None:
+        """The person in the pictures of a frame, against which poses are held; None where no view shows where."""
+        views = [view for view in self._views(observation) if view.foreground.size]
+        return LeftOver(self._graph.limbs, views) if views else None
+
+    def instant(self, rng: np.random.Generator, observation: Observation, *, anew: bool) -> Instant:
+        """What is measured in a frame. anew: nothing is known of the frame before, so that importance functions are
+        needed even where nobody shouts."""
+        pictures, box = self.pictures(observation), self.box(observation)
+        shouts = self.shouts(rng, observation, pictures)
+        proposals: tuple[Density | None, ...] = (None,) * len(self._graph.limbs)
+        if anew or shouts:
+            proposals = importance_functions(shouts, len(self._graph.limbs), box, self._shout.importance)
+        return Instant(observation.time, self.log_ratio(observation), proposals, box)
+
+    def log_ratio(self, observation: Observation) -> LimbLogRatio | None:
+        """Of limbs, by what is seen of a frame: pictures and keypoints together; None where nothing is."""
+        pictures = self.pictures(observation)
+        if not self._seen.by_keypoints or not observation.count:
+            return None if pictures is None else pictures.log_ratio
+        body, sigma = self._model.body, self._model.keypoint_sigma(observation)
+        evidence = KeypointEvidence(body, self._graph, observation, sigma, self._seen.keypoints, self._landmarks)
+        if pictures is None:
+            return evidence.log_likelihood
+
+        def log_ratio(limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+            return np.asarray(pictures.log_ratio(limb, t, R) + evidence.log_likelihood(limb, t, R))
+
+        return log_ratio
+
+    @cached_property
+    def _landmarks(self) -> tuple[LimbLandmarks, ...]:
+        return landmarks_of_limbs(self._model.body, self._graph)
+
+    def shouts(
+        self, rng: np.random.Generator, observation: Observation, pictures: LimbLikelihood | None
+    ) -> tuple[Shouts, ...]:
+        """What every shouter that is on says of a frame."""
+        said: list[Shouts] = []
+        if self._shout.by_keypoints and observation.count:
+            body, settings = self._model.body, self._shout.keypoints
+            said.append(keypoint_shouts(body, self._graph, observation, settings, self._landmarks))
+        if self._shout.by_hull and pictures is not None:
+            said.append(hull_shouts(rng, self._graph, pictures, self._views(observation), self._shout.hull))
+        templates = self._templates
+        if templates is not None and (views := observed_views(observation)):
+            said.append(template_shouts(templates, self._graph, views))
+        return tuple(said)
+
+    def box(self, observation: Observation) -> np.ndarray:
+        """Lowest and highest corner (2, 3) [m] of where limbs can be; raises InputError where cameras see no place in
+        common."""
+        if self._box is None or self._box[0] is not observation.cameras:
+            s = self._seen.pictures
+            self._box = observation.cameras, common_box(observation.cameras, s.farthest, s.margin)
+        return self._box[1]
+
+    @cached_property
+    def _templates(self) -> LimbTemplates | None:
+        return load_templates(self._shout.templates) if self._shout.templates else None
+
+    def _views(self, observation: Observation) -> list[LimbView]:
+        for cues, views in self._kept:
+            if cues is observation.cues:
+                return views
+        views = limb_views(observation)
+        self._kept.append((observation.cues, views))
+        return views

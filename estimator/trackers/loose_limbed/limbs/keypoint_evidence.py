@@ -1,0 +1,142 @@
+"""How well keypoints fit a limb at a placement: its landmarks projected, whoever's left and right they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.data.cameras.projection import in_camera, pack_cameras, project_point
+from estimator.data.observation import Observation
+from estimator.energy.reprojection import BEHIND
+from estimator.numerics.robust import POTENTIALS, rho
+from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
+from humanoid.kinematics.body import Body
+from humanoid.limbs.limb import LimbGraph
+from humanoid.subject.landmarks import mirror_index
+from humanoid.support.compiled import jit
+from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
+
+
+@dataclass(frozen=True)
+class KeypointEvidenceSettings:
+    """potential, nu: robust potential of a keypoint (`estimator.numerics.robust`). exchange [nats]: how much less
+    likely a view's left and right of a limb are exchanged than as they are detected.
+    Raises InputError where a value cannot be."""
+
+    potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
+    nu: float = setting(8.0, above=0)
+    exchange: float = setting(3.0, at_least=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+class KeypointEvidence:
+    """What an instant's keypoints say of placements of limbs.
+
+    A view's energy of a limb is the sum of 1/2 rho of its landmarks' distances from their keypoints over their
+    standard deviations, by confidence; a landmark that moves in the limb's frame from pose to pose is as much less
+    certain. What a view says is the logarithm of a mixture of two: keypoints as detected, and left and right exchanged.
+    Views are added. A landmark that several limbs have, as two have their joint's, counts for its share in each: the
+    product over limbs has it once.
+
+    sigma (C, L): standard deviation of each keypoint [px] (`estimator.search.cost_model.CostModel.keypoint_sigma`).
+    landmarks: `landmarks_of_limbs(body, graph)`, for callers with many instants.
+
+    Raises
+    ------
+    InputError: sigma is not of the observation's shape, or not above 0; a parallel camera, which tells no depth.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        graph: LimbGraph,
+        observation: Observation,
+        sigma: np.ndarray,
+        settings: KeypointEvidenceSettings | None = None,
+        landmarks: Sequence[LimbLandmarks] | None = None,
+    ) -> None:
+        self.settings = settings or KeypointEvidenceSettings()
+        for camera in observation.cameras:
+            camera.needs_centre()
+        sigma = np.asarray(sigma, dtype=float)
+        if sigma.shape != observation.confidence.shape or not (np.isfinite(sigma) & (sigma > 0.0)).all():
+            remedy = "one finite number above 0 for each camera and landmark"
+            raise InputError("sigma", "does not suit the keypoints", place="keypoint evidence", remedy=remedy)
+        landmarks = landmarks or landmarks_of_limbs(body, graph)
+        mirror = mirror_index(body.landmark_names)
+        seen = (observation.confidence > 0.0) & np.isfinite(observation.pixels).all(axis=2)
+        # whoever is seen on one side alone has nothing to be exchanged with
+        other = np.where(seen & seen[:, mirror], mirror, np.arange(len(mirror)))
+        pixels = np.where(seen[..., None], observation.pixels, 0.0)
+        weight = np.where(seen, np.minimum(observation.confidence, 1.0), 0.0)
+        values = np.concatenate([pixels, weight[..., None], np.square(sigma)[..., None]], axis=2)
+        readings = np.stack([values, np.take_along_axis(values, other[..., None], axis=1)], axis=1)
+        self._cameras = pack_cameras(observation.cameras)
+        owners = np.bincount(np.concatenate([of.landmark for of in landmarks]), minlength=len(mirror))
+        self._limbs = []
+        for of in landmarks:
+            keypoints = np.ascontiguousarray(readings[:, :, of.landmark])
+            keypoints[..., 2] /= owners[of.landmark]
+            views = np.maximum(seen[:, of.landmark].sum(axis=0), 1)  # it is off its place by the same in all of them
+            self._limbs.append((np.ascontiguousarray(of.place), views * np.square(of.spread), keypoints))
+
+    def log_likelihood(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Of placements of a limb, by its index in the graph, t (N, 3) [m] and R (N, 3, 3) in the world: (N,) [nats],
+        at most 0, which it is where no keypoint says anything."""
+        total = np.zeros(len(t))
+        t, R = np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(R, dtype=float)
+        s = self.settings
+        _add_evidence(t, R, *self._limbs[limb], self._cameras, POTENTIALS[s.potential], s.nu, s.exchange, total)
+        return total
+
+
+@jit
+def _add_evidence(t, R, place, spread, keypoints, cameras, kind, nu, exchange, total):  # type: ignore[no-untyped-def]
+    """Add to total (N,) [nats] of placements t (N, 3), R (N, 3, 3) of a limb with landmarks at place (M, 3) in its
+    frame, whose variance there is spread (M,) [m^2].
+
+    keypoints (C, 2, M, 4): u, v [px], weight, variance [px^2], as detected and exchanged. cameras (4,):
+    see `estimator.data.cameras.projection.pack_cameras`.
+    """
+    detected = -math.log(1.0 + math.exp(-exchange))
+    energy = np.empty(2)
+    for c in range(keypoints.shape[0]):
+        if not (keypoints[c, 0, :, 2] > 0.0).any():
+            continue
+        camera = cameras[0][c], cameras[1][c], cameras[2][c], cameras[3][c]
+        for n in range(t.shape[0]):
+            _fill_energies(t[n], R[n], place, spread, keypoints[c], camera, kind, nu, energy)
+            own, other = energy[0], energy[1] + exchange
+            low = min(own, other)
+            total[n] += detected - low + math.log(math.exp(low - own) + math.exp(low - other))
+
+
+@jit
+def _fill_energies(t, R, place, spread, keypoints, camera, kind, nu, energy):  # type: ignore[no-untyped-def]
+    """Fill energy (2,) [nats] of a view's keypoints (2, M, 4) as detected and exchanged; the rest: see
+    `_add_evidence`."""
+    intrinsics, lens, R_camera, t_camera = camera
+    energy[:] = 0.0
+    p = np.empty(3)
+    for m in range(place.shape[0]):
+        if keypoints[0, m, 2] == 0.0:
+            continue
+        for i in range(3):
+            p[i] = t[i] + R[i, 0] * place[m, 0] + R[i, 1] * place[m, 1] + R[i, 2] * place[m, 2]
+        u, v, ahead = project_point(p, intrinsics, lens, R_camera, t_camera)
+        depth = in_camera(p, R_camera, t_camera)[2]
+        for k in range(2):
+            s = BEHIND
+            if ahead:
+                du, dv = u - keypoints[k, m, 0], v - keypoints[k, m, 1]
+                blur = spread[m] * intrinsics[0] * intrinsics[1] / (depth * depth)
+                s = (du * du + dv * dv) / (keypoints[k, m, 3] + blur)
+                if not s < BEHIND:  # nothing is farther off than what is behind the camera
+                    s = BEHIND
+            energy[k] += 0.5 * keypoints[k, m, 2] * rho(kind, s, nu)[0]

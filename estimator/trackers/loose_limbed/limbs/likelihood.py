@@ -1,0 +1,144 @@
+"""How much more likely pictures are with a limb at a pose than without (section 3 of Sigal et al., CVPR 2004)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.trackers.loose_limbed.limbs.features import (
+    CUES,
+    FEATURES,
+    PERSON,
+    UNKNOWN,
+    add_ratios,
+    cone_of,
+    maps_of,
+    measured,
+)
+from estimator.trackers.loose_limbed.limbs.models import LimbModels, shipped_models
+from estimator.trackers.loose_limbed.limbs.volume import common_box
+from estimator.vision.ridges import Ridges, ridges_of
+from humanoid.limbs.limb import Limb
+from humanoid.support.settings import check, setting
+
+
+@dataclass(frozen=True)
+class LimbSettings:
+    """What the likelihood of a limb is made of.
+
+    edges, ridges, foreground: whether first derivatives on the outline, second derivatives on the axis, and the share
+    of the person within and beside the limb count. What is left out is summed over in the learned densities, so that
+    the others are no less than densities of their own. unseen [nats]: of a view that does not show the limb, while the
+    others might. 0 would be neutral, but then places in the corner of a view, of which it says nothing, outweigh by
+    their volume those which all views see and none explains. margin [m]: by which limbs may be beyond the smallest box
+    around what all cameras see. farthest [m]: from a camera.
+    Raises InputError where a value cannot be.
+    """
+
+    edges: bool = True
+    ridges: bool = True
+    foreground: bool = True
+    unseen: float = setting(-8.0, at_most=0)
+    margin: float = setting(0.25, at_least=0)
+    farthest: float = setting(12.0, above=0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @property
+    def cues(self) -> tuple[str, ...]:
+        """Names of those that count."""
+        return tuple(cue for cue in CUES if getattr(self, cue))
+
+
+@dataclass(frozen=True, eq=False)
+class LimbView:
+    """One camera's picture at one instant as the likelihood takes it; see `limb_view`."""
+
+    camera: Camera
+    ridges: Ridges
+    foreground: np.ndarray
+
+    def features(self, limb: Limb, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """The `estimator.trackers.loose_limbed.limbs.features.FEATURES` (N, 9) of poses t (N, 3), R (N, 3, 3) of a
+        limb, NaN where it is not seen or the person's place is not known."""
+        values = np.empty((len(t), len(FEATURES)))
+        measured(cone_of(limb), *_arrays(t, R), self.camera.arrays, maps_of(self.ridges), self.foreground, values)
+        return values
+
+
+def limb_view(
+    camera: Camera, picture: np.ndarray, foreground: np.ndarray | None = None, known: np.ndarray | None = None
+) -> LimbView:
+    """A view: the camera of a picture (H, W, 3) uint8 BGR, and where the person is (H, W) bool, None without a
+    background. known (H, W) bool: where the background is, None everywhere.
+
+    Raises InputError: a parallel camera, in which limbs are not as learned.
+    """
+    camera.needs_centre()
+    if foreground is None:
+        return LimbView(camera, ridges_of(picture), np.zeros((0, 0), np.uint8))
+    where = np.where(foreground, np.uint8(PERSON), np.uint8(0))
+    if known is not None:
+        where = np.where(known, where, np.uint8(UNKNOWN))
+    return LimbView(camera, ridges_of(picture), np.ascontiguousarray(where))
+
+
+class LimbLikelihood:
+    """Log likelihood ratio of single limbs, against the same places without a limb.
+
+    A limb is a tapered cone of elliptic section. Each view measures edges along its outline, the ridge along its axis
+    and the share of the person inside and beside it, at the scales of its width; learned densities say how much more
+    probable that is of the limb, occluded ones among its examples, than of any other place. Views are independent given
+    the limb: their ratios are added. Where no view has a word the ratio is that of `LimbSettings.unseen`; outside the
+    box around what all cameras see it is minus infinity.
+
+    limbs: of a limb graph. views: of one instant, at least one. models: learned densities, those that are shipped
+    unless given. box (2, 3) [m]: lowest and highest corner of where limbs can be, for cameras that stand still through
+    many instants; `estimator.trackers.loose_limbed.limbs.volume.common_box` of the views' cameras unless given.
+
+    Raises
+    ------
+    InputError: the cameras see nothing in common.
+    """
+
+    def __init__(
+        self,
+        limbs: Sequence[Limb],
+        views: Sequence[LimbView],
+        *,
+        models: LimbModels | None = None,
+        settings: LimbSettings | None = None,
+        box: np.ndarray | None = None,
+    ) -> None:
+        self.settings = settings or LimbSettings()
+        models = models or shipped_models()
+        if box is None:
+            box = common_box([v.camera for v in views], self.settings.farthest, self.settings.margin)
+        self.box = box
+        self._cones = [cone_of(limb) for limb in limbs]
+        tables = {limb.name: models.log_ratios(limb.name, self.settings.cues) for limb in limbs}
+        self._tables = [tables[limb.name] for limb in limbs]
+        self._views: list[tuple[Any, ...]] = [(v.camera.arrays, maps_of(v.ridges), v.foreground) for v in views]
+        most = max(len(b) for b in models.bins)
+        self._bins = np.array([np.append(b, np.full(most - len(b), np.inf)) for b in models.bins])
+
+    def log_ratio(self, limb: int, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Of poses of a limb, t (N, 3) [m] of its proximal joint and R (N, 3, 3) in the world: (N,) [nats]."""
+        t, R = _arrays(t, R)
+        cone, total = self._cones[limb], np.zeros(len(t))
+        for camera, maps, foreground in self._views:
+            add_ratios(
+                cone, t, R, camera, maps, foreground, self._bins, *self._tables[limb], self.settings.unseen, total
+            )
+        middle = t + 0.5 * (cone[0] + cone[1]) * R[:, :, 2]
+        total[((middle < self.box[0]) | (middle > self.box[1])).any(axis=1)] = -np.inf
+        return total
+
+
+def _arrays(t: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(R, dtype=float)

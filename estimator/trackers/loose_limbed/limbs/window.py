@@ -1,0 +1,101 @@
+"""The graphical model of a few consecutive instants: a node for each limb at each (Sigal et al. 2004, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from estimator.inference.beliefs.graph import Belief, Edge, Graph, LogLikelihood, Node
+from estimator.inference.beliefs.mixture import Box, Density, Mixture
+from estimator.inference.beliefs.potential import Potential
+from estimator.inference.beliefs.space import PLACEMENTS, placements_of
+from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio
+from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
+
+Beliefs = tuple[Belief, ...]
+"""Of all limbs at an instant, in the order of their graph."""
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What is measured at one instant.
+
+    time [s]. log_ratio: of a limb at some placements; None where nothing is measured. proposals (L): Q of each limb,
+    None where there is none. box (2, 3) [m]: lowest and highest corner of where limbs can be.
+    """
+
+    time: float
+    log_ratio: LimbLogRatio | None
+    proposals: tuple[Density | None, ...]
+    box: np.ndarray
+
+
+@dataclass(frozen=True)
+class Past:
+    """What was believed at an instant before, and stays. time [s]."""
+
+    time: float
+    beliefs: Beliefs
+
+
+def window(potentials: LimbPotentials, share: float, instants: Sequence[Instant], past: Past | None = None) -> Graph:
+    """The graph of one instant or more: limb l at instant k is node k L + l, and behind them the limbs of the past.
+
+    Limbs of an instant are connected as the body is, every limb with itself at the instants beside. The past tells the
+    first instant, and is told nothing; with ten limbs it and two instants are 30 nodes. share: lambda0, of the outlier
+    process, which is even in the instant's box.
+
+    Raises
+    ------
+    InputError: instants farther apart than the potentials know of.
+    """
+    count = len(potentials.limbs)
+    nodes = [_node(instant, limb) for instant in instants for limb in range(count)]
+    links: dict[Edge, Potential] = {}
+    for k, instant in enumerate(instants):
+        outlier = Box(PLACEMENTS, *instant.box)
+        for (i, j), placements in potentials.spatial.items():
+            links[k * count + i, k * count + j] = placements.potential(outlier, share)
+    for k, (earlier, later) in enumerate(pairwise(instants)):
+        steps = potentials.steps(later.time - earlier.time)
+        before, after = Box(PLACEMENTS, *earlier.box), Box(PLACEMENTS, *later.box)
+        for limb, (forward, backward) in enumerate(zip(steps.forward, steps.backward, strict=True)):
+            here, there = k * count + limb, (k + 1) * count + limb
+            links[here, there], links[there, here] = forward.potential(after, share), backward.potential(before, share)
+    if past is not None:
+        outlier, first = Box(PLACEMENTS, *instants[0].box), len(nodes)
+        forwards = potentials.steps(instants[0].time - past.time).forward
+        nodes += [Node(fixed=belief) for belief in past.beliefs]
+        links |= {(first + limb, limb): forward.potential(outlier, share) for limb, forward in enumerate(forwards)}
+    return Graph(PLACEMENTS, tuple(nodes), links)
+
+
+def said_by(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, Mixture]:
+    """First messages of a window's graph of so many limbs, as if in all its instants each limb were believed at some
+    placements, points (L, K, 7), alike."""
+    count = points.shape[1]
+    alike = np.full(count, -np.log(count))
+    free = [i for i, node in enumerate(graph.nodes) if node.fixed is None]
+    return {
+        (i, j): potential.message(points[i % limbs], alike)
+        for (i, j), potential in graph.potentials.items()
+        if i in free and j in free
+    }
+
+
+def _node(instant: Instant, limb: int) -> Node:
+    return Node(_of_limb(instant.log_ratio, limb), instant.proposals[limb])
+
+
+def _of_limb(log_ratio: LimbLogRatio | None, limb: int) -> LogLikelihood | None:
+    """The likelihood of one limb as a node has it."""
+    if log_ratio is None:
+        return None
+
+    def log_likelihood(points: np.ndarray) -> np.ndarray:
+        return log_ratio(limb, *placements_of(points))
+
+    return log_likelihood

@@ -1,0 +1,195 @@
+"""Shouts of multi-view eigen-templates (Sigal et al., CVPR 2004, section 5): limbs by what all views show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.observation import Observation
+from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.vision.eigen_templates import EigenSpace
+from estimator.vision.foreground_rays import ray_places
+from estimator.vision.patches import PatchView, patch_view, patches_at
+from humanoid.limbs.limb import LimbGraph
+from humanoid.support.errors import InputError
+from humanoid.support.settings import check, setting
+
+REMEDY = "train them for it: kinemode train-templates CAMERAS --out FILE"
+_MOVED, _TURNED = 0.05, np.radians(2.0)  # by which a camera may stand elsewhere [m] and look elsewhere
+
+
+@dataclass(frozen=True)
+class TemplateSettings:
+    """How limbs are looked for by templates.
+
+    score: what a place goes by. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
+    places of the person; "residual" the distance from the limb's eigenspace alone, to which the inside of a trunk is
+    a good limb. places: best ones that are kept of a limb, at least `apart` [m] from each other. nearest: training
+    examples of each place, whose orientations are taken. spacing [m]: of the places that are looked at, more where
+    they would be over `most`.
+    Raises InputError where a value cannot be.
+    """
+
+    score: str = setting("ratio", one_of=("ratio", "residual"))
+    places: int = setting(10, at_least=1)
+    nearest: int = setting(5, at_least=1)
+    apart: float = setting(0.08, at_least=0)
+    spacing: float = setting(0.035, at_least=0.01, at_most=0.5)
+    most: int = setting(4000, at_least=100)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, eq=False)
+class LimbTemplate:
+    """What a limb, or that of the other side of the body, looks like around its middle, to all cameras of a rig.
+
+    limbs: their names. metres: side of a patch. space: of its patches. elsewhere: of patches at other places of the
+    person. deviation [nats, or squared distance]: of the scores of its own patches, by ratio and by residual, (2,).
+    coefficients (N, K): of the training patches. offset (N, 3) [m]: from each one's middle to the limb's proximal
+    joint, in the world. quaternion (N, 4), x, y, z, w: the limb's orientation in the world.
+    """
+
+    limbs: tuple[str, ...]
+    metres: float
+    space: EigenSpace
+    elsewhere: EigenSpace
+    deviation: np.ndarray
+    coefficients: np.ndarray
+    offset: np.ndarray
+    quaternion: np.ndarray
+
+    def score(self, patches: np.ndarray, by: str) -> np.ndarray:
+        """How much patches (N, D) look like the limb, (N,), by "ratio" or "residual"; more is better."""
+        if by == "residual":
+            return -self.space.residual(patches)
+        return self.space.log_density(patches) - self.elsewhere.log_density(patches)
+
+    def nearest(self, patches: np.ndarray, count: int) -> np.ndarray:
+        """The training examples whose coefficients are nearest to those of patches (N, D): (N, count)."""
+        given = self.space.coefficients(patches)
+        square = (self.coefficients**2).sum(axis=1) - 2.0 * given @ self.coefficients.T
+        return np.argsort(square, axis=1, kind="stable")[:, :count]
+
+
+@dataclass(frozen=True, eq=False)
+class LimbTemplates:
+    """Templates of some limbs of a body for a rig of cameras C.
+
+    names: the cameras'. centre (C, 3) [m], R_camera_world (C, 3, 3): where they stand. box (2, 3) [m]: where limbs can
+    be. side, contrast: of the patches (`estimator.vision.patches.patches_at`). templates: one a pair of limbs.
+    """
+
+    names: tuple[str, ...]
+    centre: np.ndarray
+    R_camera_world: np.ndarray
+    box: np.ndarray
+    side: int
+    contrast: float
+    templates: tuple[LimbTemplate, ...]
+
+    def check_rig(self, cameras: Sequence[Camera], source: str = "templates") -> None:
+        """Raise InputError unless the cameras stand, in this order, where those do that the templates were trained
+        for; pictures may have another size, and be undistorted."""
+        if len(cameras) != len(self.names):
+            problem = f"are of a rig of {len(self.names)} cameras, there are {len(cameras)}"
+            raise InputError(source, problem, remedy=REMEDY)
+        for k, camera in enumerate(cameras):
+            away = float(np.linalg.norm(camera.centre_world - self.centre[k]))
+            cosine = 0.5 * (float(np.sum(camera.R_camera_world * self.R_camera_world[k])) - 1.0)
+            turned = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+            if not (away <= _MOVED and turned <= _TURNED):
+                problem = (
+                    f"are of another rig: {camera.name} is {away:.2f} m and {np.degrees(turned):.0f} degrees from where"
+                    f" {self.names[k]} was"
+                )
+                raise InputError(source, problem, remedy=REMEDY)
+
+    def check_graph(self, graph: LimbGraph, source: str = "templates") -> None:
+        """Raise InputError where a limb of the templates is none of the graph."""
+        missing = [name for template in self.templates for name in template.limbs if name not in graph.names]
+        if missing:
+            problem = f"are of another graph: it has no {missing[0]}, its limbs are {', '.join(graph.names[:6])}, ..."
+            raise InputError(source, problem, remedy=REMEDY)
+
+
+def observed_views(observation: Observation) -> tuple[PatchView, ...]:
+    """The views of an instant as templates take them; none where a camera has no picture, or no silhouette."""
+    views = []
+    for cues in observation.cues:
+        if cues.picture is None or "silhouette" not in cues:
+            return ()
+        views.append(patch_view(cues.camera, cues.picture, cues["silhouette"].mask))
+    return tuple(views)
+
+
+def template_shouts(
+    templates: LimbTemplates,
+    graph: LimbGraph,
+    views: Sequence[PatchView],
+    settings: TemplateSettings | None = None,
+    limbs: Sequence[str] | None = None,
+) -> Shouts:
+    """Where the limbs of a graph may be, by the templates that they have; nothing of others.
+
+    A limb and that of the other side have one template, and the same shouts: patches do not tell which it is. Each of
+    the best places has the offsets and orientations of the training examples that look most like it, all with a weight
+    that falls by a factor e with each deviation of the scores of the limb's own patches.
+
+    views: of one instant, in the order of the cameras (`observed_views`, `patch_view`). limbs: names of those that are
+    looked for, all that have templates unless given.
+
+    Raises
+    ------
+    InputError: the views are of another rig, or the templates of another graph.
+    """
+    settings = settings or TemplateSettings()
+    templates.check_rig([view.camera for view in views])
+    templates.check_graph(graph)
+    nothing = Shout(np.zeros((0, 7)), np.zeros(0))
+    shouts = dict.fromkeys(graph.names, nothing)
+    places = _places(views, templates.box, settings)
+    for template in templates.templates if len(places) else ():
+        wanted = [name for name in template.limbs if limbs is None or name in limbs]
+        if wanted:
+            patches = patches_at(views, places, template.metres, templates.side, templates.contrast)
+            shouts.update(dict.fromkeys(wanted, _shout(template, places, patches, settings)))
+    return tuple(shouts[name] for name in graph.names)
+
+
+def _places(views: Sequence[PatchView], box: np.ndarray, settings: TemplateSettings) -> np.ndarray:
+    """Places (N, 3) in the common foreground, wider apart where it is large."""
+    spacing = settings.spacing
+    places = ray_places(views, box, spacing)
+    while len(places) > settings.most:
+        spacing *= max(1.1, (len(places) / settings.most) ** (1.0 / 3.0))
+        places = ray_places(views, box, spacing)
+    return places
+
+
+def _shout(template: LimbTemplate, places: np.ndarray, patches: np.ndarray, settings: TemplateSettings) -> Shout:
+    """Of places (N, 3) with their patches (N, D)."""
+    score = template.score(patches, settings.score)
+    best = best_apart(places, score, settings.places, settings.apart)
+    like = template.nearest(patches[best], settings.nearest)
+    t = (places[best][:, None] + template.offset[like]).reshape(-1, 3)
+    points = np.concatenate([t, template.quaternion[like].reshape(-1, 4)], axis=1)
+    deviation = float(template.deviation[int(settings.score == "residual")])
+    weight = np.exp(np.maximum((score[best] - score[best[0]]) / deviation, -30.0))
+    return Shout(points, np.repeat(weight / like.shape[1], like.shape[1]))
+
+
+def best_apart(places: np.ndarray, score: np.ndarray, count: int, apart: float) -> np.ndarray:
+    """Indices of the best of places (N, 3), best first, each at least `apart` from better ones; `count` at most."""
+    left = np.argsort(-score, kind="stable")
+    chosen: list[int] = []
+    while len(left) and len(chosen) < count:
+        chosen.append(int(left[0]))
+        far = np.linalg.norm(places[left] - places[left[0]], axis=1) >= apart
+        far[0] = False
+        left = left[far]
+    return np.array(chosen, dtype=int)

@@ -1,0 +1,308 @@
+"""Loose-limbed people: limbs as nodes of a graph in space and time, by non-parametric belief propagation (Sigal,
+Bhatia, Roth, Black and Isard, CVPR 2004), and its beliefs put onto the tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import cast
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.inference.beliefs.graph import Graph
+from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, Watch, propagate_batch
+from estimator.inference.beliefs.space import PLACEMENTS, points_of
+from estimator.inference.particles import systematic
+from estimator.modes.mixture import Mixture
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.defaults import ONLY_FILTERS
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.loose_limbed.assembly import AssemblySettings, assembled
+from estimator.trackers.loose_limbed.instant import InstantReader, SeenSettings, ShoutSettings
+from estimator.trackers.loose_limbed.left_over_detector import left_over_places
+from estimator.trackers.loose_limbed.limb_places import Place
+from estimator.trackers.loose_limbed.limbs.potential_choice import potentials_for
+from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
+from estimator.trackers.loose_limbed.limbs.window import Beliefs, Past, said_by, window
+from estimator.trackers.loose_limbed.state import LimbState, belief_arrays
+from estimator.trackers.mixture_state import carried, judged
+from estimator.trackers.spec import Spec, by_search
+from humanoid.kinematics.body import Body
+from humanoid.limbs.graph import limb_graph
+from humanoid.limbs.limb import LimbGraph, limb_placements
+from humanoid.limbs.merging import RULES, Detail
+from humanoid.support.settings import check, setting
+
+_TIED_STD = 0.01, 0.05  # m, rad: how exactly assembled poses place limbs
+
+
+@dataclass(frozen=True)
+class LooseLimbedSettings:
+    """The loose-limbed tracker.
+
+    detail: which bodies are limbs of their own, "paper" or "fine" (`humanoid.limbs`). limbs: a TOML file with changes
+    to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs, else
+    such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
+    a past. smoothing: the frame before is inferred again with this one and the next, as in the paper; without, what was
+    believed of it stays. tied: share of what the next frame is told of each limb that is as the assembled poses have
+    it; 0 in the paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
+    `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
+    start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
+    each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
+    seen: what limbs are seen by. shout: who says bottom-up where limbs may be. modes: hypotheses kept. assembly:
+    how they are made of the limbs.
+    """
+
+    detail: str = setting("paper", one_of=tuple(RULES))
+    limbs: str = ""
+    potentials: str = ""
+    outlier: float = setting(0.01, above=0, below=1)
+    propagation: BeliefSettings = field(default_factory=BeliefSettings)
+    smoothing: bool = False
+    tied: float = setting(0.5, at_least=0, at_most=1)
+    start_kernels: int = setting(200, at_least=2)
+    start_samples: int = setting(200, at_least=1)
+    start_iterations: int = setting(15, at_least=1)
+    start_rounds: int = setting(2, at_least=1)
+    start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
+    seen: SeenSettings = field(default_factory=SeenSettings)
+    shout: ShoutSettings = field(default_factory=ShoutSettings)
+    modes: int = setting(5, at_least=1)
+    assembly: AssemblySettings = field(default_factory=AssemblySettings)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+class LooseLimbed:
+    """The recipe: what is believed of the past stays, and this frame and the next are inferred together; with
+    `smoothing` those and the frame before, of whose own past it then is.
+
+    Start, track and recovery are one: what is believed of the past is one more message, if there is any.
+
+    Of every searched frame it tells limb_points (L, N, 7), limb_weights (L, N) and limb_status (L), see
+    `estimator.trackers.loose_limbed.state.belief_arrays`, and limb_names (L).
+    """
+
+    frames_ahead = 1
+    needs_keypoints = False
+
+    def __init__(self, search: ModeSearch, settings: LooseLimbedSettings | None = None) -> None:
+        self._search = search  # its energy is not that of the hypotheses, which limbs have drawn: no `HasEnergy`
+        self.body: Body = search.body
+        self.settings = settings or LooseLimbedSettings()
+
+    @property
+    def frames_behind(self) -> int:
+        """See `estimator.trackers.capabilities.LooksBack`."""
+        return int(self.settings.smoothing)
+
+    @cached_property
+    def graph(self) -> LimbGraph:
+        """The limbs."""
+        detail = cast(Detail, self.settings.detail)
+        if self.settings.limbs:
+            return limb_graph(self.body, detail, self.settings.limbs)
+        return _limbs_of(self.body, detail)
+
+    @cached_property
+    def potentials(self) -> LimbPotentials:
+        """What limbs say of each other."""
+        speed = self._search.model.transition_std(1.0)
+        if self.settings.potentials or self.settings.limbs:
+            return potentials_for(self.graph, self.body, speed, self.settings.potentials)
+        return _potentials_of(self.body, self.graph, tuple(speed.tolist()))
+
+    @cached_property
+    def instants(self) -> InstantReader:
+        """What is made of a frame."""
+        s = self.settings
+        return InstantReader(self._search.model, self.graph, s.seen, s.shout)
+
+    def can_start(self, observation: Observation) -> bool:
+        """Whether the person is seen: by keypoints, or in the foreground of a picture."""
+        return self.instants.shows_person(observation)
+
+    def init(
+        self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
+    ) -> tuple[LimbState, FrameResult]:
+        """See `estimator.trackers.capabilities.LooksAhead`."""
+        return self._searched(rng, None, observation, following)
+
+    def step(
+        self,
+        rng: np.random.Generator,
+        state: LimbState,
+        observation: Observation,
+        following: Sequence[Observation] = (),
+        before: Sequence[Observation] = (),
+    ) -> tuple[LimbState, FrameResult]:
+        """See `estimator.trackers.capabilities.LooksBack`."""
+        if not self.can_start(observation):
+            after, result = carried(self._search, state.mixture, observation.time - state.time, observation)
+            return replace(state, mixture=after.mixture, time=after.time), result
+        return self._searched(rng, state, observation, following, before)
+
+    def state_from(self, arrays: Mapping[str, np.ndarray]) -> LimbState:
+        """See `estimator.trackers.base.Tracker`."""
+        return LimbState.from_arrays(arrays, self.body, len(self.graph.limbs))
+
+    def _searched(
+        self,
+        rng: np.random.Generator,
+        state: LimbState | None,
+        observation: Observation,
+        following: Sequence[Observation],
+        before: Sequence[Observation] = (),
+    ) -> tuple[LimbState, FrameResult]:
+        behind = self._behind(state, before)
+        past = self._past(state, behind[0].time if behind else observation.time)
+        graph = self.window(rng, past, observation, following, behind)
+        result, mixture = self.inferred(rng, graph, state, observation, anew=past is None, behind=len(behind))
+        limbs = len(self.graph.limbs)
+        present = result.beliefs[len(behind) * limbs : (len(behind) + 1) * limbs]
+        told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(present)}
+        after, judgement = judged(self._search, observation, mixture, told)
+        if state is not None and behind:
+            believed, beliefs = state.seen, self._tied(rng, result.beliefs[:limbs], state.mixture)
+        elif state is not None and past is not None and self.settings.smoothing:
+            believed, beliefs = state.believed, state.beliefs  # the past of what the next frame looks back at
+        else:
+            believed, beliefs = after.time, self._tied(rng, present, mixture)
+        return LimbState(beliefs, mixture, after.time, after.time, believed), judgement
+
+    def _behind(self, state: LimbState | None, before: Sequence[Observation]) -> list[Observation]:
+        """What of the frames before is inferred again: the last, if the person was seen and its past is known."""
+        return [o for o in before if state is not None and state.believed < o.time == state.seen]
+
+    def inferred(
+        self,
+        rng: np.random.Generator,
+        graph: Graph,
+        state: LimbState | None,
+        observation: Observation,
+        *,
+        anew: bool,
+        behind: int = 0,
+        watch: Watch | None = None,
+    ) -> tuple[Propagated, Mixture]:
+        """What is believed of the nodes of a window, and the poses that are made of the frame with so many of the
+        window behind it; anew: without a past, in several rounds. watch: see `propagate_batch`, of all rounds."""
+        how, limbs = self.propagation(anew=anew), len(self.graph.limbs)
+        result = propagate_batch(rng, graph, how, watch=watch)
+        mixture = self._assembled(rng, result.beliefs[behind * limbs : (behind + 1) * limbs], state, observation)
+        for _ in range(self.settings.start_rounds - 1 if anew else 0):
+            again = propagate_batch(rng, graph, how, said_by(graph, limbs, self._limbs_in(mixture)), watch)
+            other = self._assembled(rng, again.beliefs[:limbs], state, observation)
+            if self._at_least_as_good(other, mixture, observation):
+                result, mixture = again, other
+        return result, mixture
+
+    def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
+        """What the next frame is told: some of it as the assembled poses have each limb, since limbs alone do not know
+        that two of them are in one place."""
+        tied = []
+        for belief, points in zip(beliefs, self._limbs_in(mixture), strict=True):
+            count = round(self.settings.tied * len(belief.points))
+            loose = systematic(rng, belief.weights / belief.weights.sum(), len(belief.points) - count)
+            chosen = points[rng.choice(len(points), count, p=mixture.weights)]
+            near = np.repeat(_TIED_STD, 3) * rng.standard_normal((count, 6))
+            both = np.concatenate([belief.points[loose], PLACEMENTS.moved(chosen, near) if count else chosen])
+            tied.append(replace(belief, points=both, weights=np.full(len(both), 1.0 / len(both))))
+        return tuple(tied)
+
+    def _past(self, state: LimbState | None, time: float) -> Past | None:
+        """What was believed before a frame, unless that is longer ago than the potentials know of."""
+        if state is None or time - state.believed > self.potentials.longest:
+            return None
+        return Past(state.believed, state.beliefs)
+
+    def _limbs_in(self, mixture: Mixture) -> np.ndarray:
+        """Points (L, K, 7) of the limbs in the poses of a mixture."""
+        t, R = limb_placements(self.graph, self.body, np.array([mode.q for mode in mixture.modes]))
+        return np.stack([points_of(t[:, k], R[:, k]) for k in range(len(self.graph.limbs))])
+
+    def _at_least_as_good(self, other: Mixture, mixture: Mixture, observation: Observation) -> bool:
+        """Whether the best pose of another mixture is the same, or one whose limbs are likelier to be seen so."""
+        best, before = other.modes[0].q, mixture.modes[0].q
+        landmarks = [self.body.landmarks(self.body.at(q)) for q in (best, before)]
+        if float(np.linalg.norm(landmarks[0] - landmarks[1], axis=1).mean()) < self._search.distinct_by:
+            return True
+        log_ratio = self.instants.log_ratio(observation)
+        if log_ratio is None:
+            return True
+        t, R = limb_placements(self.graph, self.body, np.array([best, before]))
+        seen = np.sum([log_ratio(k, t[:, k], R[:, k]) for k in range(len(self.graph.limbs))], axis=0)
+        return bool(seen[0] >= seen[1])
+
+    def window(
+        self,
+        rng: np.random.Generator,
+        past: Past | None,
+        observation: Observation,
+        following: Sequence[Observation],
+        behind: Sequence[Observation] = (),
+    ) -> Graph:
+        """The graph of a frame, of those behind it and of those of the following that are looked at."""
+        reader = self.instants
+        shown = [*behind, observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
+        instants = [reader.instant(rng, o, anew=past is None) for o in shown]
+        return window(self.potentials, self.settings.outlier, instants, past)
+
+    def propagation(self, *, anew: bool) -> BeliefSettings:
+        """How beliefs of a frame are inferred. anew: without a past."""
+        s = self.settings
+        if not anew:
+            return s.propagation
+        return replace(
+            s.propagation,
+            kernels=s.start_kernels,
+            samples=s.start_samples,
+            iterations=s.start_iterations,
+            proposal_factor=s.start_proposal_factor,
+        )
+
+    def _assembled(
+        self, rng: np.random.Generator, beliefs: Beliefs, state: LimbState | None, observation: Observation
+    ) -> Mixture:
+        before, elapsed = (None, 0.0) if state is None else (state.mixture, observation.time - state.time)
+        pictures, s = self.instants.pictures(observation), self.settings
+        left_over = self.instants.left_over(observation) if s.assembly.left_over > 0.0 else None
+
+        def put_together(heard: Mapping[int, Sequence[Place]]) -> Mixture:
+            return assembled(
+                self._search, self.graph, beliefs, observation, pictures, before, elapsed,
+                count=s.modes, settings=s.assembly, rng=rng, left_over=left_over, heard=heard,
+            )  # fmt: skip
+
+        mixture = put_together({})
+        if left_over is None or pictures is None:
+            return mixture
+        views = left_over.views(*limb_placements(self.graph, self.body, mixture.modes[0].q))
+        heard = left_over_places(rng, self.graph, pictures, views, s.shout.hull)
+        return put_together(heard) if heard else mixture
+
+
+# of a body alone, for those that are tracked again: graphs and drawn potentials take seconds
+
+
+@lru_cache(maxsize=4)
+def _limbs_of(body: Body, detail: Detail) -> LimbGraph:
+    return limb_graph(body, detail)
+
+
+@lru_cache(maxsize=4)
+def _potentials_of(body: Body, graph: LimbGraph, speed: tuple[float, ...]) -> LimbPotentials:
+    return potentials_for(graph, body, np.array(speed))
+
+
+SPEC = Spec(
+    name="loose-limbed",
+    sentence="limbs as nodes of a graph, by non-parametric belief propagation (Sigal et al. 2004)",
+    make=by_search(LooseLimbed),
+    group="loose_limbed",
+    settings=LooseLimbedSettings(),
+    defaults=ONLY_FILTERS,
+)
