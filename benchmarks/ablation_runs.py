@@ -18,7 +18,7 @@ from benchmarks.mocap_person import FPS as FILMED_FPS
 from benchmarks.scores import TrackErrors, outcome
 from benchmarks.sequences import FPS, Task, clip_folder
 from benchmarks.tracking import Times, timed_track
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from estimator.synthesis.mocap import load_mocap
 from estimator.trackers.defaults import NO_CAPTURE, together
 from estimator.tracking.registry import settings_for

@@ -29,7 +29,7 @@ from benchmarks.common import (
 )
 from benchmarks.scores import COLUMNS, FAR_MM, LEGEND, Scores, cells, mean_scores, score
 from benchmarks.tracking import timed_track
-from estimator.results.reference_motion import Reference
+from estimator.runs.reference_motion import Reference
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from kinemode.terminal import report

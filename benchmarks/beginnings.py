@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.results.evaluation import HIPS, mpjpe
-from estimator.results.run_file import Run
+from estimator.runs.evaluation import HIPS, mpjpe
+from estimator.runs.run_file import Run
 from estimator.synthesis import SceneSettings, ViewSettings
 
 FOUND = 120.0  # mm

@@ -34,7 +34,7 @@ from benchmarks.credible_levels import (
     together,
 )
 from benchmarks.pose_prior import PriorChoice, prior_settings
-from estimator.results.calibration import Calibration
+from estimator.runs.calibration import Calibration
 from kinemode.terminal import report
 
 PLAIN = Calibration(

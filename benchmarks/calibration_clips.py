@@ -14,13 +14,13 @@ from estimator import synthesis
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
-from estimator.fitting.person import fit_person
 from estimator.search.cost_model import image_extent
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_keys import motion_named
 from estimator.synthesis.retarget import retarget
 from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

@@ -10,8 +10,8 @@ import numpy as np
 
 from benchmarks.calibration_clips import Tracked
 from benchmarks.common import in_processes
-from estimator.results.calibration import Calibration
-from estimator.results.posterior import Posterior
+from estimator.runs.calibration import Calibration
+from estimator.runs.posterior import Posterior
 
 GRID = np.linspace(0.05, 0.95, 19)
 KINDS = ("dof", "landmark", "pose")

@@ -16,9 +16,9 @@ from estimator.data.formats.keypoints import load_keypoints, load_people, write_
 from estimator.data.formats.keypoints_people import Person
 from estimator.data.media.clip import DEFAULT_FPS as FPS
 from estimator.data.people.across_cameras import subject_tracks
-from estimator.results.evaluation import evaluate
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
+from estimator.runs.evaluation import evaluate
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.crowd import crowd, placed
 from estimator.synthesis.motion import authored_motion

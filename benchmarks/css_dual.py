@@ -33,12 +33,12 @@ from benchmarks.common import (
 from benchmarks.credible_levels import calibration_error, coverage
 from benchmarks.kept_runs import Figures, Kept, all_done, removed
 from benchmarks.tracking import timed_track
-from estimator.results.calibration import Calibration
-from estimator.results.evaluation import procrustes
-from estimator.results.pairs import paired
-from estimator.results.posterior import Posterior
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
+from estimator.runs.calibration import Calibration
+from estimator.runs.evaluation import procrustes
+from estimator.runs.pairs import paired
+from estimator.runs.posterior import Posterior
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
 from humanoid.support.atomic import replacing
 from kinemode.terminal import report
 

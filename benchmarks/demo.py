@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.common import Json, Several, save, start
 from benchmarks.scores import COLUMNS, LEGEND, Scores, cells, mean_scores, score
-from estimator.results.reference_motion import Reference
+from estimator.runs.reference_motion import Reference
 from kinemode import demo
 from kinemode.terminal import report
 from kinemode.terminal.progress import unreported

@@ -21,7 +21,7 @@ from benchmarks.scores import Scores, score
 from benchmarks.tracking import timed_track
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
-from estimator.results.reference_motion import Reference
+from estimator.runs.reference_motion import Reference
 from kinemode.terminal import report
 
 MOST_PX, MOST_RATIO, MOST_MM = 3.0, 1.1, 25.0

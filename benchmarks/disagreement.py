@@ -15,9 +15,9 @@ from benchmarks.beam4cam import CAMERAS
 from benchmarks.common import Data, Json, Work, beam_folder, save, start, tell, work_folder
 from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
-from estimator.results.evaluation import evaluate_points
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
+from estimator.runs.evaluation import evaluate_points
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError

@@ -28,7 +28,7 @@ from benchmarks.common import (
 from benchmarks.elmo_clips import JOINTS, LEGS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from estimator.search.settings import BY_KEYPOINTS
 from estimator.trackers.defaults import together
 from estimator.tracking.registry import TRACKERS

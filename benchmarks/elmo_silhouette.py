@@ -26,7 +26,7 @@ from benchmarks.elmo import RIVALS
 from benchmarks.elmo_clips import JOINTS, SEQUENCES, Filmed, filmed
 from benchmarks.kept_runs import removed
 from benchmarks.tracking import timed_track
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal import report
 

@@ -19,7 +19,7 @@ from benchmarks.fuzz_limbs import templates, two_limbs
 from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN, DAE, LIMBS, OBJ
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
-from estimator.results.export import export
+from estimator.runs.export import export
 from estimator.trackers.loose_limbed.limbs.potentials import SHIPPED
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import FORMATS

@@ -21,8 +21,8 @@ from estimator.data.formats.checked_json import read_json
 from estimator.data.formats.keypoints import KeypointTrack, load_keypoints
 from estimator.data.formats.motion_table import read_motion_table
 from estimator.data.media.clip import Clip
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run, RunWriter
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run, RunWriter
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.motion_file import motion_of
 from estimator.tracking.registry import make_tracker

@@ -20,9 +20,9 @@ from estimator.energy.descent.solution import CONVERGED
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_of
+from estimator.inference.mixture import Mode
+from estimator.inference.mixture import mixture_of as mixture_of_modes
 from estimator.inference.particles import normalised
-from estimator.modes.mixture import Mode
-from estimator.modes.mixture import mixture_of as mixture_of_modes
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood

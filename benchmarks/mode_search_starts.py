@@ -11,7 +11,7 @@ from benchmarks.mode_search_duel import NOISE_PX, Start
 from estimator import synthesis
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
-from estimator.modes.origin import Family
+from estimator.inference.origin import Family
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch

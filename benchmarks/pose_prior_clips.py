@@ -13,7 +13,7 @@ from benchmarks.common import data_folder, tell
 from benchmarks.mocap_person import DETECTOR, FPS, person
 from benchmarks.scores import TrackErrors, trajectories
 from benchmarks.tracking import timed_track
-from estimator.results.reference_motion import Reference
+from estimator.runs.reference_motion import Reference
 from estimator.synthesis.mocap import load_mocap
 from humanoid.support.errors import InputError
 

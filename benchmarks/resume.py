@@ -27,7 +27,7 @@ from benchmarks.resume_kills import (
     kill_at,
     started,
 )
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from kinemode import demo
 from kinemode.terminal import report
 from kinemode.terminal.progress import unreported

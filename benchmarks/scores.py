@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.tracking import Times
 from estimator.data.cameras.camera import Camera
 from estimator.energy.descent.seek import SeekSettings
-from estimator.results.evaluation import (
+from estimator.runs.evaluation import (
     HIPS,
     Reference,
     evaluate,
@@ -21,12 +21,12 @@ from estimator.results.evaluation import (
     mpjpe,
     pa_mpjpe,
 )
-from estimator.results.pairs import paired
-from estimator.results.run_file import Run
-from estimator.results.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
-from estimator.smoothing import FixedLag
+from estimator.runs.pairs import paired
+from estimator.runs.run_file import Run
+from estimator.runs.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
 from estimator.trackers.capabilities import HasEnergy
 from estimator.tracking.registry import make_tracker
+from estimator.tracking.smoothing import FixedLag
 from kinemode.explain import run_settings
 
 FAR_MM = 1e3 * FAR
@@ -71,7 +71,7 @@ class Scores:
 
 
 def score(run: Run, reference: Reference) -> Scores:
-    """Measure a run with the functions of `estimator.results.evaluation`."""
+    """Measure a run with the functions of `estimator.runs.evaluation`."""
     best = evaluate(run, reference)
     modes = run.mode_landmarks
     names, time, lagged = run.body.landmark_names, run.time, fixed_lag(run)
@@ -159,7 +159,7 @@ class TrackErrors:
 
     mean, worst: of the mean joint error, over the frames and in the worst one [mm], in the world: nothing is aligned.
     pixels: mean distance of the joints from the true ones in the image, in the worst frame [px].
-    lost: the first lost frame, see `estimator.results.trajectory_errors.TrajectoryErrors`, None without any. of_limits:
+    lost: the first lost frame, see `estimator.runs.trajectory_errors.TrajectoryErrors`, None without any. of_limits:
     the largest error of any frame in terms of the limit from which it is lost, infinite where a frame has no pose or
     none in the image. aligned, pa: mean error with the hips aligned, NaN for a body without hips, and after the best
     similarity of each frame [mm].

@@ -16,7 +16,7 @@ from benchmarks.common import start as run_command
 from benchmarks.kept_runs import kept_clip
 from benchmarks.scores import TRACK_COLUMNS, TRACK_LEGEND, TRAJECTORIES, Outcome, TrackErrors, outcome, track_cells
 from benchmarks.tracking import Times, timed_track
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from estimator.synthesis import SceneSettings
 from estimator.synthesis.motion_keys import motion_named
 from humanoid.support.errors import InputError

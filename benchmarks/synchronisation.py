@@ -17,7 +17,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.synchronisation import synchronised
-from estimator.results.evaluation import LIMB_JOINTS
+from estimator.runs.evaluation import LIMB_JOINTS
 from estimator.synthesis import ViewSettings, framing_cameras
 from estimator.synthesis.detector import of_points
 from estimator.synthesis.mocap import load_mocap

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import kinemode as km
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from humanoid.subject.subject import Subject
 from kinemode.terminal.progress import Progress
 

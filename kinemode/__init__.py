@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from estimator.data.cameras.camera import Camera
     from estimator.data.formats.cameras import load_cameras, write_cameras
     from estimator.data.formats.keypoints import KeypointTrack, load_keypoints, write_keypoints
-    from estimator.results.evaluation import Evaluation
-    from estimator.results.reference_motion import Reference
-    from estimator.results.run_file import Run
+    from estimator.runs.evaluation import Evaluation
+    from estimator.runs.reference_motion import Reference
+    from estimator.runs.run_file import Run
     from estimator.synthesis.settings import DetectorSettings, SceneSettings, ViewSettings
     from humanoid.kinematics.body import Body
     from humanoid.subject.subject import Subject, load_subject
@@ -44,13 +44,13 @@ _MODULES = {
     "Body": "humanoid.kinematics.body",
     "Camera": "estimator.data.cameras.camera",
     "DetectorSettings": "estimator.synthesis.settings",
-    "Evaluation": "estimator.results.evaluation",
+    "Evaluation": "estimator.runs.evaluation",
     "FindingWarning": "kinemode.notices",
     "InputError": "humanoid.support.errors",
     "InputWarning": "kinemode.notices",
     "KeypointTrack": "estimator.data.formats.keypoints",
-    "Reference": "estimator.results.reference_motion",
-    "Run": "estimator.results.run_file",
+    "Reference": "estimator.runs.reference_motion",
+    "Run": "estimator.runs.run_file",
     "SceneSettings": "estimator.synthesis.settings",
     "Subject": "humanoid.subject.subject",
     "Tracker": "kinemode.public.stepping",

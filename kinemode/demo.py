@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator import synthesis
-from estimator.results.evaluation import Evaluation, evaluate
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
+from estimator.runs.evaluation import Evaluation, evaluate
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.demo_person import demo_subject

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.results.evaluation import mpjpe
-from estimator.results.pairs import paired
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
+from estimator.runs.evaluation import mpjpe
+from estimator.runs.pairs import paired
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
 from estimator.search.examples.index import IndexRecipe
 from estimator.synthesis import SceneSettings, ViewSettings
 from humanoid.subject.subject import load_subject

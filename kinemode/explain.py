@@ -13,8 +13,8 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
-from estimator.modes.origin import Family, Origin
-from estimator.results.run_file import Run
+from estimator.inference.origin import Family, Origin
+from estimator.runs.run_file import Run
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.capabilities import HasEnergy, SeesOtherwise, ShowsMore
 from estimator.trackers.frame_result import FrameResult

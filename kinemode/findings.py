@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from estimator.results.diagnosis import diagnose
-from estimator.results.run_file import Run
+from estimator.runs.diagnosis import diagnose
+from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS, TRACKED
 from estimator.tracking.registry import TRACKERS
 from kinemode.explain import run_settings

@@ -15,17 +15,17 @@ from threadpoolctl import threadpool_limits
 
 from estimator.data.observation import PoseEstimate
 from estimator.data.source import Cues
-from estimator.fitting import person
-from estimator.fitting.fit import Fit
 from estimator.numerics.pool import checked_count
-from estimator.results.run_file import Run, RunHeader, RunWriter
-from estimator.results.temporary_run import TemporaryFolder
-from estimator.smoothing import smooth_track
+from estimator.runs.run_file import Run, RunHeader, RunWriter
+from estimator.runs.temporary_run import TemporaryFolder
 from estimator.trackers.capabilities import HasEnergy, sharing
+from estimator.tracking.fitting import person
+from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.leaps import leap_note, leaps
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run_into, stored_state
 from estimator.tracking.settings import Settings
+from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError

@@ -8,4 +8,4 @@ class InputWarning(UserWarning):
 
 
 class FindingWarning(InputWarning):
-    """What a finished run says against its subject or its input (see `estimator.results.diagnosis`)."""
+    """What a finished run says against its subject or its input (see `estimator.runs.diagnosis`)."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from estimator.tracking.idle_settings import changed_values
 from humanoid.subject.example_robots import PREFIX
 from humanoid.subject.subject import BUILT_IN, load_subject

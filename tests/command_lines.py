@@ -16,7 +16,7 @@ import pytest
 
 from benchmarks.common import ROOT
 from benchmarks.resume_kills import Kill, Moment, kill_at
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from humanoid.support.plugins import VARIABLE
 from kinemode import jobs
 from kinemode.__main__ import INTERRUPTED, main

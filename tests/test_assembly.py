@@ -13,8 +13,8 @@ from builders import body_of, camera_at, observe, random_pose
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import UNEXPLAINED, Belief
 from estimator.inference.beliefs.space import PLACEMENTS, Space, placements_of, points_of
-from estimator.modes.mixture import Mixture
-from estimator.modes.origin import Family
+from estimator.inference.mixture import Mixture
+from estimator.inference.origin import Family
 from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool

@@ -13,8 +13,8 @@ from benchmarks import beam4cam, mocap, mocap_person, outline, sequences
 from benchmarks.common import in_processes
 from benchmarks.scores import TrackErrors, track_errors, trajectories
 from estimator.data.cameras.camera import guessed_camera
-from estimator.results.evaluation import LIMB_JOINTS
-from estimator.results.reference_motion import Reference
+from estimator.runs.evaluation import LIMB_JOINTS
+from estimator.runs.reference_motion import Reference
 from estimator.synthesis.motion_keys import MOTIONS
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -10,14 +10,14 @@ import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
-from estimator.modes.best_path import best_path
-from estimator.modes.motion import MotionPrior
+from estimator.inference.best_path import best_path
+from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
-from estimator.smoothing import smooth_track
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
+from estimator.tracking.smoothing import smooth_track
 from humanoid.kinematics.body import Body
 
 FPS = 25.0

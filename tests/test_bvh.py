@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from estimator.data.formats.bvh import read_bvh
-from estimator.results.evaluation import limit_violations
+from estimator.runs.evaluation import limit_violations
 from estimator.synthesis import authored_motion
 from estimator.synthesis.mocap import CMU_UNIT, Mocap, load_mocap
 from estimator.synthesis.retarget import retarget

@@ -16,9 +16,9 @@ import pytest
 
 import kinemode
 from estimator.data.observation import PoseEstimate
-from estimator.results.evaluation import HIPS, LIMB_JOINTS, mpjpe
-from estimator.results.reference_motion import Reference
-from estimator.results.trajectory_errors import FAR, far_px, trajectory_errors
+from estimator.runs.evaluation import HIPS, LIMB_JOINTS, mpjpe
+from estimator.runs.reference_motion import Reference
+from estimator.runs.trajectory_errors import FAR, far_px, trajectory_errors
 from estimator.tracking.registry import TRACKERS, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -10,8 +10,8 @@ from builders import body_of, camera_at, observe, random_pose
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import MAX_STD
-from estimator.modes.merge import bhattacharyya
-from estimator.modes.mixture import Mixture, Mode, mixture_of
+from estimator.inference.merge import bhattacharyya
+from estimator.inference.mixture import Mixture, Mode, mixture_of
 from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.settings import ModeSearchSettings

@@ -21,7 +21,7 @@ from benchmarks import fuzz_judge
 from benchmarks.fuzz_corpus import Files
 from benchmarks.fuzz_readers import CORPUS_OF
 from estimator.data.formats.packing import pack, unpack
-from estimator.results.run_file import RunWriter
+from estimator.runs.run_file import RunWriter
 from humanoid.support.errors import InputError
 from tests.changed_json import changed
 

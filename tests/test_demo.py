@@ -10,7 +10,7 @@ import pytest
 
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
-from estimator.results.reference_motion import Reference
+from estimator.runs.reference_motion import Reference
 from humanoid.support.errors import InputError
 from kinemode import demo
 from kinemode.terminal.progress import unreported

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 import kinemode as km
 from estimator.data.formats.cameras import load_cameras
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from estimator.synthesis import SceneSettings, ViewSettings
 from estimator.vision.cues.depth.cue import Depth, PersonPoints
 from estimator.vision.cues.depth.floor import found_floor

@@ -15,8 +15,8 @@ import kinemode as km
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.observation import Observation
-from estimator.results.diagnosis import FAR, Diagnosis, diagnose
-from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.runs.diagnosis import FAR, Diagnosis, diagnose
+from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.search.cost_model import CostModel, CostSettings
 from estimator.synthesis import keypoints
 from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult

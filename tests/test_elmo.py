@@ -18,8 +18,8 @@ import kinemode as km
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.modes.mixture import Mode, mixture_of
-from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.inference.mixture import Mode, mixture_of
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
 from estimator.search.examples.lookup import Looked, either_way
 from estimator.search.frame_search import FrameCase

@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.data.formats.opensim import Coordinates, read_mot, write_mot
-from estimator.results import evaluation
-from estimator.results.coordinates import opensim_coordinates
-from estimator.results.evaluation import LIMB_JOINTS, evaluate, evaluate_points, mpjpe, pa_mpjpe
-from estimator.results.reference_motion import Reference
+from estimator.runs import evaluation
+from estimator.runs.coordinates import opensim_coordinates
+from estimator.runs.evaluation import LIMB_JOINTS, evaluate, evaluate_points, mpjpe, pa_mpjpe
+from estimator.runs.reference_motion import Reference
 from estimator.synthesis import write_truth
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject, subject_from_text

@@ -13,8 +13,8 @@ from test_run_file import header, state_of, walk
 
 from estimator.data.formats.opensim import read_mot
 from estimator.data.formats.reference import load_reference
-from estimator.results.export import FORMATS, export
-from estimator.results.run_file import Run, RunWriter
+from estimator.runs.export import FORMATS, export
+from estimator.runs.run_file import Run, RunWriter
 from humanoid.kinematics.body import Body
 from humanoid.subject.joint_names import ROOT, ROOT_POSITION, ROOT_QUATERNION, ROOT_TURNS
 from humanoid.subject.subject import load_subject

@@ -18,14 +18,14 @@ from test_run_file import header, state_of, walk
 from estimator.data.formats.bvh import read_bvh
 from estimator.data.formats.bvh_text import write_bvh
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
-from estimator.results.bvh_skeleton import bvh_motion, skeleton_of
-from estimator.results.run_file import Run, RunWriter
+from estimator.runs.bvh_skeleton import bvh_motion, skeleton_of
+from estimator.runs.run_file import Run, RunWriter
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import export
 from tests.builders import body_of
-from viz.exports.links import link_names
+from viz.links import link_names
 
 FRAMES = 9
 NEVER_SEEN = 4  # the frame in which nobody was seen
@@ -220,7 +220,7 @@ def test_glb(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_robot_as_glb_needs_no_flesh(tmp_path: Path) -> None:
-    from viz.exports.gltf import animated_glb
+    from viz.gltf import animated_glb
 
     (tmp_path / "machine.urdf").write_text(MACHINE)
     body = Body(load_subject(tmp_path / "machine.urdf"))

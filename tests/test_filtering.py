@@ -14,7 +14,7 @@ from test_evaluation import robot
 
 import kinemode as km
 from estimator.numerics.butterworth import gain
-from estimator.results.filtering import Filtering, filtered
+from estimator.runs.filtering import Filtering, filtered
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

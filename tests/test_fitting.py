@@ -10,11 +10,11 @@ import pytest
 from builders import body_of, camera_at, observe
 
 from estimator.data.observation import Observation
-from estimator.fitting.fit import Fit
-from estimator.fitting.lengths import LengthsEnergy, chosen_frames
-from estimator.fitting.person import fit_person
-from estimator.fitting.settings import FitSettings
 from estimator.synthesis.motion import authored_motion
+from estimator.tracking.fitting.fit import Fit
+from estimator.tracking.fitting.lengths import LengthsEnergy, chosen_frames
+from estimator.tracking.fitting.person import fit_person
+from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.registry import settings_for
 from humanoid.kinematics.body import Body
 from humanoid.kinematics.proportions import ProportionedBody

@@ -12,12 +12,12 @@ from builders import body_of, camera_at, inside, observe, random_pose
 
 from estimator.data.observation import Observation
 from estimator.search.mode_search import ModeSearch
-from estimator.smoothing import FixedLag, SmoothSettings, fixed_lag, smooth_track
-from estimator.smoothing.chain import Chain
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
+from estimator.tracking.smoothing import FixedLag, SmoothSettings, fixed_lag, smooth_track
+from estimator.tracking.smoothing.chain import Chain
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import load_subject

@@ -19,7 +19,7 @@ import pytest
 import kinemode as km
 from estimator.data.formats.keypoints import load_keypoints, write_keypoints
 from estimator.data.media.picture import WRITTEN, write_picture
-from estimator.results.run_file import Run, RunWriter
+from estimator.runs.run_file import Run, RunWriter
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 from humanoid.support.atomic import replacing
@@ -158,7 +158,7 @@ from pathlib import Path
 import numpy as np
 from estimator.data.media.film import write_film
 from estimator.data.media.picture import write_picture
-from estimator.results.run_store import create_store
+from estimator.runs.run_store import create_store
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 

@@ -11,9 +11,9 @@ from builders import body_of
 from test_run_file import header, state_of, walk
 
 import kinemode as km
-from estimator.results.gait.events import SIDES
-from estimator.results.gait.gait import Gait, gait_of_landmarks
-from estimator.results.run_file import RunWriter
+from estimator.runs.events import SIDES
+from estimator.runs.gait import Gait, gait_of_landmarks
+from estimator.runs.run_file import RunWriter
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import Body

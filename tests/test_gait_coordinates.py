@@ -12,7 +12,7 @@ import pytest
 from builders import bent, body_of, random_pose
 
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
-from estimator.results.gait_coordinates import GAIT_MODELS, continuous_turns, gait_coordinates, turn_about
+from estimator.runs.gait_coordinates import GAIT_MODELS, continuous_turns, gait_coordinates, turn_about
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

@@ -20,7 +20,7 @@ from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution
 from estimator.energy.term import Cost
-from estimator.modes.merge import body_size
+from estimator.inference.merge import body_size
 from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.first_pose import random_configuration
 from estimator.search.frame_search import FrameCase

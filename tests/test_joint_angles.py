@@ -16,9 +16,9 @@ from scipy.stats import norm
 from test_evaluation import robot
 
 import kinemode as km
-from estimator.results.calibration import Calibration
-from estimator.results.run_file import Run
-from estimator.results.spread import spread_of
+from estimator.runs.calibration import Calibration
+from estimator.runs.run_file import Run
+from estimator.runs.spread import spread_of
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

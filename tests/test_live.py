@@ -21,7 +21,7 @@ from tiny_clip import QUICK
 import kinemode as km
 from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
-from estimator.results.run_file import RunWriter
+from estimator.runs.run_file import RunWriter
 from estimator.trackers.frame_result import FrameResult
 from kinemode.detection.detectors import Wanted
 from kinemode.detection.people import Asked, People

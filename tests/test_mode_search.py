@@ -14,9 +14,9 @@ from builders import bent, body_of, camera_at, inside, observe, random_pose
 from scipy.stats import chi2
 
 from estimator.data.observation import Observation, PoseEstimate
-from estimator.modes.merge import best_distinct, bhattacharyya, body_size
-from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.inference.merge import best_distinct, bhattacharyya, body_size
+from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import CostModel, CostSettings
 from estimator.search.first_pose import random_configuration, start_modes
 from estimator.search.frame_search import FrameCase

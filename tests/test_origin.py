@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.modes.origin import Family, Origin, Origins, PreviousPose, families
+from estimator.inference.origin import Family, Origin, Origins, PreviousPose, families
 
 Q, AHEAD = np.array([0.1, 0.2]), np.array([0.3, 0.4])
 KINDS = [

@@ -12,9 +12,9 @@ from scipy.stats import chi2, norm
 from benchmarks import credible_levels
 from benchmarks.credible_levels import calibration_error, coverage
 from estimator.energy.priors import Stabilisers
-from estimator.results.calibration import Calibration
-from estimator.results.marginals import Marginals
-from estimator.results.posterior import Posterior
+from estimator.runs.calibration import Calibration
+from estimator.runs.marginals import Marginals
+from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -11,7 +11,7 @@ import pytest
 import kinemode as km
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import load_keypoints
-from estimator.results.reference_motion import Reference
+from estimator.runs.reference_motion import Reference
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

@@ -12,13 +12,13 @@ from builders import body_of, camera_at
 import kinemode
 from estimator.energy.term import Cost
 from estimator.numerics.robust import LORENTZIAN
-from estimator.results.run_file import Run
-from estimator.smoothing import clip as smoothing_of_clips
-from estimator.smoothing import smooth_track
-from estimator.smoothing.renewal import Renewal, Trajectory
-from estimator.smoothing.ties import FlowTie
+from estimator.runs.run_file import Run
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.registry import make_tracker
+from estimator.tracking.smoothing import clip as smoothing_of_clips
+from estimator.tracking.smoothing import smooth_track
+from estimator.tracking.smoothing.renewal import Renewal, Trajectory
+from estimator.tracking.smoothing.ties import FlowTie
 from estimator.vision.cues.assigned import AssignedPoints, assignments
 from estimator.vision.likelihood.ahead import ReadAhead
 from humanoid.kinematics.body import Body

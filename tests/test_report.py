@@ -14,7 +14,7 @@ import pytest
 
 import kinemode as km
 from estimator.data.media.clip import Clip
-from estimator.results.ranges import ranges_of_motion
+from estimator.runs.ranges import ranges_of_motion
 from estimator.synthesis import ViewSettings
 from humanoid.subject.subject import load_subject
 from kinemode.__main__ import main

@@ -8,8 +8,8 @@ from builders import body_of
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.reweighting import diffusion_std, reweighted
+from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.reweighting import diffusion_std, reweighted
 from humanoid.kinematics.body import Body
 
 ARM = body_of("arm8")

@@ -17,8 +17,8 @@ import pytest
 from estimator.data.cameras.camera import guessed_camera
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation, PoseEstimate
-from estimator.results.export import export_arrays
-from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.runs.export import export_arrays
+from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack
 from estimator.tracking.registry import settings_for

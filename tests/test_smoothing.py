@@ -7,9 +7,9 @@ from builders import body_of, camera_at, observe
 
 from estimator.energy.term import Cost
 from estimator.search.cost_model import CostModel
-from estimator.smoothing import SmoothSettings, smooth, smooth_track
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
+from estimator.tracking.smoothing import SmoothSettings, smooth, smooth_track
 from humanoid.kinematics.body import Body
 
 FPS = 30.0

@@ -16,8 +16,8 @@ from benchmarks.beginnings import WITHIN, begun, verdict
 from benchmarks.elmo_recovery import LONGEST, SHORTEST, spans
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
-from estimator.modes.mixture import mixture_of
-from estimator.results.reference_motion import Reference
+from estimator.inference.mixture import mixture_of
+from estimator.runs.reference_motion import Reference
 from estimator.trackers.mixture_state import MixtureState
 from estimator.tracking.idle_settings import fit_settings
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for

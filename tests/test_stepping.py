@@ -13,9 +13,9 @@ from tiny_clip import FEW_STARTS, QUICK, tiny_clip
 import kinemode as km
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
-from estimator.smoothing import FixedLag, SmoothSettings
 from estimator.synthesis.motion import authored_motion
 from estimator.tracking.registry import make_tracker, settings_for
+from estimator.tracking.smoothing import FixedLag, SmoothSettings
 from kinemode.streams.step import Step
 from tests.tiers import later
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from estimator.results.evaluation import limit_violations
-from estimator.results.reference_motion import Reference
+from estimator.runs.evaluation import limit_violations
+from estimator.runs.reference_motion import Reference
 from estimator.synthesis import (
     MOTION_SECONDS,
     DetectorSettings,

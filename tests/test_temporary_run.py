@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from kinemode import jobs
 from kinemode.demo import make_clip
 from kinemode.rendering.files import RenderedClip
@@ -93,7 +93,7 @@ def test_a_failure_leaves_nothing(clip: RenderedClip, temporary: Path, monkeypat
 def test_it_goes_with_the_process_but_not_with_a_forked_one(temporary: Path) -> None:
     code = """
 import os, sys
-from estimator.results.temporary_run import TemporaryFolder
+from estimator.runs.temporary_run import TemporaryFolder
 kept = TemporaryFolder()
 child = os.fork()
 if child == 0:

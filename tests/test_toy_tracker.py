@@ -17,7 +17,7 @@ from benchmarks.common import ROOT
 from benchmarks.resume import differences
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from estimator.tracking.registry import TRACKERS, make_tracker, register
 from estimator.tracking.runner import run as run_tracker
 from estimator.tracking.runner import stored_state

@@ -22,7 +22,7 @@ import umsgpack
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from humanoid import Body, InputError, load_subject
 from viz.local_server import LocalServer

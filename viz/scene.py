@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.clip import Clip
-from estimator.results.run_file import Run
+from estimator.runs.run_file import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 

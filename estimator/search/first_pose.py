@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.modes.mixture import Mixture
+from estimator.inference.mixture import Mixture
 from estimator.search.frame_search import FrameCase
 from estimator.search.from_examples import example_modes
 from estimator.search.hypothesis import Hypothesis

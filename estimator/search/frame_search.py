@@ -14,8 +14,8 @@ from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution, StepCounts
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.term import Cost, QuadraticModel, Term
-from estimator.modes.mixture import Mode
-from estimator.modes.origin import Origin, PoseKey, PreviousPose
+from estimator.inference.mixture import Mode
+from estimator.inference.origin import Origin, PoseKey, PreviousPose
 from estimator.search.association import Association
 from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.modes.mixture import Mixture
-from estimator.modes.origin import Family, Origin
+from estimator.inference.mixture import Mixture
+from estimator.inference.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
 from estimator.search.examples.lookup import Looked
 from estimator.search.examples.votes import turned_away

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.energy.descent.solution import StepCounts
-from estimator.modes.mixture import Mode
-from estimator.modes.origin import Family, Origin
+from estimator.inference.mixture import Mode
+from estimator.inference.origin import Family, Origin
 
 _START = Origin(Family.START)
 

@@ -12,8 +12,8 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import StepCounts
 from estimator.energy.reprojection import Reprojection
-from estimator.modes.merge import best_distinct, body_size
-from estimator.modes.mixture import Mixture, mixture_of
+from estimator.inference.merge import best_distinct, body_size
+from estimator.inference.mixture import Mixture, mixture_of
 from estimator.numerics.pool import OneProcess, Workers
 from estimator.search.association import AS_DETECTED, EXCHANGED, Association
 from estimator.search.cost_model import CostModel

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.data.formats.motion_table import MotionTable
-from estimator.results.coordinates import JointEntry, joint_entries
+from estimator.runs.coordinates import JointEntry, joint_entries
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError, shown
 from humanoid.support.near_names import nearest

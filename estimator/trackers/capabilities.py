@@ -21,8 +21,8 @@ S = TypeVar("S", bound=State)
 
 @runtime_checkable
 class HasEnergy(Protocol):
-    """Its hypotheses have the energy of a mode search, frame by frame: what `estimator.smoothing` ties together and
-    what `explain` takes apart."""
+    """Its hypotheses have the energy of a mode search, frame by frame: what `estimator.tracking.smoothing` ties
+    together and what `explain` takes apart."""
 
     @property
     def search(self) -> ModeSearch:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.modes.origin import Origins
+from estimator.inference.origin import Origins
 
 TRACKED = "tracked"
 STATUS_MEANINGS = {

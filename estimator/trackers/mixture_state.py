@@ -20,8 +20,8 @@ from estimator.data.formats.checked_arrays import (
 )
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import ITERATIONS, StepCounts
-from estimator.modes.mixture import Mixture, Mode
-from estimator.modes.origin import Family, Origins
+from estimator.inference.mixture import Mixture, Mode
+from estimator.inference.origin import Family, Origins
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body

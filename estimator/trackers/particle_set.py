@@ -10,10 +10,10 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.solution import SAMPLED
 from estimator.energy.term import Cost, QuadraticModel, Term
 from estimator.inference.clusters import clusters, mean_and_covariance
+from estimator.inference.merge import body_size
+from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.inference.particles import Particles
-from estimator.modes.merge import body_size
-from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.origin import Family, Origin, PreviousPose
 from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch

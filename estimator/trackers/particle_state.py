@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_weights, length_of
+from estimator.inference.mixture import Mixture
 from estimator.inference.particles import Particles
-from estimator.modes.mixture import Mixture
 from estimator.trackers.mixture_state import MixtureState
 from humanoid.kinematics.body import Body
 

@@ -22,7 +22,7 @@ S = TypeVar("S", bound=State)
 
 
 class Writer(Protocol):
-    """Where results go, each with the exact state after it (see `estimator.results.run_file.RunWriter`)."""
+    """Where results go, each with the exact state after it (see `estimator.runs.run_file.RunWriter`)."""
 
     def append(self, result: FrameResult, state: Mapping[str, np.ndarray]) -> None:
         """Store one frame."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from estimator.search.cost_model import CostSettings
 from estimator.search.settings import ModeSearchSettings
-from estimator.smoothing import SmoothSettings
+from estimator.tracking.smoothing import SmoothSettings
 from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.support.settings import plain
 

@@ -16,7 +16,7 @@ ROOT_POSITION = ("root_x", "root_y", "root_z")
 ROOT_QUATERNION = ("root_qx", "root_qy", "root_qz", "root_qw")
 """Its orientation in q, and wherever quaternions do."""
 ROOT_TURNS = ("root_tilt", "root_list", "root_rotation")
-"""The same as turns, for files that have angles alone (`estimator.results.coordinates.opensim_coordinates`)."""
+"""The same as turns, for files that have angles alone (`estimator.runs.coordinates.opensim_coordinates`)."""
 ROOT_VELOCITY = ("root_vx", "root_vy", "root_vz", "root_wx", "root_wy", "root_wz")
 """Its entries of tangent vectors: linear and angular, in the root's own frame."""
 

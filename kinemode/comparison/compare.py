@@ -10,8 +10,8 @@ from typing import cast
 
 from threadpoolctl import threadpool_limits
 
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
 from estimator.tracking.registry import common_settings
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.results.trajectory_errors import FAR
+from estimator.runs.trajectory_errors import FAR
 from humanoid.support.atomic import replacing
 from kinemode.comparison.scores import Course, TrackerScore
 from viz.pictures.plot import Curve, Panel, Plot, write_plot

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.results.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE
+from estimator.runs.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE
 from kinemode.comparison.compare import Comparison
 from kinemode.comparison.scores import TrackerScore
 from kinemode.findings import status_meanings

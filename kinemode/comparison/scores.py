@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.results.evaluation import evaluate_points
-from estimator.results.pairs import paired
-from estimator.results.reference_motion import Reference
-from estimator.results.run_file import Run
-from estimator.results.trajectory_errors import far_px, trajectory_errors
+from estimator.runs.evaluation import evaluate_points
+from estimator.runs.pairs import paired
+from estimator.runs.reference_motion import Reference
+from estimator.runs.run_file import Run
+from estimator.runs.trajectory_errors import far_px, trajectory_errors
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.beginning import observable
 from estimator.trackers.spec import mode_search
@@ -31,10 +31,10 @@ class Course:
 
     time (T,) [s]. energy (T,): of its pose alone, under the one cost by which all trackers are compared; NaN where
     nothing was observed. residual (T,): mean distance of its landmarks from the keypoints [px], NaN without keypoints.
-    error (T,): mean error of the compared landmarks, aligned as `estimator.results.evaluation.shared_landmarks` says
+    error (T,): mean error of the compared landmarks, aligned as `estimator.runs.evaluation.shared_landmarks` says
     [m]. world_error (T,): the same with nothing aligned [m], pixel_error (T,): their mean distance in the image, in the
     camera where it is largest [px]; NaN unless reference and cameras share one world.
-    lost (T,) bool: see `estimator.results.trajectory_errors.TrajectoryErrors`. Without a reference, or where it knows
+    lost (T,) bool: see `estimator.runs.trajectory_errors.TrajectoryErrors`. Without a reference, or where it knows
     nothing, all errors are NaN and no frame is lost. aligned: what is, in words. pixel_limit: pixel_error from which a
     frame is lost, in the smallest picture.
     """

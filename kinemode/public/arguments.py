@@ -175,7 +175,7 @@ _WHOLE = (_whole, "a whole number")
 _MAYBE_NUMBER = (_or_none(_number), "a number")
 _SUBJECT = _either(_of("humanoid.subject.subject", "Subject"), _path)
 _SUBJECT_TAKEN = "a subject from load_subject, a built-in name, or the path of a URDF"
-_RUN = _either(_of("estimator.results.run_reader", "Run"), _to_open)
+_RUN = _either(_of("estimator.runs.run_reader", "Run"), _to_open)
 _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "subject": (_SUBJECT, _SUBJECT_TAKEN),
     "subject or none": (_or_none(_SUBJECT), _SUBJECT_TAKEN),
@@ -258,7 +258,7 @@ _TAKEN: dict[str, tuple[Callable[[Any], bool], str]] = {
     "view": (_or_none(_of("estimator.synthesis.settings", "ViewSettings")), "kinemode.ViewSettings"),
     "detector": (_or_none(_of("estimator.synthesis.settings", "DetectorSettings")), "kinemode.DetectorSettings"),
     "reference": (
-        _or_none(_either(_of("estimator.results.evaluation", "Reference"), _path)),
+        _or_none(_either(_of("estimator.runs.evaluation", "Reference"), _path)),
         "a kinemode.Reference, or the path of an .npz, .trc or .mot file",
     ),
 }

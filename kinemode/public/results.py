@@ -16,10 +16,10 @@ from kinemode.public.arguments import check_arguments, check_as
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
-    from estimator.results.evaluation import Evaluation
-    from estimator.results.gait.gait import Gait
-    from estimator.results.reference_motion import Reference
-    from estimator.results.run_reader import Run
+    from estimator.runs.evaluation import Evaluation
+    from estimator.runs.gait import Gait
+    from estimator.runs.reference_motion import Reference
+    from estimator.runs.run_reader import Run
 
     RunLike = Run | PathLike
 
@@ -28,7 +28,7 @@ def open_run(path: PathLike) -> Run:
     """Open a run file, finished or still being written; raises InputError where it is none."""
     check_arguments(path=path)
     _check_run(path)
-    from estimator.results.run_file import Run
+    from estimator.runs.run_file import Run
 
     return Run.open(path)
 
@@ -196,7 +196,7 @@ def export(
     Parameters
     ----------
     run: a run, or the path of its file; one that is not finished is exported as far as it goes.
-    format: "npz", everything (see `estimator.results.export.export_arrays` for names, shapes and units); "csv", joint
+    format: "npz", everything (see `estimator.runs.export.export_arrays` for names, shapes and units); "csv", joint
         angles, landmarks, weight, energy and status; "trc", landmarks; "mot", joint angles for OpenSim; "osim", the
         subject as the OpenSim model that the mot drives; "gait2392-mot" and "rajagopal-mot", joint angles as those
         models name and measure them (docs/opensim.md); "c3d", landmarks and joint angles (ezc3d); "bvh", a skeleton
@@ -213,8 +213,8 @@ def export(
     """
     check_arguments(run=run, file=file, format=format, degrees=degrees, filter=filter)
     opened = _filtered(_opened(run), filter)
-    from estimator.results import export as formats
-    from viz.exports.formats import FORMATS as OF_BODIES
+    from estimator.runs import export as formats
+    from viz.formats import FORMATS as OF_BODIES
 
     return formats.export(opened, Path(file), format, degrees=degrees, more=OF_BODIES)
 
@@ -223,7 +223,7 @@ def gait(run: RunLike) -> Gait:
     """When the feet of a run's best hypothesis touch and leave the ground, and the strides of walking between.
 
     Heel strikes and toe-offs by Zeni et al., Gait & Posture 27(4), 2008, from heels, toes and hips in the world, z up;
-    see `estimator.results.gait.events` for the method, `estimator.results.gait.strides.Stride` for what a stride has.
+    see `estimator.runs.events` for the method, `estimator.runs.strides.Stride` for what a stride has.
     Where nobody walks there are no strides, and `remark` says why.
 
     Parameters
@@ -236,7 +236,7 @@ def gait(run: RunLike) -> Gait:
     """
     check_arguments(run=run)
     opened = _opened(run)
-    from estimator.results.gait.gait import gait_of_run
+    from estimator.runs.gait import gait_of_run
 
     return gait_of_run(opened)
 
@@ -261,7 +261,7 @@ def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[
     if isinstance(reference, (str, Path)):
         check_exists(reference)
     opened = _opened(run)
-    from estimator.results import evaluation
+    from estimator.runs import evaluation
 
     truth = evaluation.Reference.load(reference) if isinstance(reference, (str, Path)) else reference
     return evaluation.evaluate(opened, truth, joints=joints)
@@ -270,7 +270,7 @@ def evaluate(run: RunLike, reference: Reference | PathLike, *, joints: Sequence[
 def _check_run(run: RunLike) -> None:
     """Raise InputError where a path is no run file's, before everything that reads runs is loaded."""
     if isinstance(run, (str, os.PathLike)):
-        from estimator.results.run_store import check
+        from estimator.runs.run_store import check
 
         check(Path(run))
 

@@ -16,8 +16,8 @@ from kinemode.target import Target, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
-    from estimator.fitting.fit import Fit
-    from estimator.results.run_file import Run
+    from estimator.runs.run_file import Run
+    from estimator.tracking.fitting.fit import Fit
     from humanoid.subject.subject import Subject
     from kinemode.comparison.compare import Comparison
     from kinemode.inputs.arrays import Clips, Keypoints

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.results.run_file import Run, RunHeader, RunWriter
+from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.atomic import replacing
 from kinemode import __version__

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.smoothing import FixedLag
 from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.smoothing import FixedLag
 from humanoid.kinematics.body import Body
 from kinemode.streams.step import Step
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.results.joint_angle import joint_entry, joint_value
+from estimator.runs.joint_angle import joint_entry, joint_value
 from estimator.trackers.frame_result import FrameResult
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

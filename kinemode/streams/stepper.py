@@ -16,11 +16,11 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints_in_memory import Layout
 from estimator.data.media.stream import PictureStream
 from estimator.data.observation import Observation
-from estimator.smoothing import FixedLag
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.registry import make_tracker
+from estimator.tracking.smoothing import FixedLag
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.registry import CUES
 from estimator.vision.likelihood.settings import CueSettings

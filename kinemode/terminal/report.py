@@ -9,12 +9,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from estimator.fitting.fit import Fit, ShapeFit
-from estimator.results.coordinate_errors import JointScore
-from estimator.results.evaluation import LIMB_JOINTS, Evaluation
-from estimator.results.gait.gait import Gait
-from estimator.results.run_file import Run
-from estimator.results.shared_landmarks import CENTRED
+from estimator.runs.coordinate_errors import JointScore
+from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
+from estimator.runs.gait import Gait
+from estimator.runs.run_file import Run
+from estimator.runs.shared_landmarks import CENTRED
+from estimator.tracking.fitting.fit import Fit, ShapeFit
 from estimator.tracking.registry import TRACKERS
 from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import subject_names

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from estimator.results.joint_angle import JointAngle
+from estimator.runs.joint_angle import JointAngle
 from humanoid.support.errors import InputError
 from humanoid.support.near_names import nearest
 from viz.solids.solid import Side, side_of, without_side

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.results.joint_angle import JointAngle
-from estimator.results.run_file import Run
+from estimator.runs.joint_angle import JointAngle
+from estimator.runs.run_file import Run
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from viz.palette import ON_PAPER, web

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.results.coordinates import JointEntry, joint_entries
+from estimator.runs.coordinates import JointEntry, joint_entries
 from viz.scene import Scene
 from viz.solids.solid import side_of
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from estimator.results.joint_angle import joint_angles
-from estimator.results.run_file import Run
+from estimator.runs.joint_angle import joint_angles
+from estimator.runs.run_file import Run
 from viz.palette import ON_PAPER, web
 from viz.pictures.joint_panels import Panel, panels_of
 from viz.pictures.joint_plot import draw_panel

@@ -9,8 +9,8 @@ from html import escape
 from pathlib import Path
 from string import Template
 
-from estimator.results.ranges import ranges_of_motion
-from estimator.results.run_file import Run
+from estimator.runs.ranges import ranges_of_motion
+from estimator.runs.run_file import Run
 from estimator.trackers.frame_result import STATUS_MEANINGS
 from humanoid.support.atomic import replacing
 from viz.pictures.overlay import Progress

@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from estimator.results.ranges import RangeOfMotion
+from estimator.runs.ranges import RangeOfMotion
 from viz.report.facts import Facts
 
 _SIGN = "\N{MINUS SIGN}"

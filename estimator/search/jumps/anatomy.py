@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.modes.merge import body_size
+from estimator.inference.merge import body_size
 from estimator.search.jumps.lines import axes_of, meeting_point
 from humanoid.kinematics.body import Body
 from humanoid.support.per_object import per_object

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from estimator.modes.merge import body_size
+from estimator.inference.merge import body_size
 from estimator.search.examples.index import IndexRecipe
 from estimator.search.jumps.anatomy import anatomy_of
 from humanoid.collision.self_collision import SelfCollision

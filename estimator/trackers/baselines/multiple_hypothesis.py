@@ -16,8 +16,8 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import StepCounts
-from estimator.modes.mixture import Mixture, Mode
-from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.inference.mixture import Mixture, Mode
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import StepCounts
-from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import CostModel
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.modes.mixture import Mixture
-from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.inference.mixture import Mixture
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.frame_search import FrameCase
 from estimator.search.from_examples import Descent, example_starts
 from estimator.search.hypothesis import Hypothesis

@@ -16,7 +16,7 @@ from estimator.inference.chains.each_point import Normals, told_each, updated_ea
 from estimator.inference.chains.evidence import EvidenceSettings
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED
 from estimator.inference.chains.kalman import PointChain, PointSettings
-from estimator.modes.mixture import Mixture
+from estimator.inference.mixture import Mixture
 from estimator.search.mode_search import ModeSearch
 from estimator.search.point_features import PointFeatures
 from estimator.trackers.base import State, Tracker

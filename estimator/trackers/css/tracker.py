@@ -13,9 +13,9 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import StepCounts
-from estimator.modes.merge import bhattacharyya
-from estimator.modes.mixture import Mixture, mixture_of
-from estimator.modes.origin import Family
+from estimator.inference.merge import bhattacharyya
+from estimator.inference.mixture import Mixture, mixture_of
+from estimator.inference.origin import Family
 from estimator.search.cost_model import ALL_DETECTED
 from estimator.search.examples.person_seen import can_be_looked_up
 from estimator.search.first_pose import start_modes

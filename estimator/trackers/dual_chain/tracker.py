@@ -15,9 +15,9 @@ from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSe
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED, messages
 from estimator.inference.chains.feature_density import FeatureDensity
 from estimator.inference.chains.kalman import PointChain, Points, PointSettings
+from estimator.inference.mixture import Mixture
 from estimator.inference.particles import Particles
 from estimator.inference.tempering import TemperingSettings
-from estimator.modes.mixture import Mixture
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.beginning import Begins, observable

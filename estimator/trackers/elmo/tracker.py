@@ -14,10 +14,10 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import SAMPLED, StepCounts
-from estimator.modes.merge import best_distinct
-from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.origin import Family, Origin, PreviousPose
-from estimator.modes.reweighting import diffusion_std, reweighted
+from estimator.inference.merge import best_distinct
+from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.origin import Family, Origin, PreviousPose
+from estimator.inference.reweighting import diffusion_std, reweighted
 from estimator.search.cost_model import per_dof
 from estimator.search.examples.lookup import Looked
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person

@@ -13,9 +13,9 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import mode_covariance
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.inference.beliefs.graph import Belief
-from estimator.modes.merge import best_distinct
-from estimator.modes.mixture import Mixture, Mode, mixture_of
-from estimator.modes.origin import Family, Origin, PreviousPose
+from estimator.inference.merge import best_distinct
+from estimator.inference.mixture import Mixture, Mode, mixture_of
+from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.mode_search import ModeSearch, Scored

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief
 from estimator.inference.beliefs.space import PLACEMENTS
-from estimator.modes.mixture import Mixture
+from estimator.inference.mixture import Mixture
 from estimator.trackers.loose_limbed.limbs.window import Beliefs
 from estimator.trackers.mixture_state import MixtureState
 from humanoid.kinematics.body import Body

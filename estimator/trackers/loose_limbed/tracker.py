@@ -14,8 +14,8 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Graph
 from estimator.inference.beliefs.propagation import BeliefSettings, Propagated, Watch, propagate_batch
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
+from estimator.inference.mixture import Mixture
 from estimator.inference.particles import systematic
-from estimator.modes.mixture import Mixture
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.defaults import ONLY_FILTERS
 from estimator.trackers.frame_result import FrameResult

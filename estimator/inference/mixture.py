@@ -1,0 +1,62 @@
+"""Modes and mixtures on the configuration manifold (CSS section 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.inference.origin import Origin
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One local minimum of the energy.
+
+    q (nq,): configuration.
+    covariance (nv, nv): inverse Hessian in the tangent space at q on the free directions, zero along active limits.
+    energy: value of the cost at q.
+    status: how the search ended, see `estimator.energy.descent.solution`: "converged", "stalled", "iterations" (the
+        budget ended), "separated" (parts that overlapped were parted, and the search ended before its residual was
+        small: nothing to do) or "sampled" (a mean of particles, no minimum).
+    kkt_residual: largest entry of the projected gradient, recomputed from the problem at q.
+    penetration: deepest overlap of two body parts at q [m], 0 if none.
+    parent: index of the mode of the previous frame that this one continues, -1 if none.
+    velocity (nv,): tangent to q from where the body was before, per second: from the parent's configuration; of a jump
+        from the pose that it jumped to, as a jump is no motion. Zero where there is none (see `Origin.previous`).
+    association: how the keypoints that it explains are assigned to landmarks: "as_detected" or "exchanged" (left and
+        right swapped).
+    origin: where it came from and what it paid; None where that is not known, as of modes carried through a frame that
+        was not observed.
+    """
+
+    q: np.ndarray
+    covariance: np.ndarray
+    energy: float
+    status: str
+    velocity: np.ndarray
+    kkt_residual: float = np.nan
+    penetration: float = 0.0
+    parent: int = -1
+    association: str = "as_detected"
+    origin: Origin | None = None
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Weighted modes, best first; `weights` (K,) sum to one.
+
+    log_scores (K,): unnormalised log-weights carried from frame to frame.
+    """
+
+    modes: tuple[Mode, ...]
+    weights: np.ndarray
+    log_scores: np.ndarray
+
+
+def mixture_of(modes: tuple[Mode, ...], log_scores: np.ndarray) -> Mixture:
+    """Mixture with weights in proportion to exp(log_scores), best first; scores are shifted so that the best is 0."""
+    order = np.argsort(-log_scores, kind="stable")
+    scores = log_scores[order] - np.max(log_scores, initial=-np.inf)
+    weights = np.exp(scores)
+    return Mixture(tuple(modes[k] for k in order), weights / weights.sum(), scores)

@@ -1,1 +1,0 @@
-"""What came of a track: run files, the posterior and its calibration, evaluation, exports."""

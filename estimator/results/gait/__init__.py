@@ -1,1 +1,0 @@
-"""Walking: when the feet touch and leave the ground, and what the strides between are like."""

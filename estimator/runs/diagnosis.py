@@ -1,0 +1,187 @@
+"""What a run says against its subject or its input: joints that rest on limits, landmarks far from their keypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.runs.run_file import Run
+from estimator.search.association import EXCHANGED
+from estimator.search.cost_model import CostModel, CostSettings
+from humanoid.subject.landmarks import mirror_index
+
+MOST = 0.5
+"""Share of the frames above which a joint rests on a limit, or the sides are exchanged, in most of them. On good runs,
+beam4cam's and rendered ones, no joint does in a quarter of the frames."""
+FAR = 5.0
+"""Standard deviations above which the median distance of a landmark is no noise. On good runs the largest is 3.6: of
+ears that the detector guesses on the far side of the head."""
+FEWEST = 5  # frames that say something of a clip
+_SAMPLE = 300  # frames of a long clip whose keypoints are looked at
+_NARROW = 1e-3  # rad or m: joints with less room are as good as locked
+_ON = 1e-6  # rad or m from a limit
+_STILL = 1e-6  # m per rad: landmarks that a joint moves less say nothing of it
+_NAMED = 4  # joints or landmarks that a sentence names
+
+
+class Resting(NamedTuple):
+    """A joint on a limit: its name, which limit ("lower", "upper"), the limit [rad or m], the share of the frames."""
+
+    joint: str
+    side: str
+    limit: float
+    share: float
+
+
+class Far(NamedTuple):
+    """A landmark far from its keypoints in a camera: medians over the frames in pixels and in standard deviations."""
+
+    landmark: str
+    camera: str
+    pixels: float
+    deviations: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What contradicts subject or input; empty for a good run.
+
+    frame: the one that was looked at, None for the whole run. resting, far: worst first.
+    cameras: in which most landmarks are far, with the median distance in standard deviations.
+    exchanged: share of the frames whose keypoints were taken with left and right exchanged, 0 unless of most.
+    """
+
+    frame: int | None
+    resting: tuple[Resting, ...]
+    far: tuple[Far, ...]
+    cameras: tuple[tuple[str, float], ...]
+    exchanged: float
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One for each kind of trouble: what it is, and what to do."""
+        told = []
+        if self.resting:
+            joints = [
+                f"{r.joint} ({r.side} limit {r.limit:.3g}" + (")" if self.frame is not None else f", {r.share:.0%})")
+                for r in self.resting
+            ]
+            told.append(
+                f"joints that rest on a limit {self._when}: {_few(joints)}. Limits may contradict the person: check the"
+                " joints' axes and limits in the URDF"
+            )
+        if self.cameras:
+            cameras = [f"{name} ({deviations:.1f} standard deviations)" for name, deviations in self.cameras]
+            told.append(
+                f"most landmarks lie far from their keypoints {self._when} in {_few(cameras)}: check the camera's"
+                " calibration, the time its keypoints begin, and which person they show"
+            )
+        if self.far:
+            told.append(
+                f"landmarks that lie far from their keypoints {self._when}: {_few(_by_landmark(self.far))}. Check their"
+                " links and places in the subject, the names of left and right, and the limits of the joints there"
+            )
+        if self.exchanged:
+            told.append(
+                f"left and right of the keypoints are exchanged in {self.exchanged:.0%} of the frames: check which side"
+                " is which in the subject's landmarks and in the keypoints"
+            )
+        return tuple(told)
+
+    @property
+    def _when(self) -> str:
+        return "in most frames" if self.frame is None else f"in frame {self.frame}"
+
+
+def diagnose(run: Run, cost: CostSettings, frame: int | None = None, *, limited: bool = True) -> Diagnosis:
+    """What a run's trajectory (`Run.q`) says against its subject or its input.
+
+    cost: of the run's settings, for the noise of keypoints. frame: that one alone; the run as a whole unless given, of
+    which less than five tracked frames say nothing. limited: whether the tracker keeps to the joint limits.
+    """
+    tracked = np.flatnonzero((run.status != "unobserved") & np.isfinite(run.q).all(axis=1))
+    rows = tracked if frame is None else tracked[tracked == frame]
+    if len(rows) < (FEWEST if frame is None else 1):
+        return Diagnosis(frame, (), (), (), 0.0)
+    exchanged = float(np.mean(_associations(run)[rows] == EXCHANGED)) if frame is None else 0.0
+    resting = _resting(run, rows) if limited else ()
+    far, cameras = _far(run, cost, rows)
+    return Diagnosis(frame, resting, far, cameras, exchanged if exchanged > MOST else 0.0)
+
+
+def _associations(run: Run) -> np.ndarray:
+    """How each frame's hypothesis on the path takes the keypoints (T,)."""
+    return np.asarray(run.mode_association[np.arange(len(run)), run.path])
+
+
+def _resting(run: Run, rows: np.ndarray) -> tuple[Resting, ...]:
+    """Joints that move a landmark and rest on a limit in most of the rows."""
+    body = run.body
+    moved = np.linalg.norm(body.landmark_jacobians(body.at(run.q[rows[len(rows) // 2]])), axis=1).max(axis=0) > _STILL
+    resting = []
+    for v, i in zip(body.bounded_v, body.bounded_q, strict=True):
+        lower, upper = float(body.lower[i]), float(body.upper[i])
+        if upper - lower < _NARROW or not moved[v]:
+            continue
+        q = run.q[rows, i]
+        for side, limit, on in (("lower", lower, q <= lower + _ON), ("upper", upper, q >= upper - _ON)):
+            if on.mean() > MOST:
+                resting.append(Resting(body.q_names[i], side, limit, float(on.mean())))
+    return tuple(sorted(resting, key=lambda r: -r.share))
+
+
+def _far(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[tuple[Far, ...], tuple[tuple[str, float], ...]]:
+    """Landmarks far from their keypoints, and cameras in which most are."""
+    if not len(run.pixels):  # runs of the library alone may have been written without keypoints
+        return (), ()
+    fewest = min(FEWEST, len(rows))
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(_SAMPLE, len(rows))).round().astype(int))]
+    pixels, deviations = _distances(run, cost, rows)
+    seen = np.isfinite(pixels).sum(axis=0)
+    far_landmarks: list[Far] = []
+    cameras = []
+    for c, camera in enumerate(run.header.cameras):
+        enough = np.flatnonzero(seen[c] >= fewest)
+        medians = {k: (np.nanmedian(pixels[:, c, k]), np.nanmedian(deviations[:, c, k])) for k in enough.tolist()}
+        far = [k for k, (_, sd) in medians.items() if sd > FAR]
+        if len(far) > MOST * len(enough):
+            cameras.append((camera.name, float(np.median([sd for _, sd in medians.values()]))))
+        else:
+            far_landmarks += [Far(run.body.landmark_names[k], camera.name, *map(float, medians[k])) for k in far]
+    return tuple(sorted(far_landmarks, key=lambda f: -f.deviations)), tuple(cameras)
+
+
+def _distances(run: Run, cost: CostSettings, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of landmarks from keypoints, in pixels and in standard deviations, (T, C, L); NaN where missing."""
+    model, associations = CostModel(run.body, cost), _associations(run)
+    mirror = mirror_index(run.body.landmark_names)
+    pixels, deviations = [], []
+    for t in rows.tolist():
+        observation = run.observation(t)
+        seen: Observation = observation.exchanged(mirror) if associations[t] == EXCHANGED else observation
+        posed = run.body.at(run.q[t])
+        own = model.observation_term(seen).distances(posed)
+        landmarks = run.body.landmarks(posed)
+        places = np.array([camera.project(landmarks) for camera in seen.cameras])
+        apart = np.linalg.norm(places - seen.pixels, axis=2)
+        deviations.append(own)
+        pixels.append(np.where(np.isfinite(own), apart, np.nan))
+    return np.array(pixels), np.array(deviations)
+
+
+def _by_landmark(far: Sequence[Far]) -> list[str]:
+    """One text a landmark: its largest distance, and the cameras it is far in."""
+    listed = []
+    for name in dict.fromkeys(f.landmark for f in far):
+        own = [f for f in far if f.landmark == name]
+        cameras = ", ".join(f.camera for f in own[:_NAMED]) + (" and others" if len(own) > _NAMED else "")
+        listed.append(f"{name} ({own[0].deviations:.1f} standard deviations, {own[0].pixels:.0f} px, in {cameras})")
+    return listed
+
+
+def _few(texts: Sequence[str]) -> str:
+    return ", ".join(texts[:_NAMED]) + (f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else "")

@@ -1,0 +1,261 @@
+"""How far a run is from a reference: the usual measures of three-dimensional pose estimation.
+
+MPJPE (mean per-joint position error) with the hips aligned and its Procrustes-aligned form follow the protocols 1 and 2
+of Human3.6M (Ionescu et al., IEEE TPAMI 36(7), 2014).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from estimator.numerics.alignment import similarity_onto
+from estimator.runs.coordinate_errors import JointScore, coordinate_errors, joint_coordinates
+from estimator.runs.pairs import Pairs, match_frames, paired
+from estimator.runs.reference_motion import Reference
+from estimator.runs.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
+from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+from humanoid.support.summary import Facts, Summarised, table_html
+
+if TYPE_CHECKING:
+    from estimator.runs.run_file import Run
+
+__all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "Shared", "best_of_k", "evaluate", "evaluate_points",
+    "joint_errors", "largest_penetration", "limit_violations", "match_frames", "mpjpe", "nothing_shared", "pa_mpjpe",
+    "procrustes", "shared_landmarks"]  # fmt: skip
+
+_LIMIT_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, repr=False)
+class Evaluation(Summarised):
+    """Errors of a run against a reference; lengths in metres, NaN where nothing could be compared.
+
+    mpjpe, pa_mpjpe: of the best hypothesis, aligned as `aligned` says and with a similarity fitted per frame.
+    best_of_k_mpjpe, best_of_k_pa_mpjpe: of that of the K hypotheses which is nearest to the reference in each frame.
+        The best hypothesis, once smoothed, is none of them, so these can be larger than mpjpe and pa_mpjpe.
+    per_joint: mean error of every compared landmark, aligned likewise.
+    joints: names of the landmarks compared, see `shared_landmarks`. aligned: "hips aligned"; "centred", on the mean of
+        the landmarks, where hips are not shared; "nothing aligned" where fewer than three landmarks are.
+    joint_scores: of every joint whose angle or length both sides have by name, of the best hypothesis; a free root is
+        not among them.
+    violations: frames in which the best hypothesis leaves a joint limit. penetration: its deepest self-intersection.
+    frames_compared, frames_missing: frames of the reference that have, and have not, a counterpart with something to
+        compare.
+    """
+
+    mpjpe: float
+    pa_mpjpe: float
+    best_of_k_mpjpe: float
+    best_of_k_pa_mpjpe: float
+    per_joint: Mapping[str, float]
+    joints: tuple[str, ...]
+    violations: int
+    penetration: float
+    frames_compared: int
+    frames_missing: int
+    aligned: str = HIPS_ALIGNED
+    joint_scores: Mapping[str, JointScore] = field(default_factory=dict)
+
+    @property
+    def angle_errors(self) -> dict[str, float]:
+        """Mean absolute error of every turning joint that was compared [deg]."""
+        return {name: s.mean_absolute for name, s in self.joint_scores.items() if s.unit == "deg"}
+
+    @property
+    def slide_errors(self) -> dict[str, float]:
+        """Mean absolute error of every sliding joint that was compared [m]."""
+        return {name: s.mean_absolute for name, s in self.joint_scores.items() if s.unit == "m"}
+
+    def _facts(self) -> Facts:
+        facts = [("frames", f"{self.frames_compared}")]
+        if self.joints:
+            facts.append((f"MPJPE ({self.aligned})", f"{1e3 * self.mpjpe:.1f} mm"))
+            facts.append(("PA-MPJPE", f"{1e3 * self.pa_mpjpe:.1f} mm"))
+        angles = [error for error in self.angle_errors.values() if np.isfinite(error)]
+        if angles:
+            facts.append((f"mean error of {len(angles)} joint angles", f"{np.mean(angles):.2f} deg"))
+        return [*facts, ("frames beyond a limit", f"{self.violations}")]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                name,
+                s.unit,
+                *(f"{x:.{2 if s.unit == 'deg' else 4}f}" for x in (s.mean_absolute, s.rms, s.bias)),
+                s.frames,
+            )
+            for name, s in self.joint_scores.items()
+        ]
+        head = ("joint", "unit", "mean absolute", "RMSE", "bias", "frames")
+        return super()._repr_html_() + (table_html("joints", head, rows) if rows else "")
+
+
+def mpjpe(points: np.ndarray, reference: np.ndarray, root: Sequence[int] | None = None) -> np.ndarray:
+    """Mean distance of joints per frame [m], (...), over the joints known in both.
+
+    points, reference (..., L, 3) [m]. root: indices of the joints whose midpoint is moved to the origin in both
+    (left and right hip); None compares absolute positions. A frame without a known joint, or root, gives NaN.
+    """
+    return _mean(joint_errors(points, reference, root), axis=-1)
+
+
+def joint_errors(points: np.ndarray, reference: np.ndarray, root: Sequence[int] | None = None) -> np.ndarray:
+    """Distance of every joint to its reference [m], (..., L), NaN where unknown; arguments as `mpjpe`."""
+    if root is not None:
+        points = points - points[..., list(root), :].mean(axis=-2, keepdims=True)
+        reference = reference - reference[..., list(root), :].mean(axis=-2, keepdims=True)
+    return cast(np.ndarray, np.linalg.norm(points - reference, axis=-1))
+
+
+def pa_mpjpe(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Mean distance per frame [m], (...), after the best rotation, translation and scale of each frame.
+
+    points, reference (..., L, 3) [m]; joints unknown in either are left out, frames with fewer than three give NaN.
+    """
+    shape = np.broadcast_shapes(points.shape, reference.shape)
+    count = math.prod(shape[:-2])
+    flat_points = np.broadcast_to(points, shape).reshape(count, *shape[-2:])
+    flat_reference = np.broadcast_to(reference, shape).reshape(count, *shape[-2:])
+    errors = [_aligned_error(p, r) for p, r in zip(flat_points, flat_reference, strict=True)]
+    return np.array(errors).reshape(shape[:-2])
+
+
+def _aligned_error(points: np.ndarray, reference: np.ndarray) -> float:
+    known = np.isfinite(points).all(axis=-1) & np.isfinite(reference).all(axis=-1)
+    if np.count_nonzero(known) < FEWEST:
+        return float("nan")
+    aligned = procrustes(points[known], reference[known])
+    return float(np.linalg.norm(aligned - reference[known], axis=-1).mean())
+
+
+def procrustes(points: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """`points` (L, 3) under the similarity that brings them nearest to `reference` (L, 3) in least squares.
+
+    See `estimator.numerics.alignment.similarity_onto`.
+    """
+    return similarity_onto(points, reference, scaled=True).of(points)
+
+
+def best_of_k(
+    mode_points: np.ndarray, reference: np.ndarray, metric: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Smallest value of a metric over K hypotheses in each frame, (T,).
+
+    mode_points (T, K, L, 3), NaN where a frame has fewer hypotheses; reference (T, L, 3).
+    metric: (..., L, 3), (..., L, 3) -> (...), such as `pa_mpjpe`.
+    """
+    values = metric(mode_points, reference[:, None])
+    smallest = np.where(np.isnan(values), np.inf, values).min(axis=1, initial=np.inf)
+    return np.where(np.isinf(smallest), np.nan, smallest)
+
+
+def limit_violations(body: Body, q: np.ndarray) -> int:
+    """How many of the configurations q (T, nq) have a bounded joint outside its limits by more than 1e-9."""
+    outside = (q < body.lower - _LIMIT_TOLERANCE) | (q > body.upper + _LIMIT_TOLERANCE)
+    return int(outside.any(axis=1).sum())
+
+
+def largest_penetration(body: Body, q: np.ndarray) -> float:
+    """Deepest overlap of two body parts [m] over the configurations q (T, nq); NaN configurations are skipped."""
+    self_collision = SelfCollision(body)
+    known = q[np.isfinite(q).all(axis=1)]
+    return max((self_collision.penetration(body.at(pose)) for pose in known), default=0.0)
+
+
+def evaluate(run: Run, reference: Reference, *, joints: Sequence[str] | None = None) -> Evaluation:
+    """Measure a run against a reference: the landmarks and the joint coordinates that both have by name.
+
+    joints: the landmarks to compare; those of `shared_landmarks` unless given.
+
+    Raises
+    ------
+    InputError: neither a landmark nor a joint coordinate is shared.
+    """
+    body, time, q = run.body, np.asarray(run.time), np.asarray(run.q)
+    frame = match_frames(time, reference.time, len(reference.points))
+    scores_of_joints, compared = coordinate_errors(body, q, reference.coordinates, frame)
+    names = tuple(body.landmark_names)
+    pairs = paired(names, time, reference, joints)
+    if not pairs.shared.names and not scores_of_joints:
+        raise nothing_shared(names, reference, joint_coordinates(body))
+    scores = _point_scores(pairs, run.landmarks, run.mode_landmarks, reference)
+    if not pairs.shared.names:
+        scores |= {"frames_compared": compared, "frames_missing": len(reference.points) - compared}
+    return Evaluation(
+        violations=limit_violations(body, q), penetration=largest_penetration(body, q), joint_scores=scores_of_joints,
+        **scores,
+    )  # fmt: skip
+
+
+def evaluate_points(
+    names: Sequence[str],
+    landmarks: np.ndarray,
+    mode_landmarks: np.ndarray,
+    time: np.ndarray,
+    reference: Reference,
+    *,
+    joints: Sequence[str] | None = None,
+) -> dict[str, Any]:
+    """The fields of `Evaluation` that need points alone.
+
+    landmarks (T, L, 3), mode_landmarks (T, K, L, 3) [m] of `names` (L) at `time` (T,) [s]. Raises InputError where no
+    landmark is shared.
+    """
+    pairs = paired(names, time, reference, joints)
+    if not pairs.shared.names:
+        raise nothing_shared(names, reference)
+    return _point_scores(pairs, landmarks, mode_landmarks, reference)
+
+
+def _point_scores(
+    pairs: Pairs, landmarks: np.ndarray, mode_landmarks: np.ndarray, reference: Reference
+) -> dict[str, Any]:
+    shared, truth = pairs.shared, pairs.truth
+    root, points, modes = shared.root, pairs.of(landmarks), pairs.of(mode_landmarks)
+    errors = joint_errors(points, truth, root)
+    per_frame = _mean(errors, axis=-1)
+    return {
+        "mpjpe": _overall(per_frame),
+        "pa_mpjpe": _overall(pa_mpjpe(points, truth)),
+        "best_of_k_mpjpe": _overall(best_of_k(modes, truth, lambda p, r: mpjpe(p, r, root))),
+        "best_of_k_pa_mpjpe": _overall(best_of_k(modes, truth, pa_mpjpe)),
+        "per_joint": dict(zip(shared.names, _mean(errors, axis=0).tolist(), strict=True)),
+        "joints": shared.names,
+        "aligned": shared.aligned,
+        "frames_compared": int(np.isfinite(per_frame).sum()),
+        "frames_missing": int(len(reference.points) - np.isfinite(per_frame).sum()),
+    }
+
+
+def nothing_shared(names: Sequence[str], reference: Reference, coordinates: Sequence[str] = ()) -> InputError:
+    """That run and reference have nothing in common, and what each has."""
+    have: list[tuple[str, Sequence[str], Sequence[str]]] = [("landmarks", names, reference.names)]
+    if reference.coordinates is not None:
+        have.append(("joint angles", coordinates, reference.coordinates.names))
+    kinds = " and no ".join(what for what, _, _ in have)
+    each = "; ".join(f"{what} of the run: {_listed(a)}; of the reference: {_listed(b)}" for what, a, b in have)
+    return InputError("reference", f"shares no {kinds} with the run", place="names", remedy=each)
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(names[:most]) or "none") + more
+
+
+def _mean(values: np.ndarray, axis: int) -> np.ndarray:
+    """Mean of the finite entries, NaN where there are none."""
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _overall(values: np.ndarray) -> float:
+    return float(_mean(values, axis=0))

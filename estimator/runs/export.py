@@ -1,0 +1,180 @@
+"""Runs as files for other programs: npz, csv, trc, mot, osim, mot in the coordinates of gait models, c3d, bvh.
+
+npz has all hypotheses; of the others each has the best path alone.
+
+A run that is not finished is exported as far as it goes.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from estimator.data.formats.bvh_text import write_bvh
+from estimator.data.formats.c3d import Channels, write_c3d
+from estimator.data.formats.opensim import write_mot, write_trc
+from estimator.data.formats.osim import write_osim
+from estimator.runs.bvh_skeleton import bvh_motion
+from estimator.runs.coordinates import follower_columns, joint_entries, opensim_coordinates, q_columns
+from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
+from estimator.runs.joint_table import joint_columns, std_columns
+from estimator.runs.opensim_model import opensim_model
+from estimator.runs.run_checks import EXTRA
+from estimator.runs.run_reader import Run
+from humanoid.subject.joint_names import ROOT_TURNS, joint_names
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+
+Writer = Callable[[Run, Path, str], None]
+"""Writes a run into a file: the run, the file to write, the name it will have."""
+
+
+def export(
+    run: Run,
+    path: str | Path,
+    format: str | None = None,
+    *,
+    degrees: bool = False,
+    more: Mapping[str, Writer] = MappingProxyType({}),
+) -> Path:
+    """Write a run in a format of `FORMATS` or of `more`, by default the one the file's ending names. The file is there
+    whole or not.
+
+    degrees: of csv, joints in degrees with their standard deviations beside them.
+
+    Raises
+    ------
+    InputError: an unknown format, degrees of a format other than csv, or a file that cannot be written.
+    """
+    path = Path(path)
+    chosen = (format or path.suffix.lstrip(".")).lower()
+    writers = {**FORMATS, **more}
+    if chosen not in writers:
+        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(writers)}")
+    if degrees and chosen != "csv":
+        raise InputError("degrees", f"{chosen} has its own units", remedy="leave it out, or export csv")
+    with replacing(path) as temporary:
+        (_csv_degrees if degrees else writers[chosen])(run, temporary, path.name)
+    return path
+
+
+def export_arrays(run: Run) -> dict[str, np.ndarray]:
+    """The arrays of the npz.
+
+    time (T,) [s]; q (T, nq) of the best hypothesis, Pinocchio order; landmarks (T, L, 3) [m], world; mode_q (T, K, nq),
+    mode_weight (T, K), mode_landmarks (T, K, L, 3), NaN-padded; covariance (T, nv, nv); std (T, nv), calibrated, of all
+    hypotheses together; energy (T,); status (T,) text;
+    q_names, v_names, joint_names, landmark_names text; extra_NAME (T, ...), what the tracker told beside its
+    hypotheses, see `Run.extra`.
+    """
+    return {
+        "time": run.time,
+        "q": run.q,
+        "q_names": np.array(run.body.q_names, dtype=np.str_),
+        "v_names": np.array(run.body.v_names, dtype=np.str_),
+        "joint_names": np.array(joint_names(run.body.model), dtype=np.str_),
+        "landmark_names": np.array(run.body.landmark_names, dtype=np.str_),
+        "landmarks": run.landmarks,
+        "mode_q": run.mode_q,
+        "mode_weight": run.mode_weight,
+        "mode_landmarks": run.mode_landmarks,
+        "covariance": run.covariance,
+        "std": run.std,
+        "energy": run.energy,
+        "status": run.status,
+        **{EXTRA + name: array for name, array in run.extra.items()},
+    }
+
+
+def _npz(run: Run, path: Path, name: str) -> None:
+    arrays: dict[str, Any] = dict(export_arrays(run))
+    with path.open("wb") as file:  # given a path, numpy would append .npz to it
+        np.savez_compressed(file, **arrays)
+
+
+def _csv(run: Run, path: Path, name: str) -> None:
+    """time_s, the entries of q with their units, joints that follow others, landmarks `nose_x_m` ..., weight, energy,
+    status; then, so that these stay in their places, the joints' standard deviations."""
+    followers, following = follower_columns(run.body, run.q)
+    joints = dict(zip((*q_columns(run.body), *followers), (*run.q.T, *following.T), strict=True))
+    _write_csv(run, path, joints, std_columns(run))
+
+
+def _csv_degrees(run: Run, path: Path, name: str) -> None:
+    """The same with joints in degrees, each standard deviation beside its joint."""
+    _write_csv(run, path, joint_columns(run, degrees=True), {})
+
+
+def _write_csv(run: Run, path: Path, joints: Mapping[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
+    points = [f"{landmark}_{axis}_m" for landmark in run.body.landmark_names for axis in "xyz"]
+    landmarks = run.landmarks.reshape(run.frame_count, len(points))
+    before = np.column_stack([run.time, *joints.values(), landmarks, run.weight, run.energy])
+    behind = np.array(list(last.values())).reshape(len(last), run.frame_count).T
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["time_s", *joints, *points, "weight", "energy", "status", *last])
+        for row, status, more in zip(before, run.status, behind, strict=True):
+            rows.writerow([*map(_cell, row), status, *map(_cell, more)])
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.9g}"
+
+
+def _trc(run: Run, path: Path, name: str) -> None:
+    write_trc(path, run.body.landmark_names, run.landmarks, run.time, title=name)
+
+
+def _mot(run: Run, path: Path, name: str) -> None:
+    names, values = opensim_coordinates(run.body, run.q)
+    write_mot(path, names, values, run.time, title=Path(name).stem)
+
+
+def _c3d(run: Run, path: Path, name: str) -> None:
+    """Landmarks as points, the angles of mot as POINT:ANGLES, sliding joints as POINT:SCALARS; where nothing was seen
+    they are missing."""
+    _need_frames(run)
+    names, values = opensim_coordinates(run.body, run.q)
+    kinds = {entry.name: entry.kind for entry in joint_entries(run.body)}
+    seen = (run.status != "unobserved")[:, None]
+    turns = [i for i, n in enumerate(names) if n in ROOT_TURNS or kinds.get(n) in ("turn", "endless")]
+    slides = [i for i, n in enumerate(names) if kinds.get(n) == "slide"]
+    angles = Channels([names[i] for i in turns], np.where(seen, values[:, turns], np.nan), "deg")
+    scalars = Channels([names[i] for i in slides], np.where(seen, 1e3 * values[:, slides], np.nan), "mm")
+    landmarks = np.where(seen[..., None], run.landmarks, np.nan)
+    write_c3d(path, run.body.landmark_names, landmarks, run.time, angles, scalars)
+
+
+def _bvh(run: Run, path: Path, name: str) -> None:
+    _need_frames(run)
+    write_bvh(path, bvh_motion(run.body, run.q, run.time))
+
+
+def _need_frames(run: Run) -> None:
+    if not run.frame_count:
+        raise InputError(run.file, "holds no frame", remedy="track with --resume first")
+
+
+def _gait_mot(model: str, run: Run, path: Path, name: str) -> None:
+    title = GAIT_MODELS[model].title
+    names, values = gait_coordinates(run.body, run.q, GAIT_MODELS[model])
+    note = f"Coordinates of the OpenSim model {title}; what was not measured is 0."
+    write_mot(path, names, values, run.time, title=Path(name).stem, note=note)
+
+
+def _osim(run: Run, path: Path, name: str) -> None:
+    write_osim(path, opensim_model(run.body, Path(name).stem))
+
+
+FORMATS: dict[str, Writer] = {
+    "npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "osim": _osim,
+    **{f"{model}-mot": partial(_gait_mot, model) for model in GAIT_MODELS},
+    "c3d": _c3d, "bvh": _bvh,
+}  # fmt: skip
+"""Writers by format name: run, file to write, name the file will have."""

@@ -1,0 +1,198 @@
+"""A run's motion without its fast part: the Butterworth filter on configurations.
+
+Every joint is filtered by what it turns or slides, in its tangent space. A root is filtered by its position, entry by
+entry, and by its quaternion: signs are made continuous, the four entries are filtered alike and brought back to unit
+length. That is the mean of the neighbouring rotations with the filter's weights (chordal, Markley et al. 2007); a root
+that turns steadily about an axis keeps turning so, and a small turn to and fro is damped as a joint's would be.
+
+At its ends a motion is continued by its point reflection (for rotations R -> R0 R^-1 R0), which goes on as the motion
+goes, and does not move the first and last pose by itself.
+
+Frames need not be evenly spaced: where they are not, the motion is read off cubic splines at even times, filtered, and
+read off again at its own times. Over frames without a pose, and pauses, of at most half a period of the cut-off the
+splines lead on; at longer ones the motion is cut, and each part is filtered by itself. Frames without a pose stay so.
+Frames without observations have the pose that the tracker carried on or the smoother put there, and are filtered as
+others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from estimator.numerics.butterworth import extension, low_pass
+from estimator.runs.coordinates import JointEntry, joint_entries
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError, shown
+
+_EVEN = 0.05  # share of a frame by which times may be off for a run to count as evenly spaced
+_USUAL = 0.2  # by which steps may differ from the median, relatively, to count for the frame rate
+_ROUNDING = 1e-6
+_OUTSIDE = 1e-6  # rad or m by which a filtered value has to pass a limit to be told of
+_VANISHED = 0.1  # length of a filtered quaternion from which its direction is the noise's
+
+
+@dataclass(frozen=True)
+class Filtering:
+    """A motion that was filtered, and what was done to it.
+
+    q (T, nq): configurations, NaN where there were none. cutoff, rate [Hz]: of the filter and of the frames.
+    clamped: by joint, in how many frames the filter led beyond a limit, which was then taken.
+    parts: how many parts were filtered by themselves. resampled: the frames are not evenly spaced.
+    """
+
+    q: np.ndarray
+    cutoff: float
+    rate: float
+    clamped: Mapping[str, int]
+    parts: int
+    resampled: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        notes = []
+        if self.clamped:
+            listed = ", ".join(f"{name} in {count} of {len(self.q)} frames" for name, count in self.clamped.items())
+            notes.append(f"the filter led beyond joint limits, which were taken: {listed}")
+        if self.parts > 1:
+            notes.append(f"frames are missing: {self.parts} parts were filtered by themselves")
+        if self.resampled:
+            notes.append(f"frames are not evenly spaced: they were filtered at an even {self.rate:g} a second")
+        return tuple(notes)
+
+
+def filtered(body: Body, q: np.ndarray, time: np.ndarray, cutoff: float) -> Filtering:
+    """Configurations q (T, nq) at rising time (T,) [s] without what moves faster than the cut-off [Hz].
+
+    Raises
+    ------
+    InputError: a cut-off that is not above zero, or not below half the frame rate.
+    """
+    known = np.flatnonzero(np.isfinite(q).all(axis=1))
+    rate = frame_rate(time)
+    _check(cutoff, rate)
+    out = q.copy()
+    parts = [part for part in np.split(known, _cuts(time[known], cutoff, rate)) if len(part) > 1]
+    clocks = [_Clock.of(time[part], rate) for part in parts]
+    for part, clock in zip(parts, clocks, strict=True):
+        for entry in joint_entries(body):
+            if not entry.follows:
+                own = slice(entry.start, entry.start + entry.count)
+                out[part, own] = _entry(entry, q[part, own], clock, cutoff)
+    i = body.bounded_q
+    beyond = np.maximum(body.lower[i] - out[:, i], out[:, i] - body.upper[i]) > _OUTSIDE
+    for t in known:
+        out[t] = body.clamp(out[t])
+    clamped = {body.q_names[k]: int(count) for k, count in zip(i, beyond.sum(axis=0), strict=True) if count}
+    return Filtering(out, cutoff, rate, clamped, len(parts), any(not clock.even for clock in clocks))
+
+
+def frame_rate(time: np.ndarray) -> float:
+    """Frames a second at time (T,) [s]: the usual one, also where some are missing; 0 where it cannot be told."""
+    steps = np.diff(time)
+    usual = steps[np.abs(steps - np.median(steps)) <= _USUAL * np.median(steps)] if len(steps) else steps
+    step = float(usual.mean()) if len(usual) else 0.0
+    return 1.0 / step if step > 0.0 else 0.0
+
+
+def _check(cutoff: float, rate: float) -> None:
+    if not (np.isfinite(cutoff) and cutoff > 0.0):
+        raise InputError("filter", f"{shown(cutoff)} Hz is no cut-off", remedy="6 is usual for walking")
+    if rate > 0.0 and cutoff > (0.5 - _ROUNDING) * rate:
+        problem = f"a cut-off of {cutoff:g} Hz is not below half the frame rate, {0.5 * rate:.4g} Hz"
+        raise InputError("filter", problem, remedy="choose a lower one, 6 is usual for walking")
+
+
+def _cuts(time: np.ndarray, cutoff: float, rate: float) -> np.ndarray:
+    """Before which of the frames with a pose, at time (N,), a new part begins."""
+    longest = max(0.5 / cutoff, 1.5 / rate) if rate > 0.0 else 0.0
+    return np.flatnonzero(np.diff(time) > longest) + 1
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """own (N,), even_times (M,) [s]: of a part's frames, and evenly spaced over the same span. rate: of these a second.
+    even: the two are the same."""
+
+    own: np.ndarray
+    even_times: np.ndarray
+    rate: float
+    even: bool
+
+    @staticmethod
+    def of(time: np.ndarray, rate: float) -> _Clock:
+        span, count = float(time[-1] - time[0]), len(time)
+        mean = np.linspace(time[0], time[-1], count)
+        if np.abs(time - mean).max() * (count - 1) < _EVEN * span:
+            return _Clock(time, time, (count - 1) / span, even=True)
+        count = max(round(span * rate), 1) + 1
+        return _Clock(time, np.linspace(time[0], time[-1], count), (count - 1) / span, even=False)
+
+
+def _entry(entry: JointEntry, q: np.ndarray, clock: _Clock, cutoff: float) -> np.ndarray:
+    """A joint's entries (N, count) filtered."""
+    if entry.kind == "free":
+        turned = _unit(_passed(_same_signs(q[:, 3:]), clock, cutoff, _turned_back), otherwise=q[:, 3:])
+        return np.concatenate([_passed(q[:, :3], clock, cutoff, _mirrored), turned], axis=1)
+    if entry.count in (2, 4):  # cosine and sine of an angle, in a plane after two lengths
+        angle = np.unwrap(np.arctan2(q[:, -1], q[:, -2]))[:, None]
+        lengths, angle = np.split(_passed(np.concatenate([q[:, :-2], angle], 1), clock, cutoff, _mirrored), [-1], 1)
+        return np.concatenate([lengths, np.cos(angle), np.sin(angle)], axis=1)
+    return _passed(q, clock, cutoff, _mirrored)
+
+
+Reflection = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Samples (n, ...) on the other side of an end (...)."""
+
+
+def _mirrored(end: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    return 2.0 * end - samples
+
+
+def _turned_back(end: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Of unit quaternions xyzw."""
+    return _product(_product(end, samples * [-1.0, -1.0, -1.0, 1.0]), end)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of quaternions xyzw (..., 4)."""
+    vector = a[..., 3:] * b[..., :3] + b[..., 3:] * a[..., :3] + np.cross(a[..., :3], b[..., :3])
+    scalar = a[..., 3:] * b[..., 3:] - np.sum(a[..., :3] * b[..., :3], axis=-1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=-1)
+
+
+def _same_signs(quaternions: np.ndarray) -> np.ndarray:
+    """The same rotations (N, 4), each with the sign that is nearer to the one before."""
+    apart = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    return quaternions * np.where(np.cumsum(np.concatenate([[False], apart])) % 2, -1.0, 1.0)[:, None]
+
+
+def _unit(quaternions: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """Quaternions (N, 4) at unit length; those `otherwise` (N, 4) where a turn is so fast that nothing is left."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return np.where(length > _VANISHED, quaternions / np.maximum(length, _VANISHED), otherwise)
+
+
+def _passed(samples: np.ndarray, clock: _Clock, cutoff: float, reflection: Reflection) -> np.ndarray:
+    """Samples (N, M) at the times of a clock, filtered; as they are where the cut-off leaves them so."""
+    if cutoff > (0.5 - _ROUNDING) * clock.rate:
+        return samples
+    even = samples if clock.even else CubicSpline(clock.own, samples)(clock.even_times)
+    extended = extension(cutoff, clock.rate)
+    filtered = low_pass(_continued(even, extended, reflection), cutoff, clock.rate, extended)
+    return filtered if clock.even else np.asarray(CubicSpline(clock.even_times, filtered)(clock.own))
+
+
+def _continued(samples: np.ndarray, extended: int, reflection: Reflection) -> np.ndarray:
+    """Samples (N, M) with so many more at either end; a short motion is reflected more than once."""
+    for _ in range(2):  # the beginning, then the end, which is the beginning of the reverse
+        wanted = len(samples) + extended
+        while len(samples) < wanted:
+            count = min(wanted - len(samples), len(samples) - 1)
+            samples = np.concatenate([reflection(samples[0], samples[count:0:-1]), samples])
+        samples = samples[::-1]
+    return samples

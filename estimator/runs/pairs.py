@@ -1,0 +1,69 @@
+"""Which frames of a run and of a reference are of the same moment, and which of their landmarks are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.runs.reference_motion import Reference
+from estimator.runs.shared_landmarks import Shared, shared_landmarks
+
+
+class Pairs(NamedTuple):
+    """A run's frames that a reference has too, P of them, and the L landmarks that both have.
+
+    shared: the landmarks. frame (P,): the run's frames. truth (P, L, 3): where the landmarks were [m], NaN if unknown.
+    """
+
+    shared: Shared
+    frame: np.ndarray
+    truth: np.ndarray
+
+    def of(self, landmarks: np.ndarray) -> np.ndarray:
+        """Of all landmarks of the run's T frames (T, ..., M, 3) those that are compared (P, ..., L, 3)."""
+        return np.asarray(landmarks[self.frame][..., self.shared.ours, :])
+
+    def truth_of_frames(self, count: int) -> np.ndarray:
+        """The truth (T, L, 3) [m] of each of the run's `count` frames, NaN in those that the reference lacks."""
+        truth = np.full((count, *self.truth.shape[1:]), np.nan)
+        truth[self.frame] = self.truth
+        return truth
+
+
+def paired(names: Sequence[str], time: np.ndarray, reference: Reference, joints: Sequence[str] | None = None) -> Pairs:
+    """What can be compared of a run with landmarks `names` at `time` (T,) [s]; joints: see `shared_landmarks`."""
+    shared = shared_landmarks(names, reference.names, joints)
+    frame = match_frames(time, reference.time, len(reference.points))
+    there = frame >= 0
+    return Pairs(shared, frame[there], reference.points[there][:, shared.theirs])
+
+
+def match_frames(time: np.ndarray, reference_time: np.ndarray | None, count: int) -> np.ndarray:
+    """Index of the run's frame for each of the reference's `count` frames, -1 where there is none, (count,).
+
+    time (T,) of the run, reference_time (count,) [s]: the nearest within half a frame of the slower of the two;
+    without reference times, the frame of the same number.
+    """
+    if reference_time is None or len(time) == 0:
+        index = np.arange(count)
+        return np.where(index < len(time), index, -1)
+    order = np.argsort(time)
+    ordered = time[order]
+    right = np.clip(np.searchsorted(ordered, reference_time), 0, len(time) - 1)
+    left = np.maximum(right - 1, 0)
+    closer = np.abs(ordered[left] - reference_time) <= np.abs(ordered[right] - reference_time)
+    nearest = np.where(closer, left, right)
+    # a finer reference is thinned to the run's frames: each is compared with one frame only
+    half = 0.5 * max(_period(ordered), _period(np.sort(reference_time))) + 1e-6
+    gap = np.abs(ordered[nearest] - reference_time)
+    matched = np.where(gap <= half, nearest, -1)
+    for i in np.unique(matched[matched >= 0]):
+        rivals = np.flatnonzero(matched == i)
+        matched[np.delete(rivals, np.argmin(gap[rivals]))] = -1
+    return np.where(matched >= 0, order[matched], -1)
+
+
+def _period(time: np.ndarray) -> float:
+    return float(np.median(np.diff(time))) if len(time) > 1 else 0.0

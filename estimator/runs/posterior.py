@@ -1,0 +1,206 @@
+"""What is known of the pose after a frame: a density over configurations, made of the frame's weighted modes.
+
+Every mode gives a Gaussian in its tangent space (CSS section 4.2), cut off at the joint limits. A mode that leans on
+a limit has no variance there; its density falls off from the limit exponentially, with a mean distance that is part
+of the calibration (`estimator.runs.calibration`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.special import logsumexp
+
+from estimator.energy.priors import Stabilisers
+from estimator.runs.calibration import Calibration
+from estimator.runs.marginals import Marginals
+from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
+from estimator.trackers.frame_result import FrameResult
+from humanoid.kinematics.body import Body
+from humanoid.support.errors import InputError
+
+_FAINT = 1e-3  # modes with less weight than this are left out
+_NODES = np.array(np.polynomial.hermite_e.hermegauss(7)).T / (1.0, np.sqrt(2.0 * np.pi))  # of a standard normal
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """A density over configurations, a mixture of K components; several may share a mode.
+
+    q (K, nq), weight (K,), covariance (K, nv, nv): the modes; covariances in the tangent space at their own mode, zero
+    where they lean on a limit. lean (K, nv): where they do, the mean distance to it, with the sign of the way inside;
+    zero elsewhere.
+    """
+
+    body: Body
+    q: np.ndarray
+    weight: np.ndarray
+    covariance: np.ndarray
+    lean: np.ndarray
+
+    @staticmethod
+    def of(
+        body: Body, result: FrameResult, calibration: Calibration | None = None, seen_from: np.ndarray | None = None
+    ) -> Posterior:
+        """The posterior of a frame.
+
+        seen_from (3,): where the only camera is, in the world [m]; None where several see the body, or its size is
+        known.
+
+        Raises
+        ------
+        InputError: the frame has no hypotheses.
+        """
+        c = calibration or Calibration()
+        if len(result.weight) == 0:
+            raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
+        with np.errstate(divide="ignore"):
+            tempered = np.log(result.weight) / c.weight_temperature
+        weight = np.exp(tempered - np.logaddexp.reduce(tempered))
+        some = weight > _FAINT
+        q = result.q[some]
+        prior = Stabilisers(body)
+        told = [
+            _with_prior(prior, body, *mode, c.prior_weight) for mode in zip(q, result.covariance[some], strict=True)
+        ]
+        covariance = c.covariance_scale * np.array(told)
+        lean = np.array([_leaning(body, mode, cov, c.limit_lean) for mode, cov in zip(q, covariance, strict=True)])
+        if seen_from is not None and body.has_free_root:
+            covariance = covariance + np.array([_distance_covariance(body, mode, seen_from, c.size_std) for mode in q])
+        return Posterior(body, q, weight[some] / weight[some].sum(), covariance, lean)._spread(c.scale_spread)
+
+    def _spread(self, spread: float) -> Posterior:
+        """The same with each mode several times, at scales and weights of a quadrature over the log-normal factor."""
+        if spread == 0.0:
+            return self
+        factors = [(np.exp(spread * node), share) for node, share in _NODES]
+        return Posterior(
+            self.body,
+            np.concatenate([self.q for _ in factors]),
+            np.concatenate([share * self.weight for _, share in factors]),
+            np.concatenate([f**2 * self.covariance for f, _ in factors]),
+            np.concatenate([f * self.lean for f, _ in factors]),
+        )
+
+    @property
+    def best(self) -> np.ndarray:
+        """Configuration (nq,) of the mode with the largest weight."""
+        return np.asarray(self.q[np.argmax(self.weight)])
+
+    def marginals(self, reference: np.ndarray | None = None) -> Marginals:
+        """Every degree of freedom on its own, in the tangent space at `reference` (nq,), by default the best mode.
+
+        Values are angles [rad] and lengths [m] from the reference on; each is cut off at its own limits, and what that
+        means for the others is not followed up.
+        """
+        body, at = self.body, self.best if reference is None else reference
+        about: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}  # several components share a mode
+        for mode in self.q:
+            if mode.tobytes() not in about:
+                carry = pin.dDifference(body.model, at, mode, pin.ARG1)
+                about[mode.tobytes()] = body.difference(at, mode), carry
+        mean, carry = (np.array(part) for part in zip(*(about[mode.tobytes()] for mode in self.q), strict=True))
+        std = np.sqrt(np.maximum(np.sum((carry @ self.covariance) * carry, axis=2), 0.0))
+        low, high = body.tangent_bounds(at)
+        return Marginals(self.weight, mean.T, std.T, self.lean.T, low, high)
+
+    def landmarks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weights (K,), means (K, L, 3) [m] and covariances (K, L, 3, 3) of every landmark in the world: a mixture of
+        Gaussians, first order in the landmarks' Jacobians."""
+        means, covariances = [], []
+        for mode, covariance, lean in zip(self.q, self.covariance, self.lean, strict=True):
+            posed = self.body.at(mode)
+            J = self.body.landmark_jacobians(posed)
+            full = covariance + np.diag(np.square(lean))
+            means.append(self.body.landmarks(posed) + J @ lean)
+            covariances.append(J @ full @ J.transpose(0, 2, 1))
+        return self.weight, np.array(means), np.array(covariances)
+
+    def landmark_moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (L, 3) [m] and covariance (L, 3, 3) [m^2] of every landmark, over all modes."""
+        weight, means, covariances = self.landmarks()
+        mean = np.einsum("k,kli->li", weight, means)
+        off = means - mean
+        return mean, np.einsum("k,klij->lij", weight, covariances + off[..., :, None] * off[..., None, :])
+
+    def landmark_credible_levels(self, rng: np.random.Generator, points: np.ndarray, count: int = 500) -> np.ndarray:
+        """Credible levels (N, L) of points (N, L, 3) [m]: probability of the smallest region of each landmark's places
+        that contains them, from `count` samples."""
+        weight, means, covariances = self.landmarks()
+        factors = np.linalg.cholesky(covariances + JITTER * np.eye(3))
+        modes = rng.choice(len(weight), size=count, p=weight)
+        normal = rng.normal(size=(count, *means.shape[1:]))
+        drawn = means[modes] + (factors[modes] @ normal[..., None])[..., 0]
+        densities = points_density(np.concatenate([points, drawn]), weight, means, factors)
+        own, others = densities[: len(points)], densities[len(points) :]
+        return np.array([np.mean(others > density, axis=0) for density in own])
+
+    def log_density(self, q: np.ndarray) -> np.ndarray:
+        """Log density (N,) at configurations q (N, nq) within the limits, up to what the limits cut off."""
+        gaps: dict[bytes, np.ndarray] = {}
+        logs = []
+        for w, mode, covariance, lean in zip(self.weight, self.q, self.covariance, self.lean, strict=True):
+            key = mode.tobytes()
+            if key not in gaps:
+                gaps[key] = np.array([self.body.difference(mode, pose) for pose in q])
+            logs.append(np.log(w) + log_around_mode(gaps[key], covariance, lean))
+        return np.asarray(logsumexp(np.array(logs), axis=0))
+
+    def credible_levels(self, rng: np.random.Generator, q: np.ndarray, count: int = 300) -> np.ndarray:
+        """Credible levels (N,) of q (N, nq): probability of the smallest region of whole poses that contains each, from
+        `count` samples.
+
+        0 at the highest density, 1 far out; where the posterior is right, levels of truths are spread evenly.
+        """
+        logs = self.log_density(np.concatenate([q, self.sample(rng, count)]))
+        own, others = logs[: len(q)], logs[len(q) :]
+        return np.asarray(np.mean(others > own[:, None], axis=1))
+
+    def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Configurations (count, nq) drawn from it, all within the limits."""
+        modes = rng.choice(len(self.weight), size=count, p=self.weight)
+        drawn = np.zeros((count, self.body.nq))
+        for k in np.unique(modes):
+            here = np.flatnonzero(modes == k)
+            low, high = self.body.tangent_bounds(self.q[k])
+            steps = draw_around_mode(rng, len(here), self.covariance[k], self.lean[k], low, high)
+            drawn[here] = [self.body.integrate(self.q[k], step) for step in steps]
+        return drawn
+
+
+def _with_prior(
+    stabilisers: Stabilisers, body: Body, q: np.ndarray, covariance: np.ndarray, prior_weight: float
+) -> np.ndarray:
+    """Covariance (nv, nv) of a mode with the prior on rest positions counted so many times."""
+    free = np.flatnonzero(np.diagonal(covariance) > 0.0)
+    if prior_weight == 1.0 or len(free) == 0:
+        return covariance.astype(np.float64)
+    prior = np.zeros((body.nv, body.nv))
+    stabilisers.accumulate(body.at(q), np.zeros(body.nv), prior)
+    block = np.ix_(free, free)
+    known = covariance[block].astype(np.float64)
+    told = np.zeros((body.nv, body.nv))
+    # (known^-1 + more)^-1, without the inverse of what may be nearly singular
+    told[block] = np.linalg.solve(np.eye(len(free)) + (prior_weight - 1.0) * known @ prior[block], known)
+    return 0.5 * (told + told.T)
+
+
+def _leaning(body: Body, q: np.ndarray, covariance: np.ndarray, distance: float) -> np.ndarray:
+    """See `Posterior.lean`, for one mode."""
+    v, i = body.bounded_v, body.bounded_q
+    held = np.diagonal(covariance)[v] <= 0.0
+    inward = np.where(q[i] <= body.lower[i], 1.0, -1.0)
+    lean = np.zeros(body.nv)
+    lean[v] = np.where(held, inward * np.minimum(distance, body.upper[i] - body.lower[i]), 0.0)
+    return lean
+
+
+def _distance_covariance(body: Body, q: np.ndarray, centre: np.ndarray, size_std: float) -> np.ndarray:
+    """Covariance (nv, nv) of the root along its viewing ray: a body twice as large, twice as far away, looks alike."""
+    placement = body.at(q)
+    ray = placement.rotations[1].T @ (placement.translations[1] - centre)
+    covariance = np.zeros((body.nv, body.nv))
+    covariance[:3, :3] = size_std**2 * np.outer(ray, ray)
+    return covariance

@@ -1,0 +1,130 @@
+"""What the arrays of a run file's frames have to be. A tracker's state is checked by the tracker that made it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.data.formats.checked_arrays import (
+    DamageError,
+    Field,
+    check_arrays,
+    check_configurations,
+    check_covariances,
+    check_parents,
+    check_weights,
+    length_of,
+    sizes_of,
+    those_there,
+)
+from estimator.data.formats.packing import valid_text
+from estimator.inference.origin import PREFIX, families
+from estimator.trackers.frame_result import check_extra
+from humanoid.kinematics.body import Body
+
+EXTRA = "extra_"
+"""What the names of a frame's extra arrays (see `FrameResult.extra`) begin with in a run file."""
+_LARGEST = 1e9  # of pixels
+
+_FRAME = {
+    "index": Field("i"),
+    "time": Field("f"),
+    "status": Field("U"),
+    "q": Field("f", ("K", "nq")),
+    "weight": Field("f", ("K",)),
+    "energy": Field("f", ("K",), finite=False),
+    "covariance": Field("f", ("K", "triangle")),
+    "parent": Field("i", ("K",)),
+    "kkt_residual": Field("f", ("K",), finite=False),
+    "penetration": Field("f", ("K",), finite=False),
+    "association": Field("U", ("K",)),
+}
+_VELOCITY = {"velocity": Field("f", ("K", "nv"))}  # runs made before it was kept have none
+_ORIGINS = {
+    f"{PREFIX}family": Field("U", ("K",)),
+    f"{PREFIX}paid": Field("b", ("K",)),
+    f"{PREFIX}price": Field("f", ("K",)),
+}
+_ORIGIN_POSES = {
+    f"{PREFIX}{name}": Field("f", ("K", "nq"), finite=False) for name in ("q_previous", "q_predicted", "q_assigned")
+}
+_ORIGIN_EXTENT = {f"{PREFIX}extent": Field("f", ("K", "any"), finite=False)}
+_ESTIMATE = {"estimate_q": Field("f", ("nq",)), "estimate_covariance": Field("f", ("nv", "nv"))}
+_OBSERVATION = {
+    "pixels": Field("f", ("C", "L", "2"), finite=False),
+    "confidence": Field("f", ("C", "L")),
+}
+
+
+def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, before: int | None) -> None:
+    """The arrays of a frame. planned: frames of the whole run. before: hypotheses of the frame before it.
+
+    Raises
+    ------
+    DamageError: an array is missing, misshapen or of another kind, or has numbers that cannot be.
+    """
+    count = length_of(arrays, "weight")
+    check_arrays(arrays, _FRAME, {**sizes_of(body), "K": count})
+    if not 0 <= int(arrays["index"]) < planned:
+        raise DamageError(f"index {int(arrays['index'])} of {planned} frames")
+    check_weights(arrays["weight"], "weight")
+    check_parents(arrays["parent"], before)
+    check_configurations(body, arrays["q"], "q")
+    check_arrays(arrays, those_there(_VELOCITY, arrays), {"nv": body.nv, "K": count})
+    _check_origins(arrays, body, count)
+    extra = extra_of(arrays)
+    check_extra(extra)
+    for name, array in extra.items():
+        if not valid_text(array):
+            raise DamageError(f"{EXTRA}{name} has characters that are none")
+
+
+def extra_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The extra arrays of a frame by their own names, from among the stored ones."""
+    return {name.removeprefix(EXTRA): array for name, array in arrays.items() if name.startswith(EXTRA)}
+
+
+def check_observation(arrays: Mapping[str, np.ndarray], body: Body, cameras: int) -> None:
+    """The keypoints of a frame, and what was known of the pose; raises DamageError as `check_frame` does."""
+    check_arrays(arrays, _OBSERVATION, {"C": cameras, "L": len(body.landmark_names), "2": 2})
+    confidence, pixels = arrays["confidence"], arrays["pixels"]
+    if not ((confidence >= 0.0) & (confidence <= 1.0)).all():
+        raise DamageError("confidence is not between 0 and 1")
+    if not (np.abs(pixels[confidence > 0.0]) < _LARGEST).all():
+        raise DamageError("pixels are not finite")
+    if "jitter" in arrays:
+        check_arrays(arrays, {"jitter": Field("f", ("any",))}, {})
+        if arrays["jitter"].size not in (0, cameras) or (arrays["jitter"] < 0.0).any():
+            raise DamageError("jitter does not fit the cameras")
+    if "given" in arrays:
+        check_arrays(arrays, {"given": Field("b")}, {})
+    if any(name in arrays for name in _ESTIMATE):
+        check_arrays(arrays, _ESTIMATE, sizes_of(body))
+        check_configurations(body, arrays["estimate_q"][None], "estimate_q")
+        check_covariances(arrays["estimate_covariance"][None])
+
+
+def check_trajectory(arrays: Mapping[str, np.ndarray], body: Body) -> None:
+    """Smoothed configurations q (T, nq), NaN in frames without a pose; raises DamageError as `check_frame` does."""
+    q = arrays.get("q", np.zeros(0))
+    if q.dtype.kind != "f" or q.ndim != 2:
+        raise DamageError("q is no trajectory")
+    if q.shape[1] == body.nq:
+        check_configurations(body, q[~np.isnan(q).all(axis=1)], "q")
+
+
+def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> None:
+    """Where modes came from; poses and extents that there are not are NaN, or are left out."""
+    if not any(name.startswith(PREFIX) for name in arrays):
+        return
+    sizes = {"nq": body.nq, "K": count}
+    check_arrays(arrays, _ORIGINS, sizes)
+    try:
+        families(arrays)
+    except ValueError as error:
+        raise DamageError(f"{PREFIX}family: {error}") from None
+    poses = those_there(_ORIGIN_POSES, arrays)
+    check_arrays(arrays, poses | those_there(_ORIGIN_EXTENT, arrays), sizes)
+    for name in poses:
+        check_configurations(body, arrays[name][~np.isnan(arrays[name]).all(axis=1)], name)

@@ -1,0 +1,221 @@
+"""Run files, the writing side: one SQLite file, written as the run goes (see `run_store` for the layout)."""
+
+from __future__ import annotations
+
+import datetime
+import functools
+import os
+import sqlite3
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from estimator.data.formats.packing import pack, unpack
+from estimator.data.observation import Observation
+from estimator.runs import run_store
+from estimator.runs.run_checks import EXTRA
+from estimator.runs.run_header import RunHeader, with_findings
+from estimator.runs.run_reader import Run
+from estimator.trackers.frame_result import FrameResult
+from humanoid.support.atomic import replacing
+from humanoid.support.errors import InputError
+
+__all__ = ["Run", "RunHeader", "RunWriter"]
+
+
+class RunWriter:
+    """Appends frames to a run file; a context manager that closes the file, complete or not."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, position: int) -> None:
+        self.path = path
+        self._connection = connection
+        self._position = position
+
+    @property
+    def frame_count(self) -> int:
+        """Frames in the file."""
+        return self._position
+
+    @classmethod
+    def create(cls, path: str | Path, header: RunHeader, overwrite: bool = False) -> RunWriter:
+        """Start a run; the file appears with its header in it or not at all.
+
+        Raises
+        ------
+        InputError: there is such a file and `overwrite` is not set, or it cannot be written.
+        """
+        path = Path(path)
+        if path.exists() and not overwrite:
+            raise InputError(path, "exists already", remedy="--resume goes on with it, --overwrite replaces it")
+        with replacing(path) as temporary:
+            run_store.create_store(temporary, header.to_json(), path)
+            for suffix in ("-wal", "-shm"):  # a killed run's log must not be taken for the new run's
+                with suppress(FileNotFoundError):
+                    os.unlink(f"{path}{suffix}")
+        return cls(path, run_store.open_writing(path), 0)
+
+    @classmethod
+    def resume(cls, path: str | Path, header: RunHeader) -> tuple[RunWriter, dict[str, np.ndarray] | None, int]:
+        """Go on with a run: the writer, the state after its last frame (None before the first), the next position.
+
+        Raises
+        ------
+        InputError: no such run, or one made from something else; where a clip lies may differ.
+        """
+        path = Path(path)
+        different = Run.open(path).header.differences(header)
+        if different:
+            raise InputError(
+                path, f"was made from something else: {'; '.join(different)}", remedy="--overwrite starts anew"
+            )
+        connection = run_store.open_writing(path)
+        with run_store.translated(path):
+            row = connection.execute("SELECT next, data FROM state").fetchone()
+            (count,) = connection.execute("SELECT count(*) FROM frame").fetchone()
+        try:
+            state = unpack(row[1]) if row else None
+            if count != (row[0] if row else 0):
+                raise ValueError(f"it is not of the last of {count} frames")
+        except ValueError as error:
+            connection.close()
+            raise InputError(path, f"is damaged: {error}", place="state", remedy="--overwrite starts anew") from None
+        return cls(path, connection, count), state, count
+
+    def put_observations(self, observations: Sequence[Observation]) -> None:
+        """Store the keypoints of every frame; in a resumed run they have to be those it began with.
+
+        Raises
+        ------
+        InputError: naming the first frame whose keypoints differ.
+        """
+        rows = [
+            (
+                i,
+                pack(
+                    {
+                        "pixels": o.pixels,
+                        "confidence": o.confidence,
+                        "given": np.array(o.given),
+                        "jitter": np.array(o.jitter),
+                        **_estimate_of(o),
+                    }
+                ),
+            )
+            for i, o in enumerate(observations)
+        ]
+        with run_store.translated(self.path, kept=True):
+            stored = self._connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()
+            if not stored:
+                self._connection.execute("BEGIN IMMEDIATE")
+                self._connection.executemany("INSERT INTO observation VALUES (?, ?)", rows)
+                self._connection.execute("COMMIT")
+                return
+        if stored != rows:
+            first = next(
+                (i for i, (a, b) in enumerate(zip(stored, rows, strict=False)) if a != b), min(len(stored), len(rows))
+            )
+            remedy = "--overwrite starts anew"
+            raise InputError(self.path, "was made from other keypoints", place=f"frame {first}", remedy=remedy)
+
+    def append(self, result: FrameResult, state: Mapping[str, np.ndarray]) -> None:
+        """Store a frame and, in the same transaction, the tracker's exact state after it in place of the last one."""
+        data, exact = pack(_packed(result)), pack(state)
+        execute = self._connection.execute
+        with run_store.translated(self.path, kept=True):
+            execute("BEGIN IMMEDIATE")
+            try:
+                execute("INSERT INTO frame VALUES (?, ?)", (self._position, data))
+                execute("INSERT OR REPLACE INTO state VALUES (0, ?, ?)", (self._position + 1, exact))
+                execute("COMMIT")
+            except BaseException:  # Ctrl-C lands anywhere
+                if self._connection.in_transaction:
+                    execute("ROLLBACK")
+                raise
+        self._position += 1
+
+    def settle(self) -> int:
+        """After an interruption, which lands anywhere: undo what is half stored; how many frames the file has."""
+        with run_store.translated(self.path, kept=True):
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            (self._position,) = self._connection.execute("SELECT count(*) FROM frame").fetchone()
+        return self._position
+
+    def put_header(self, header: RunHeader) -> None:
+        """Replace what the run was made from: how long a live one is, is known when it is over."""
+        execute = self._connection.execute
+        with run_store.translated(self.path):
+            execute("BEGIN IMMEDIATE")
+            execute("UPDATE header SET json = ?", (header.to_json(),))
+            execute("COMMIT")
+
+    def put_smoothed(self, q: np.ndarray) -> None:
+        """Store the smoothed trajectory (T, nq), NaN where a frame has no hypothesis, in place of any other."""
+        execute = self._connection.execute
+        with run_store.translated(self.path, kept=True):
+            execute("BEGIN IMMEDIATE")
+            execute("DELETE FROM smoothed")
+            execute("INSERT INTO smoothed VALUES (?)", (pack({"q": q}),))
+            execute("COMMIT")
+
+    def put_findings(self, findings: Sequence[str]) -> None:
+        """Store what the run says against its subject or its input, in place of any other; its notes have it too."""
+        execute = self._connection.execute
+        with run_store.translated(self.path):
+            execute("BEGIN IMMEDIATE")
+            (text,) = execute("SELECT json FROM header").fetchone()
+            execute("UPDATE header SET json = ?", (with_findings(text, findings),))
+            execute("COMMIT")
+
+    def finish(self) -> None:
+        """Mark the run complete and close it; one file is left."""
+        now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+        with run_store.translated(self.path, kept=True):
+            self._connection.execute("INSERT INTO finished SELECT ? WHERE NOT EXISTS (SELECT * FROM finished)", (now,))
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; a run that is not finished can be resumed."""
+        run_store.close_writing(self._connection)
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(sqlite3.ProgrammingError):  # finish() has closed it
+            self.close()
+
+
+def _estimate_of(o: Observation) -> dict[str, np.ndarray]:
+    return {} if o.estimate is None else {"estimate_q": o.estimate.q, "estimate_covariance": o.estimate.covariance}
+
+
+def _packed(result: FrameResult) -> dict[str, np.ndarray]:
+    """Arrays of a result; covariances as the upper triangle in single precision, the exact ones being in the state."""
+    rows, columns = _triangle(result.covariance.shape[-1])
+    return {
+        "index": np.array(result.index, dtype=np.int64),
+        "time": np.array(result.time, dtype=np.float64),
+        "status": np.array(result.status),
+        "q": result.q,
+        "weight": result.weight,
+        "energy": result.energy,
+        "covariance": result.covariance[:, rows, columns].astype(np.float32),
+        "parent": np.asarray(result.parent, dtype=np.int64),
+        "kkt_residual": result.kkt_residual,
+        "penetration": result.penetration,
+        "association": np.array(result.association, dtype=np.str_),
+        **({} if result.velocity is None else {"velocity": result.velocity}),
+        **({} if result.origins is None else result.origins.arrays()),
+        **{EXTRA + name: array for name, array in result.extra.items()},
+    }
+
+
+@functools.lru_cache(maxsize=4)
+def _triangle(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.triu_indices(n)

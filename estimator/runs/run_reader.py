@@ -1,0 +1,456 @@
+"""Run files, the reading side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.data.formats.packing import unpack
+from estimator.data.observation import Observation, PoseEstimate
+from estimator.inference.origin import Origins, families
+from estimator.runs import run_store
+from estimator.runs.calibration import Calibration
+from estimator.runs.coordinates import joint_entries
+from estimator.runs.filtering import Filtering, filtered
+from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
+from estimator.runs.joint_table import data_frame
+from estimator.runs.posterior import Posterior
+from estimator.runs.run_checks import check_frame, check_observation, check_trajectory, extra_of
+from estimator.runs.run_header import RunHeader
+from estimator.runs.spread import LEVEL, Spread, spread_of
+from estimator.runs.stacking import stacked
+from estimator.runs.temporary_run import TemporaryFolder
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.paths import backtrack
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
+from humanoid.support.errors import InputError
+from humanoid.support.summary import Facts, Summarised
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class Run(Summarised):
+    """A run file as of the moment it was opened, finished or still being written.
+
+    Arrays have one row for each of the T frames in the file, and K columns, the largest number of hypotheses of any
+    frame; where a frame has fewer, numbers are NaN and indices -1. They are read when first asked for.
+
+    Attributes
+    ----------
+    file, header: the file and what the run was made from.
+    frame_count, planned_count: frames in the file, and frames there will be. complete: the run was finished.
+    filtering: what `butterworth` did to `q`; None in a run that was not filtered.
+    """
+
+    def __init__(self, file: Path, header: RunHeader, frame_count: int, complete: bool) -> None:
+        self.file, self.header = file, header
+        self.frame_count, self.complete = frame_count, complete
+        self.planned_count = len(header.times)
+        self.filtering: Filtering | None = None
+        self._folder = TemporaryFolder.of(file)  # kept as long as this run
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A temporary file goes along: it may be gone before it is looked at elsewhere."""
+        state = {**vars(self), "_folder": None}
+        return state if self._folder is None else {**state, "_content": self.file.read_bytes()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        content = state.pop("_content", None)
+        vars(self).update(state)
+        if content is not None:
+            self._folder = TemporaryFolder()
+            self.file = self._folder.path / self.file.name
+            self.file.write_bytes(content)
+
+    @staticmethod
+    def open(path: str | Path) -> Run:
+        """Open a run file; raises InputError for a file that is none, is newer than this program, or is damaged."""
+        path = Path(path)
+        run_store.check(path)
+        with run_store.reading(path) as connection:
+            row = connection.execute("SELECT json FROM header").fetchone()
+            (count,) = connection.execute("SELECT count(*) FROM frame").fetchone()
+            (finished,) = connection.execute("SELECT count(*) FROM finished").fetchone()
+        if row is None or not isinstance(row[0], str):
+            raise InputError(path, "is damaged: it has no header")
+        header = RunHeader.from_json(row[0], str(path))
+        if count > len(header.times):
+            raise InputError(path, f"is damaged: it has {count} frames of {len(header.times)}")
+        return Run(path, header, int(count), finished > 0)
+
+    @cached_property
+    def subject(self) -> Subject:
+        """The subject that was tracked."""
+        return subject_from_text(self.header.subject_urdf, source=self.header.subject_source, base=self.header.base)
+
+    @cached_property
+    def body(self) -> Body:
+        """The subject's kinematics."""
+        return Body(self.subject)
+
+    @cached_property
+    def _frames(self) -> list[dict[str, np.ndarray]]:
+        """The arrays of every frame as they are stored."""
+        with run_store.reading(self.file) as connection:
+            query = "SELECT data FROM frame WHERE position < ? ORDER BY position"
+            rows = connection.execute(query, (self.frame_count,)).fetchall()
+        if len(rows) != self.frame_count:
+            raise InputError(self.file, f"is damaged: {self.frame_count - len(rows)} of its frames are missing")
+        frames: list[dict[str, np.ndarray]] = []
+        for i, (data,) in enumerate(rows):
+            before = len(frames[-1]["weight"]) if frames else None
+            check = partial(check_frame, body=self.body, planned=self.planned_count, before=before)
+            frames.append(self._unpacked(data, f"frame {i}", check))
+        return frames
+
+    def _unpacked(
+        self, data: bytes, place: str, check: Callable[[dict[str, np.ndarray]], None]
+    ) -> dict[str, np.ndarray]:
+        """The arrays of a row, which `check` has nothing against."""
+        try:
+            arrays = unpack(data)
+            check(arrays)
+        except InputError:  # of the subject
+            raise
+        except ValueError as error:
+            raise InputError(self.file, f"is damaged: {error}", place=place) from None
+        return arrays
+
+    def result(self, i: int) -> FrameResult:
+        """Frame `i` of the file; negative counts from the end."""
+        a = self._frames[i]
+        return FrameResult(
+            int(a["index"]), float(a["time"]), str(a["status"]), a["q"], a["weight"], a["energy"],
+            _symmetric(a["covariance"], self.body.nv), a["parent"], a["kkt_residual"], a["penetration"],
+            tuple(str(s) for s in a["association"]), a.get("velocity"), Origins.from_arrays(a, self.body.nq),
+            extra_of(a),
+        )  # fmt: skip
+
+    def observation(self, i: int) -> Observation:
+        """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored."""
+        with run_store.reading(self.file) as connection:
+            row = connection.execute("SELECT data FROM observation WHERE position = ?", (int(i),)).fetchone()
+        if row is None:
+            raise InputError(self.file, "holds no keypoints", place=f"frame {i}", remedy="track again")
+        a = self._keypoints_of(row[0], i)
+        given = bool(a.get("given", False))
+        jitter = tuple(a["jitter"].tolist()) if "jitter" in a else ()
+        time = float(self.header.times[i])
+        estimate = PoseEstimate(a["estimate_q"], a["estimate_covariance"]) if "estimate_q" in a else None
+        seen = Observation(i, time, self.header.cameras, a["pixels"], a["confidence"], jitter, given)
+        return replace(seen, estimate=estimate)
+
+    @property
+    def estimates(self) -> dict[int, PoseEstimate] | None:
+        """What a fit of the person knew of poses, by planned frame (see `Observation.estimate`); None where nothing was
+        stored yet."""
+        with run_store.reading(self.file) as connection:
+            rows = connection.execute("SELECT position, data FROM observation ORDER BY position").fetchall()
+        stored = {i: self._keypoints_of(data, i) for i, data in rows}
+        known = {
+            i: PoseEstimate(a["estimate_q"], a["estimate_covariance"]) for i, a in stored.items() if "estimate_q" in a
+        }
+        return known if rows else None
+
+    def _keypoints_of(self, data: bytes, i: int) -> dict[str, np.ndarray]:
+        cameras = len(self.header.cameras)
+        return self._unpacked(data, f"keypoints of frame {i}", lambda a: check_observation(a, self.body, cameras))
+
+    def __iter__(self) -> Iterator[FrameResult]:
+        return (self.result(i) for i in range(self.frame_count))
+
+    def __len__(self) -> int:
+        return self.frame_count
+
+    def _called(self) -> str:
+        return self.file.name
+
+    def _facts(self) -> Facts:
+        times, count = self.header.times, self.frame_count
+        seconds = float(times[count - 1] - times[0]) if count else 0.0
+        facts = [
+            ("frames", f"{count} of {self.planned_count} ({seconds:.2f} s{'' if self.complete else ', unfinished'})"),
+            ("subject", Path(self.header.subject_source).name),
+            ("cameras", " ".join(camera.name for camera in self.header.cameras)),
+            ("tracker", self.header.tracker),
+        ]
+        return facts if self.filtering is None else [*facts, ("filter", f"{self.filtering.cutoff:g} Hz")]
+
+    @property
+    def hypothesis_count(self) -> int:
+        """K, the largest number of hypotheses of any frame."""
+        return max((len(f["weight"]) for f in self._frames), default=0)
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """(T,) [s]."""
+        return np.array([f["time"] for f in self._frames], dtype=np.float64)
+
+    @cached_property
+    def index(self) -> np.ndarray:
+        """(T,) number of each instant among those observed; `header.frames_of` has the clips' own frames."""
+        return np.array([f["index"] for f in self._frames], dtype=np.int64)
+
+    @cached_property
+    def status(self) -> np.ndarray:
+        """(T,) text, see `FrameResult.status`."""
+        return np.array([f["status"] for f in self._frames], dtype=np.str_)
+
+    @cached_property
+    def mode_q(self) -> np.ndarray:
+        """(T, K, nq) configurations."""
+        return self._padded("q", (self.body.nq,))
+
+    @cached_property
+    def mode_weight(self) -> np.ndarray:
+        """(T, K)."""
+        return self._padded("weight")
+
+    @cached_property
+    def mode_energy(self) -> np.ndarray:
+        """(T, K)."""
+        return self._padded("energy")
+
+    @cached_property
+    def mode_kkt_residual(self) -> np.ndarray:
+        """(T, K)."""
+        return self._padded("kkt_residual")
+
+    @cached_property
+    def mode_penetration(self) -> np.ndarray:
+        """(T, K) [m]."""
+        return self._padded("penetration")
+
+    @cached_property
+    def mode_covariance(self) -> np.ndarray:
+        """(T, K, nv, nv), single precision."""
+        nv = self.body.nv
+        out = np.full((len(self._frames), self.hypothesis_count, nv, nv), np.nan, dtype=np.float32)
+        for t, frame in enumerate(self._frames):
+            out[t, : len(frame["covariance"])] = _symmetric(frame["covariance"], nv)
+        return out
+
+    @cached_property
+    def mode_parent(self) -> np.ndarray:
+        """(T, K) index into the frame before, -1 if none."""
+        parent = self._padded("parent")
+        return np.where(np.isnan(parent), -1, parent).astype(np.int64)
+
+    @cached_property
+    def mode_association(self) -> np.ndarray:
+        """(T, K) text, empty where there is no hypothesis."""
+        k = self.hypothesis_count
+        rows = [[*f["association"], *[""] * (k - len(f["association"]))] for f in self._frames]
+        return np.array(rows, dtype=np.str_).reshape(len(rows), k)
+
+    @cached_property
+    def mode_velocity(self) -> np.ndarray:
+        """(T, K, nv) [1/s], see `Mode`; NaN also in runs made before it was kept."""
+        return self._padded("velocity", (self.body.nv,))
+
+    @cached_property
+    def mode_family(self) -> np.ndarray:
+        """(T, K) text: what each hypothesis was searched from, see `Origin`; empty where that is not known."""
+        known = [families(f) for f in self._frames]
+        rows = [[] if row is None else row.tolist() for row in known]
+        k = self.hypothesis_count
+        return np.array([row + [""] * (k - len(row)) for row in rows], dtype=np.str_).reshape(len(rows), k)
+
+    @cached_property
+    def extra(self) -> Mapping[str, np.ndarray]:
+        """What the tracker told beside its hypotheses, by name (T, ...), see `FrameResult.extra`; none in runs made
+        before it was kept.
+
+        Where a frame has nothing under a name, or a smaller array than others, the rest is NaN (whole numbers and
+        booleans then become floats) or empty text. Raises InputError where the arrays of a name cannot be stacked:
+        some have more axes than others, or are text, or they would fill the memory; `result(i).extra` has them singly.
+        """
+        frames = [extra_of(f) for f in self._frames]
+        names = dict.fromkeys(name for of_frame in frames for name in of_frame)
+        return {name: stacked([f.get(name) for f in frames], self.file, f"extra array {name}") for name in names}
+
+    @cached_property
+    def mode_landmarks(self) -> np.ndarray:
+        """(T, K, L, 3) in the world [m]."""
+        body, q = self.body, self.mode_q
+        points = np.full((*q.shape[:2], len(body.landmark_names), 3), np.nan)
+        for t, k in zip(*np.nonzero(np.isfinite(q).all(axis=2)), strict=True):
+            points[t, k] = body.landmarks(body.at(q[t, k]))
+        return points
+
+    @cached_property
+    def path(self) -> np.ndarray:
+        """(T,) the best hypothesis of each frame: back from the last frame's best through the parents."""
+        return backtrack(self.mode_parent, self.mode_weight)
+
+    @cached_property
+    def filtered_q(self) -> np.ndarray:
+        """(T, nq) along the path, as the tracker left it."""
+        return self._along(self.mode_q)
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """(T, nq) of the best hypothesis: along the path and, once the run is complete, smoothed over all frames."""
+        with run_store.reading(self.file) as connection:
+            row = connection.execute("SELECT data FROM smoothed").fetchone()
+        if row is None:
+            return self.filtered_q
+        q = self._unpacked(row[0], "smoothed trajectory", lambda a: check_trajectory(a, self.body))["q"]
+        return q if q.shape == self.filtered_q.shape else self.filtered_q
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """(T,) along the path."""
+        return self._along(self.mode_weight)
+
+    @cached_property
+    def energy(self) -> np.ndarray:
+        """(T,) of the mode on the path, before smoothing."""
+        return self._along(self.mode_energy)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(T, nv, nv) of the mode on the path: what its own frame and the priors leave open."""
+        nv = self.body.nv
+        out = np.full((len(self._frames), nv, nv), np.nan)
+        for t, (frame, k) in enumerate(zip(self._frames, self.path, strict=True)):
+            if k >= 0:
+                out[t] = _symmetric(frame["covariance"][k : k + 1], nv)[0]
+        return out
+
+    def posterior(self, i: int, calibration: Calibration | None = None) -> Posterior:
+        """What is known of the pose after frame `i` from this and the frames before it, all hypotheses together.
+
+        Raises InputError where the frame has no hypotheses.
+        """
+        cameras = self.header.cameras
+        alone = len(cameras) == 1 and self.header.subject_source in BUILT_IN
+        seen_from = cameras[0].centre_world if alone and not cameras[0].parallel else None  # which tells the size
+        return Posterior.of(self.body, self.result(i), calibration, seen_from)
+
+    @cached_property
+    def spread(self) -> Spread:
+        """How sure every frame is of every degree of freedom, with the ends of the 90 % intervals."""
+        return spread_of(self, LEVEL)
+
+    @property
+    def std(self) -> np.ndarray:
+        """(T, nv) calibrated standard deviation of every degree of freedom [m, rad], over all hypotheses."""
+        return self.spread.std
+
+    def interval(self, level: float) -> np.ndarray:
+        """(T, 2, nq) ends of the calibrated central interval of this probability for every joint that one number places
+        [rad, m], within its limits, over all hypotheses; NaN for other joints and frames without any.
+
+        Raises InputError for a level outside 0 to 1.
+        """
+        body, spread = self.body, self.spread if level == LEVEL else spread_of(self, level)
+        single = [j for j in range(1, body.model.njoints) if body.model.nqs[j] == body.model.nvs[j] == 1]
+        in_q, in_v = (np.array(list(indices))[single] for indices in (body.model.idx_qs, body.model.idx_vs))
+        out = np.full((len(self._frames), 2, body.nq), np.nan)
+        out[:, :, in_q] = spread.best[:, None, in_q] + spread.ends[:, :, in_v]
+        return out
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that have an angle, or a length: what `run[name]` and `angle` take."""
+        return tuple(entry.name for entry in joint_entries(self.body) if entry.kind in ONE_NUMBER)
+
+    def __getitem__(self, joint: str) -> JointAngle:
+        """A joint by its name: its value, standard deviation, 90 % interval and hypotheses over time.
+
+        Raises InputError for an unknown name, with the nearest, or a joint of several degrees of freedom.
+        """
+        return joint_angle(self, joint_entry(self.body, joint))
+
+    def angle(self, joint: str, degrees: bool = False) -> np.ndarray:
+        """(T,) a joint of the best hypothesis [rad, or degrees; m where it slides], NaN in frames without a pose.
+
+        Raises InputError as `run[joint]` does, and for degrees of a joint that slides.
+        """
+        entry = joint_entry(self.body, joint)
+        if degrees and entry.kind == "slide":
+            raise InputError("degrees", f"{joint!r} slides: it has metres", remedy="leave degrees out")
+        value = joint_value(entry, self.q)
+        return np.rad2deg(value) if degrees else value
+
+    def to_dataframe(self, degrees: bool = False) -> pandas.DataFrame:
+        """The best hypothesis as a table, a row a frame: `time_s`, `status`, root and joints with units in their names,
+        standard deviations beside values (`left_knee_flexion_rad`, `left_knee_flexion_std_rad`).
+
+        degrees: angles in degrees (`left_knee_flexion_deg`). Raises InputError where pandas is not installed.
+        """
+        return data_frame(self, degrees)
+
+    def butterworth(self, cutoff: float) -> Run:
+        """The same run with `q` filtered: what moves faster than the cut-off [Hz] is taken out, without lag.
+
+        Butterworth, fourth order (twice the second, forwards and backwards), see `estimator.runs.filtering` for
+        rotations, gaps and limits, which hold afterwards. `filtering` of the new run says what was done. Landmarks and
+        all else that is made of `q` follow; hypotheses, standard deviations and intervals are what they were.
+
+        Raises InputError: a cut-off that is not above zero, or not below half the frame rate.
+        """
+        done = filtered(self.body, self.q, self.time, cutoff)
+        known = {name: value for name, value in vars(self).items() if name not in ("q", "landmarks")}
+        run = Run(self.file, self.header, self.frame_count, self.complete)
+        vars(run).update(known, q=done.q, filtering=done)
+        return run
+
+    @cached_property
+    def landmarks(self) -> np.ndarray:
+        """(T, L, 3) of `q`, in the world [m]."""
+        body, q = self.body, self.q
+        points = np.full((len(q), len(body.landmark_names), 3), np.nan)
+        for t in np.flatnonzero(np.isfinite(q).all(axis=1)):
+            points[t] = body.landmarks(body.at(q[t]))
+        return points
+
+    @cached_property
+    def _keypoints(self) -> tuple[np.ndarray, np.ndarray]:
+        with run_store.reading(self.file) as connection:
+            rows = connection.execute("SELECT data FROM observation ORDER BY position").fetchall()
+        frames = [self._keypoints_of(data, i) for i, (data,) in enumerate(rows)]
+        shape = (len(frames), len(self.header.cameras), len(self.body.landmark_names))
+        pixels = np.array([f["pixels"] for f in frames], dtype=np.float64).reshape(*shape, 2)
+        return pixels, np.array([f["confidence"] for f in frames], dtype=np.float64).reshape(shape)
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(planned T, C, L, 2) keypoints the run was made from [px], NaN where missing; none if never stored."""
+        return self._keypoints[0]
+
+    @property
+    def confidence(self) -> np.ndarray:
+        """(planned T, C, L) of `pixels`."""
+        return self._keypoints[1]
+
+    def _padded(self, key: str, shape: tuple[int, ...] = ()) -> np.ndarray:
+        out = np.full((len(self._frames), self.hypothesis_count, *shape), np.nan)
+        for t, frame in enumerate(self._frames):
+            if key in frame:
+                out[t, : len(frame[key])] = frame[key]
+        return out
+
+    def _along(self, per_mode: np.ndarray) -> np.ndarray:
+        """Rows of the path; NaN for a frame without hypotheses."""
+        out = np.full((per_mode.shape[0], *per_mode.shape[2:]), np.nan)
+        some = self.path >= 0
+        out[some] = per_mode[some, self.path[some]]
+        return out
+
+
+def _symmetric(triangle: np.ndarray, n: int) -> np.ndarray:
+    """Symmetric matrices (K, n, n) from their upper triangles (K, n (n + 1) / 2)."""
+    rows, columns = np.triu_indices(n)
+    full = np.zeros((len(triangle), n, n))
+    full[:, rows, columns] = triangle
+    full[:, columns, rows] = triangle
+    return full

@@ -1,0 +1,55 @@
+"""How sure a run is of every degree of freedom, frame by frame."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from estimator.runs.marginals import Marginals
+from humanoid.support.errors import InputError
+
+if TYPE_CHECKING:
+    from estimator.runs.run_reader import Run
+
+LEVEL = 0.9
+"""The level of the intervals that plots, pages and tables show."""
+_AT_ONCE = 400  # components of frames that are searched together: fewer cost more calls, more leave the cache
+
+
+class Spread(NamedTuple):
+    """The calibrated posterior of T frames, a degree of freedom at a time; NaN in frames without hypotheses.
+
+    std (T, nv): standard deviations over all hypotheses [rad, m]. best (T, nq): the configuration that `ends` counts
+    from. ends (T, 2, nv): where the central interval of a level begins and ends, in the tangent space at `best`, within
+    the joint limits: quantiles of the mixture, which with several hypotheses is no Gaussian.
+    """
+
+    std: np.ndarray
+    best: np.ndarray
+    ends: np.ndarray
+
+
+def spread_of(run: Run, level: float) -> Spread:
+    """The spread of all frames of a run, with the central intervals of this probability; raises InputError where it is
+    none."""
+    if not 0.0 <= level <= 1.0:
+        raise InputError("level", f"{level:g} is no probability", remedy="0 to 1, as 0.9")
+    body, count = run.body, len(run)
+    std, best = np.full((count, body.nv), np.nan), np.full((count, body.nq), np.nan)
+    ends = np.full((count, 2, body.nv), np.nan)
+    known = np.flatnonzero(np.isfinite(run.mode_weight).any(axis=1)).tolist()
+    rows: list[int] = []
+    parts: list[Marginals] = []
+    for t in known:
+        posterior = run.posterior(t)
+        best[t] = posterior.best
+        rows.append(t)
+        parts.append(posterior.marginals())
+        if t == known[-1] or sum(part.weight.shape[-1] for part in parts) >= _AT_ONCE:
+            marginals = Marginals.stacked(parts)
+            std[rows] = marginals.moments()[1].reshape(-1, body.nv)
+            quantiles = marginals.quantiles(0.5 - 0.5 * level, 0.5 + 0.5 * level)
+            ends[rows] = quantiles.reshape(2, -1, body.nv).transpose(1, 0, 2)
+            rows, parts = [], []
+    return Spread(std, best, ends)

@@ -1,0 +1,146 @@
+"""The energy of a few frames as a function of everything: poses, proportions and shape (CSS section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.search.cost_model import CostModel, CostSettings, image_extent
+from estimator.tracking.fitting.contour_points import ContourPoints, PointLoads
+from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
+from estimator.vision.cues.assigned import nothing
+from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
+from estimator.vision.likelihood.settings import ImageSettings
+from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import Body, PosedBody
+
+
+class Expansion(NamedTuple):
+    """Value of an energy, its gradient (n,) and Gauss-Newton Hessian (n, n) by `Unknowns.flat`."""
+
+    value: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+
+
+class Gaussian(NamedTuple):
+    """A Gaussian prior: mean (n,), precision (n, n)."""
+
+    mean: np.ndarray
+    precision: np.ndarray
+
+
+class BodyEnergy:
+    """Energy of frames with the pictures' features as they are assigned at some unknowns, and stay.
+
+    Keypoints, priors of poses, proportions and shape, parts kept apart, edges and outlines. A contour point moves as
+    the nodes that it lies between do (CSS section 5, second and third stage).
+
+    features: how many contour points have any.
+
+    Parameters
+    ----------
+    observations (F): with cues. assigned_at: where contours are predicted and features assigned to them.
+    on_scales: prior of the proportions' scales. share: what each frame counts.
+    self_collision: keeps parts apart, with solids that do not follow the shape; None lets them be.
+    """
+
+    def __init__(
+        self,
+        shaped: ShapedBody,
+        observations: Sequence[Observation],
+        assigned_at: Unknowns,
+        cost: CostSettings,
+        on_scales: Gaussian,
+        share: float = 1.0,
+        self_collision: SelfCollision | None = None,
+    ) -> None:
+        self._shaped, self._observations, self._cost = shaped, observations, cost
+        self._on_scales, self._share, self._self_collision = on_scales, share, self_collision
+        self._contours = [
+            [_assigned(camera, posed) for camera in likelihood.cameras]
+            for posed, likelihood in seen_at(shaped, observations, assigned_at, cost.image)
+        ]
+        self.features = sum(len(points.joint) for frame in self._contours for points in frame)
+
+    def at(self, x: Unknowns) -> Expansion:
+        """Value, gradient and Gauss-Newton Hessian at some unknowns."""
+        shaped, nv, (_, scales, shape) = self._shaped, self._shaped.proportions.base.nv, x
+        value, gradient, hessian = self._priors(x)
+        of_parts = shaped.shape.of_parts(shape)
+        nodes = shaped.surface.at(of_parts, scales).local
+        by_shape = shaped.nodes_by_shape(shape, scales)
+        body = shaped.proportions.at(scales)
+        model = CostModel(body, self._cost, self._self_collision)
+        for k, (observation, contours) in enumerate(zip(self._observations, self._contours, strict=True)):
+            posed = body.at(x.poses[k])
+            of_frame = np.r_[k * nv : (k + 1) * nv, len(x.poses) * nv : len(gradient)]
+            frame = self._frame(model, posed, observation)
+            by_scales = shaped.surface.proportion_derivatives(posed, of_parts, scales)
+            for points in contours:
+                turned = np.einsum("nij,njs->nis", posed.rotations[points.joint], points.between(by_shape))
+                own = np.concatenate([points.between(by_scales), turned], axis=2)
+                frame = _plus(frame, _gathered(body, posed, points.joint, points.loads(posed, nodes), own))
+            value += self._share * frame.value
+            gradient[of_frame] += self._share * frame.gradient
+            hessian[np.ix_(of_frame, of_frame)] += self._share * frame.hessian
+        return Expansion(value, gradient, hessian)
+
+    def _priors(self, x: Unknowns) -> Expansion:
+        """Of proportions and shape; those of the poses are the frames' own."""
+        of_scales, of_shape = self._shaped.places(len(x.poses))
+        gradient, hessian = np.zeros(of_shape.stop), np.zeros((of_shape.stop, of_shape.stop))
+        value, flesh = 0.0, Gaussian(np.zeros(len(x.shape)), self._shaped.shape.precision)
+        for place, at, prior in ((of_scales, x.scales, self._on_scales), (of_shape, x.shape, flesh)):
+            gradient[place], hessian[place, place] = prior.precision @ (at - prior.mean), prior.precision
+            value += 0.5 * float((at - prior.mean) @ gradient[place])
+        return Expansion(value, gradient, hessian)
+
+    def _frame(self, model: CostModel, posed: PosedBody, observation: Observation) -> Expansion:
+        """Keypoints and priors of one frame, by its pose, the scales and the shape."""
+        body, shaped = model.body, self._shaped
+        term = model.observation_term(observation)
+        own = model.cost(term).of(posed)
+        by_scales = shaped.proportions.landmark_derivatives(posed)
+        by_scales = np.concatenate([by_scales, np.zeros((*by_scales.shape[:2], len(shaped.shape.low)))], axis=2)
+        loads = PointLoads(0.0, body.landmarks(posed), *term.point_loads(posed))
+        frame = _gathered(body, posed, body.landmark_joint, loads, by_scales)
+        nv = body.nv
+        frame.gradient[:nv], frame.hessian[:nv, :nv] = own.gradient, own.hessian  # the priors' among them
+        return frame._replace(value=own.value)
+
+
+def seen_at(
+    shaped: ShapedBody, observations: Sequence[Observation], x: Unknowns, settings: ImageSettings
+) -> Iterator[tuple[PosedBody, ImageLikelihood]]:
+    """The body in every frame at some unknowns, and what the frame's pictures say of it."""
+    body = shaped.proportions.at(x.scales)
+    image = ImageModel(body, settings, shaped.surface.at(shaped.shape.of_parts(x.shape), x.scales))
+    for observation, q in zip(observations, x.poses, strict=True):
+        posed = body.at(q)
+        landmarks = body.landmarks(posed)
+        seen = [c.camera.project(landmarks) for c in observation.cues]
+        extents = [image_extent(pixels, np.isfinite(pixels).all(axis=1).astype(float)) for pixels in seen]
+        yield posed, image.likelihood(observation.cues, extents)
+
+
+def _assigned(camera: CameraLikelihood, posed: PosedBody) -> ContourPoints:
+    prediction = camera.predictor.predict(posed)
+    groups = [match.features for match in camera.contours(prediction)] or [nothing()]
+    return ContourPoints(camera.cues.camera, prediction.contours, camera.model.surface.local, groups)
+
+
+def _gathered(body: Body, posed: PosedBody, joint: np.ndarray, loads: PointLoads, own: np.ndarray) -> Expansion:
+    """Loads of points on joints (N,), by the pose and by what else moves them in the world, own (N, 3, K)."""
+    linear, angular = posed.spatial_jacobian[:, :3], posed.spatial_jacobian[:, 3:]
+    by_column = (linear + np.cross(angular, loads.points[:, None])) * body.column_support[joint][..., None]
+    J = np.concatenate([body.collected(by_column.transpose(0, 2, 1)), own], axis=2).reshape(-1, body.nv + own.shape[2])
+    weighted = (loads.load @ J.reshape(len(joint), 3, -1)).reshape(J.shape)
+    return Expansion(loads.value, J.T @ loads.force.ravel(), J.T @ weighted)
+
+
+def _plus(a: Expansion, b: Expansion) -> Expansion:
+    return Expansion(a.value + b.value, a.gradient + b.gradient, a.hessian + b.hessian)

@@ -1,0 +1,178 @@
+"""Poses of successive frames tied by a motion prior: Newton's method on the block-banded system, limits as bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import solveh_banded
+
+from estimator.energy.descent.covariance import free_mask
+from estimator.energy.descent.newton import Damping, NewtonSettings, Problem, Step, minimise
+from estimator.energy.term import Cost
+from estimator.inference.motion import MotionPrior
+from estimator.numerics.robust import LORENTZIAN, robust_square
+from estimator.tracking.smoothing.ties import Ties
+from humanoid.kinematics.body import SHORTEST_STEP, Body, PosedBody
+
+DAMPING = Damping(first=1e-6)
+REACH = 2
+"""Frames before and after some that these hang on to: velocities and accelerations reach that far."""
+
+
+class ChainModel(NamedTuple):
+    """Quadratic model of a chain's energy at poses q (T, nq).
+
+    gradient (T, nv). blocks (3, T, nv, nv): of the Hessian; block k couples frame t with frame t + k.
+    """
+
+    value: float
+    q: np.ndarray
+    gradient: np.ndarray
+    blocks: np.ndarray
+
+
+class Chain:
+    """Frames tied by the motion prior.
+
+    costs (T): static energy of each frame. times (T,) [s], rising. tolerance: energy that a step must gain.
+    ties (T - 1): what the pictures say of the movement from each frame to the next; nothing unless given.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        costs: Sequence[Cost],
+        times: np.ndarray,
+        motion: MotionPrior,
+        tolerance: float,
+        ties: Sequence[Ties] | None = None,
+    ) -> None:
+        self._body, self._costs, self._tolerance, self._nu = body, costs, tolerance, motion.nu
+        self._ties: Sequence[Ties] = ties if ties is not None else [()] * (len(costs) - 1)
+        self._dt = np.maximum(np.diff(times), SHORTEST_STEP)
+        self._velocity_precision = 1.0 / np.square(motion.velocity_std)
+        self._acceleration_precision = 1.0 / np.square(motion.acceleration_std)
+
+    def energy(self, q: np.ndarray) -> float:
+        """Of poses (T, nq)."""
+        return self._model(q).value
+
+    def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
+        """At most so many damped Newton steps from q (T, nq), after which the energy is no higher; the frames in `held`
+        (T,) stay."""
+        newton = NewtonSettings(iterations, DAMPING, enough=self._tolerance)
+        return minimise(_Poses(self, held), self._model(q), newton).model.q
+
+    def _model(self, q: np.ndarray) -> ChainModel:
+        count, nv = len(q), self._body.nv
+        gradient, blocks = np.zeros((count, nv)), np.zeros((3, count, nv, nv))
+        energy = 0.0
+        posed: list[PosedBody] = []
+        for t, cost in enumerate(self._costs):
+            own = cost.at(q[t])
+            posed.append(own.posed)
+            energy += own.value
+            gradient[t] += own.gradient
+            blocks[0, t] += own.hessian
+        for t, ties in enumerate(self._ties):
+            if ties:
+                energy += self._tied(posed[t], posed[t + 1], ties, gradient[t : t + 2], blocks[:, t : t + 2])
+        energy += self._motion(q, gradient, blocks)
+        return ChainModel(energy, q, gradient, blocks)
+
+    def _tied(self, before: PosedBody, after: PosedBody, ties: Ties, gradient: np.ndarray, blocks: np.ndarray) -> float:
+        """Add ties to gradient (2, nv) and blocks (3, 2, nv, nv) of two successive frames."""
+        nv = self._body.nv
+        own, hessian = np.zeros(2 * nv), np.zeros((2 * nv, 2 * nv))
+        value = sum(tie.accumulate_pair(before, after, own, hessian) for tie in ties)
+        gradient += own.reshape(2, nv)
+        blocks[0, 0] += hessian[:nv, :nv]
+        blocks[0, 1] += hessian[nv:, nv:]
+        blocks[1, 0] += hessian[:nv, nv:]
+        return value
+
+    def _motion(self, q: np.ndarray, gradient: np.ndarray, blocks: np.ndarray) -> float:
+        model, energy = self._body.model, 0.0
+        before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        for t, dt in enumerate(self._dt):
+            v = pin.difference(model, q[t], q[t + 1]) / dt
+            J0, J1 = (x / dt for x in pin.dDifference(model, q[t], q[t + 1]))
+            energy += self._add(v, self._velocity_precision, {t: J0, t + 1: J1}, gradient, blocks)
+            if before is not None:
+                span = 0.5 * (dt + self._dt[t - 1])
+                v_before, J0_before, J1_before = before
+                parts = {t - 1: -J0_before / span, t: (J0 - J1_before) / span, t + 1: J1 / span}
+                e = (v - v_before) / span
+                energy += self._add(e, self._acceleration_precision, parts, gradient, blocks)
+            before = v, J0, J1
+        return energy
+
+    def _add(
+        self,
+        e: np.ndarray,
+        precision: np.ndarray,
+        parts: dict[int, np.ndarray],
+        gradient: np.ndarray,
+        blocks: np.ndarray,
+    ) -> float:
+        """Add the prior of e (nv,), which depends on the frames in `parts` through their Jacobians (nv, nv)."""
+        pull, weight = np.empty_like(e), np.empty_like(e)
+        value: float = robust_square(e, precision, LORENTZIAN, self._nu, False, pull, weight)
+        for t, J in parts.items():
+            gradient[t] += J.T @ pull
+            for s, K in parts.items():
+                if s >= t:
+                    blocks[s - t, t] += J.T @ (weight[:, None] * K)
+        return value
+
+    def at(self, q: np.ndarray, step: np.ndarray) -> ChainModel:
+        """The energy's model after a step (T, nv) from q (T, nq); a frame that stays keeps its bits."""
+        moved = [self._body.integrate(a, v) if v.any() else a for a, v in zip(q, step, strict=True)]
+        return self._model(np.array(moved))
+
+    def step(self, model: ChainModel, held: np.ndarray, damping: float) -> np.ndarray:
+        """Damped Newton step (T, nv) of the variables that neither a limit nor `held` (T,) stops."""
+        q, gradient = model.q, model.gradient
+        count, nv = gradient.shape
+        free = free_mask(self._body, q, gradient) & ~held[:, None]
+        blocks = model.blocks * free[None, :, :, None]
+        for k in range(3):
+            blocks[k, : count - k] *= free[k:, None, :]
+        diagonal = np.einsum("tii->ti", blocks[0])
+        diagonal *= 1.0 + damping
+        diagonal[~free] = 1.0
+        step = solveh_banded(_banded(blocks), np.where(free, -gradient, 0.0).ravel(), lower=True, check_finite=False)
+        return np.asarray(step).reshape(count, nv)
+
+
+class _Poses(Problem[ChainModel]):
+    """A chain in which the frames in `held` (T,) stay."""
+
+    def __init__(self, chain: Chain, held: np.ndarray) -> None:
+        self._chain, self._held = chain, held
+
+    def step(self, model: ChainModel, damping: float) -> Step | None:
+        try:
+            return self._chain.step(model, self._held, damping), None
+        except np.linalg.LinAlgError:  # not positive definite
+            return None
+
+    def at(self, model: ChainModel, step: Step) -> ChainModel:
+        return self._chain.at(model.q, step[0])
+
+
+def _banded(blocks: np.ndarray) -> np.ndarray:
+    """Lower banded form of the symmetric matrix whose blocks (t, t + k) are `blocks[k, t]`."""
+    _, count, nv, _ = blocks.shape
+    n = count * nv
+    bands = np.zeros((3 * nv, n))
+    for k in range(3):
+        for i in range(nv):  # row of the upper block: variable i of frame t, column j of frame t + k
+            for j in range(nv):
+                offset = k * nv + j - i
+                if offset >= 0:
+                    bands[offset, i : n - k * nv : nv] = blocks[k, : count - k, i, j]
+    return bands

@@ -1,0 +1,152 @@
+"""Smoothing over a whole clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.data.source import Cues, Progress
+from estimator.energy.descent.contact import separate
+from estimator.energy.descent.solution import STALLED, Solution
+from estimator.energy.priors import Transition
+from estimator.energy.term import Cost
+from estimator.inference.best_path import best_path
+from estimator.inference.motion import MotionPrior
+from estimator.search.association import EXCHANGED
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.paths import backtrack_results
+from estimator.tracking.smoothing.chain import REACH, Chain
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only
+from estimator.tracking.smoothing.renewal import Renewal, Trajectory
+from estimator.tracking.smoothing.settings import SmoothSettings
+from humanoid.kinematics.body import Body
+
+NEAR = 0.05  # rad or m: how far parting two limbs may move the smoothed pose
+
+
+def smooth_track(
+    search: ModeSearch,
+    observations: Sequence[Observation],
+    results: Sequence[FrameResult],
+    settings: SmoothSettings | None = None,
+    *,
+    cues: Cues | None = None,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Smoothed configurations (T, nq) of the best trajectory, NaN where a frame has no hypothesis.
+
+    Two paths through the modes are smoothed, the tracker's own back through the parents and the one that the motion
+    prior likes best; the one of lower energy after smoothing is taken. Each frame's keypoints are read as the path's
+    mode reads them, `cues` are what its pictures show: at first as the modes have them, then as the smoothed poses do
+    (`Renewal`). Parts that the smoothing pushed into each other are parted again
+    (`estimator.energy.descent.contact`). `progress` is told how many frames of how many are done.
+    """
+    settings = settings or SmoothSettings()
+    track = _Track(search, observations, results, settings, cues)
+    q = np.full((len(results), search.body.nq), np.nan)
+    if track.some:
+        cost, smoothed = track.best(progress)
+        q[track.some] = [_parted(search, c, x) for c, x in zip(cost, smoothed, strict=True)]
+    return q
+
+
+class _Track:
+    """The frames of a track that have modes, and the paths through these."""
+
+    def __init__(
+        self,
+        search: ModeSearch,
+        observations: Sequence[Observation],
+        results: Sequence[FrameResult],
+        settings: SmoothSettings,
+        cues: Cues | None,
+    ) -> None:
+        self._search, self._settings, self._cues = search, settings, cues
+        self._observations, self._results = observations, results
+        self._motion = settings.motion(search.model)
+        path = backtrack_results(results)
+        self.some = np.flatnonzero(path >= 0).tolist()
+        self._times = np.array([observations[t].time for t in self.some])
+        self._path = path[self.some]
+
+    def best(self, progress: Progress | None) -> tuple[list[Cost], np.ndarray]:
+        """Costs and smoothed poses (T, nq) of the better path."""
+        costs, energies = [], []
+        for t, k in zip(self.some, self._path, strict=True):
+            of_frame = frame_costs(self._search, self._seen(t), self._results[t])
+            energies.append(frame_energies(self._search, of_frame, self._results[t]))
+            costs.append(of_frame[k])
+        q = [self._results[t].q for t in self.some]
+        other = best_path(self._search.body, q, energies, self._times, self._motion)
+        rivals = [self._smoothed(costs, self._path, progress)]
+        if not np.array_equal(other, self._path):
+            changed = [self._cost(i, k) if k != self._path[i] else costs[i] for i, k in enumerate(other.tolist())]
+            rivals.append(self._smoothed(changed, other, None))
+        renewal = Renewal(self._search, self._place, self.some, self._times, self._motion, self._settings)
+        if self._cues is not None and self._settings.rounds > 0:
+            renewal(rivals)
+        penalty = self._search.model.settings.exchange_penalty
+        best = min(rivals, key=lambda r: renewal.energy(r) + penalty * sum(a == EXCHANGED for a in r.association))
+        return best.costs, best.q
+
+    def _smoothed(self, costs: list[Cost], path: np.ndarray, progress: Progress | None) -> Trajectory:
+        """Along a path, with the features of its modes."""
+        start = np.array([self._results[t].q[k] for t, k in zip(self.some, path, strict=True)])
+        q = smooth(self._search.body, costs, self._times, start, self._motion, self._settings, progress)
+        associations = [self._results[t].association[k] for t, k in zip(self.some, path, strict=True)]
+        return Trajectory(q, associations, list(costs))
+
+    def _place(self, i: int) -> Observation:
+        return self._seen(self.some[i])
+
+    def _cost(self, i: int, k: int) -> Cost:
+        t = self.some[i]
+        (cost,) = frame_costs(self._search, self._seen(t), only(self._results[t], k))
+        return cost
+
+    def _seen(self, t: int) -> Observation:
+        observation = self._observations[t]
+        return observation if self._cues is None else replace(observation, cues=self._cues.at(observation.index))
+
+
+def _parted(search: ModeSearch, cost: Cost, q: np.ndarray) -> np.ndarray:
+    """q (nq,) itself unless parts overlap, else a pose near it where they do not."""
+    body = search.body
+    contact = search.settings.contact
+    if search.self_collision is None or search.self_collision.penetration(body.at(q)) <= contact.tolerance:
+        return q
+    held = Cost(body, [*cost.terms, Transition(body, q, np.full(body.nv, NEAR))])
+    start = Solution(held.at(q), STALLED, np.inf, 0)
+    return separate(search.seeker, search.self_collision, held, start, contact).q
+
+
+def smooth(
+    body: Body,
+    costs: Sequence[Cost],
+    times: np.ndarray,
+    q: np.ndarray,
+    motion: MotionPrior,
+    settings: SmoothSettings | None = None,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Smoothed configurations (T, nq), within the limits; the total energy is never higher than at `q`.
+
+    costs (T): static energy of each frame. times (T,) [s], rising. q (T, nq): the path.
+    """
+    settings = settings or SmoothSettings()
+    q = np.array([body.clamp(x) for x in q])
+    half = max(1, settings.window // 2)
+    for first in range(0, max(1, len(q) - half), half):
+        last = min(len(q), first + settings.window)
+        low, high = max(0, first - REACH), min(len(q), last + REACH)
+        held = np.ones(high - low, dtype=bool)
+        held[first - low : last - low] = False
+        chain = Chain(body, costs[low:high], times[low:high], motion, settings.tolerance)
+        q[low:high] = chain.descend(q[low:high], held, settings.iterations)
+        if progress is not None:
+            progress(last, len(q))
+    return q

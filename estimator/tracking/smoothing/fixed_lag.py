@@ -1,0 +1,85 @@
+"""Smoothing some frames behind a live track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.energy.term import Cost
+from estimator.inference.best_path import best_path
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.smoothing.chain import REACH, Chain
+from estimator.tracking.smoothing.frames import frame_costs, frame_energies
+from estimator.tracking.smoothing.settings import SmoothSettings
+
+
+@dataclass
+class _Frame:
+    """A frame of the window: its modes q (K, nq) with their costs and energies (K,), and the pose it has now."""
+
+    index: int
+    time: float
+    modes: np.ndarray
+    costs: list[Cost]
+    energy: np.ndarray
+    chosen: int = -1
+    q: np.ndarray | None = None
+
+    def keep(self, k: int) -> None:
+        """Choose mode k; a pose that was smoothed as that mode stays."""
+        if k != self.chosen:
+            self.chosen, self.q = k, self.modes[k]
+
+
+class FixedLag:
+    """Takes the frames of a track as they come and gives each back smoothed, `SmoothSettings.lag` frames later.
+
+    What has been given out stays as it is; the frames since are gone through for the best trajectory anew and smoothed
+    together with every frame that comes.
+    """
+
+    def __init__(self, search: ModeSearch, settings: SmoothSettings | None = None) -> None:
+        self._search = search
+        self._settings = settings or SmoothSettings()
+        self._motion = self._settings.motion(search.model)
+        self._settled: list[_Frame] = []
+        self._window: list[_Frame] = []
+
+    def push(self, observation: Observation, result: FrameResult) -> list[tuple[int, np.ndarray]]:
+        """Take a frame as it was searched, with its pictures' cues where there are any; the frames that are now old
+        enough, as (index, configuration (nq,)). A frame without hypotheses is left out."""
+        if not len(result.weight):
+            return []
+        costs = frame_costs(self._search, observation, result)
+        energy = frame_energies(self._search, costs, result)
+        self._window.append(_Frame(result.index, result.time, result.q, costs, energy))
+        self._smooth()
+        return [self._give()] if len(self._window) > self._settings.lag else []
+
+    def flush(self) -> list[tuple[int, np.ndarray]]:
+        """The frames that are still held back, at the end of a clip."""
+        return [self._give() for _ in range(len(self._window))]
+
+    def _smooth(self) -> None:
+        frames = [*self._settled, *self._window]
+        times = np.array([f.time for f in frames])
+        q = [f.q[None] if f.q is not None else f.modes for f in self._settled] + [f.modes for f in self._window]
+        energy = [np.zeros(1)] * len(self._settled) + [f.energy for f in self._window]
+        path = best_path(self._search.body, q, energy, times, self._motion)
+        for frame, k in zip(self._window, path[len(self._settled) :].tolist(), strict=True):
+            frame.keep(k)
+        costs = [f.costs[f.chosen] for f in frames]
+        held = np.arange(len(frames)) < len(self._settled)
+        chain = Chain(self._search.body, costs, times, self._motion, self._settings.tolerance)
+        poses = chain.descend(np.array([f.q for f in frames]), held, self._settings.lag_iterations)
+        for frame, pose in zip(frames, poses, strict=True):
+            frame.q = pose
+
+    def _give(self) -> tuple[int, np.ndarray]:
+        frame = self._window.pop(0)
+        self._settled = [*self._settled, frame][-REACH:]
+        assert frame.q is not None
+        return frame.index, frame.q

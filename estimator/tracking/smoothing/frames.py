@@ -1,0 +1,65 @@
+"""Each frame's own energy, as a mode of it reads the frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.energy.term import Cost, Term
+from estimator.search.association import EXCHANGED
+from estimator.search.mode_search import ModeSearch
+from estimator.trackers.beginning import observable
+from estimator.trackers.frame_result import FrameResult
+from estimator.tracking.smoothing.ties import Ties, ties_of
+from humanoid.kinematics.body import PosedBody
+
+
+def frame_costs(search: ModeSearch, observation: Observation, result: FrameResult) -> list[Cost]:
+    """Static energy of a frame in the association of each of its K modes; image features stay assigned as they are
+    there."""
+    if not observable(observation):
+        return [search.model.cost(None)] * len(result.weight)
+    likelihood = search.likelihood(observation, result.q[0])
+    terms = {name: search.term(observation, name) for name in set(result.association)}
+    costs = []
+    for q, association in zip(result.q, result.association, strict=True):
+        assigned = [] if likelihood is None else likelihood.assigned(search.body.at(q))
+        costs.append(search.model.cost(terms[association], image_terms=assigned))
+    return costs
+
+
+def frame_energies(search: ModeSearch, costs: list[Cost], result: FrameResult) -> np.ndarray:
+    """Static energy (K,) of every mode of a frame, with the penalty of an exchanged association."""
+    penalty = search.model.settings.exchange_penalty
+    return np.array(
+        [
+            cost.value_at(q) + (penalty if association == EXCHANGED else 0.0)
+            for cost, q, association in zip(costs, result.q, result.association, strict=True)
+        ]
+    )
+
+
+def renewed_cost(search: ModeSearch, observation: Observation, association: str, posed: PosedBody) -> Cost:
+    """Static energy of a frame in an association, with image features assigned at a pose."""
+    if not observable(observation):
+        return search.model.cost(None)
+    likelihood = search.likelihood(observation, posed.q)
+    assigned = [] if likelihood is None else likelihood.assigned(posed)
+    return search.model.cost(search.term(observation, association), image_terms=assigned)
+
+
+def flow_ties(
+    search: ModeSearch, observation: Observation, before: PosedBody, posed: PosedBody
+) -> tuple[Ties, list[Term]]:
+    """What ties a frame to the one before, in which the body lay at `before`, and what can only be a term of the frame
+    itself, `before` being held."""
+    likelihood = search.likelihood(observation, posed.q)
+    return ((), []) if likelihood is None else ties_of(search.body, likelihood.followed(before, posed), before)
+
+
+def only(result: FrameResult, k: int) -> FrameResult:
+    """A frame with its mode k alone."""
+    alone = slice(k, k + 1)
+    return replace(result, q=result.q[alone], weight=result.weight[alone], association=result.association[alone])

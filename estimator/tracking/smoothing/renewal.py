@@ -1,0 +1,112 @@
+"""Smoothing with what the pictures say at the smoothed poses, instead of at those that the filter had."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.data.observation import Observation
+from estimator.energy.term import Cost
+from estimator.inference.motion import MotionPrior
+from estimator.search.mode_search import ModeSearch
+from estimator.tracking.smoothing.chain import REACH, Chain
+from estimator.tracking.smoothing.frames import flow_ties, renewed_cost
+from estimator.tracking.smoothing.settings import SmoothSettings
+from estimator.tracking.smoothing.ties import Ties
+
+See = Callable[[int], Observation]
+"""A frame of the track, by its place in it, with what its pictures show."""
+
+
+@dataclass
+class Trajectory:
+    """Poses q (T, nq) of the frames of a track, the association (T) that each frame is read in, the energy (T) of each
+    frame by itself, and what ties each frame to the one before (T)."""
+
+    q: np.ndarray
+    association: Sequence[str]
+    costs: list[Cost]
+    ties: list[Ties] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.ties = [()] * len(self.q)
+
+
+class Renewal:
+    """Smooths trajectories again, window by window: features are assigned, and flow is followed, anew at their poses,
+    which are then smoothed with these, as often as that lowers the energy.
+
+    see: the frames; each is asked for once, in their order. frames (T,): number of each in the clip. times (T,) [s].
+    """
+
+    def __init__(
+        self,
+        search: ModeSearch,
+        see: See,
+        frames: Sequence[int],
+        times: np.ndarray,
+        motion: MotionPrior,
+        settings: SmoothSettings,
+    ) -> None:
+        self._search, self._see, self._frames, self._times = search, see, frames, times
+        self._motion, self._settings = motion, settings
+        self._unseen = search.model.cost(None)
+
+    def __call__(self, trajectories: Sequence[Trajectory]) -> None:
+        """Smooth trajectories in place. Of all together every frame's pictures are looked at once."""
+        count, half = len(self._frames), max(1, self._settings.renewed // 2)
+        seen: dict[int, Observation] = {}
+        for first in range(0, max(1, count - half), half):
+            last = min(count, first + 2 * half)
+            seen = {i: o for i, o in seen.items() if i >= first}
+            for i in range(first, min(last + 1, count)):
+                if i not in seen:
+                    seen[i] = self._see(i)
+            for trajectory in trajectories:
+                self._window(trajectory, seen, first, last)
+
+    def energy(self, trajectory: Trajectory) -> float:
+        """Of all frames, of what ties them and of their motion."""
+        return self._chain(trajectory.costs, trajectory.ties, 0, len(trajectory.q)).energy(trajectory.q)
+
+    def _window(self, trajectory: Trajectory, seen: dict[int, Observation], first: int, last: int) -> None:
+        low, high = max(0, first - REACH), min(len(trajectory.q), last + REACH)
+        held = np.ones(high - low, dtype=bool)
+        held[first - low : last - low] = False
+        q, least = trajectory.q[low:high].copy(), np.inf
+        for left in reversed(range(self._settings.rounds + 1)):
+            costs, ties = self._renewed(trajectory, seen, q, low, first, last)
+            chain = self._chain(costs, ties, low, high)
+            energy = chain.energy(q)
+            enough = energy > least - self._settings.round_gain
+            if energy < least:
+                least = energy
+                trajectory.q[low:high] = q
+                trajectory.costs[first:last] = costs[first - low : last - low]
+                trajectory.ties[first : last + 1] = ties[first - low : last + 1 - low]
+            if enough:
+                break
+            if left:
+                q = chain.descend(q, held, self._settings.iterations)
+
+    def _renewed(
+        self, trajectory: Trajectory, seen: dict[int, Observation], q: np.ndarray, low: int, first: int, last: int
+    ) -> tuple[list[Cost], list[Ties]]:
+        """Energies and ties of a window's frames and those it hangs on to, at poses q from frame `low` on; of the
+        latter, which are held, only the ties to the window's."""
+        costs, ties = [self._unseen] * len(q), list[Ties]([()] * len(q))
+        posed = [self._search.body.at(each) for each in q]
+        for i in range(first, min(last + 1, low + len(q))):
+            k = i - low
+            if i < last:
+                costs[k] = renewed_cost(self._search, seen[i], trajectory.association[i], posed[k])
+            if k and self._frames[i] - self._frames[i - 1] == 1:  # flow is known from one frame to the next
+                ties[k], others = flow_ties(self._search, seen[i], posed[k - 1], posed[k])
+                costs[k] = costs[k].plus(others)
+        return costs, ties
+
+    def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], low: int, high: int) -> Chain:
+        times, tolerance = self._times[low:high], self._settings.tolerance
+        return Chain(self._search.body, costs, times, self._motion, tolerance, ties[1:])

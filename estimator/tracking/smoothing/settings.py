@@ -1,0 +1,42 @@
+"""Motion prior and effort of the smoothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimator.inference.motion import MotionPrior
+from estimator.search.cost_model import CostModel, per_dof
+from humanoid.support.settings import setting
+
+
+@dataclass(frozen=True)
+class SmoothSettings:
+    """Motion prior and effort.
+
+    turn_acceleration, root_turn_acceleration [rad/s^2], root_slide_acceleration [m/s^2]: standard deviations of the
+    accelerations of joints, of the root's orientation and of its position. The velocities' are those of the transition
+    (`CostSettings`). iterations: Newton steps at most. tolerance: energy a step must gain. window: frames solved at
+    once, which bounds the memory on long clips. rounds: where pictures are looked at, how often at most their features
+    are assigned, and flow is followed, anew at the smoothed poses; round_gain: energy that a round must gain for
+    another; renewed: for how many frames at once, whose cues are kept in memory. lag, lag_iterations: of the version
+    for live use, how many frames it is behind and Newton steps a frame. enabled: off leaves the path as the tracker
+    chose it.
+    """
+
+    enabled: bool = True
+    turn_acceleration: float = setting(10.0, above=0)
+    root_turn_acceleration: float = setting(5.0, above=0)
+    root_slide_acceleration: float = setting(2.5, above=0)
+    iterations: int = setting(30, at_least=1)
+    tolerance: float = setting(1e-3, at_least=0, tiny=True)
+    window: int = setting(240, at_least=1)
+    rounds: int = setting(4, at_least=0)
+    round_gain: float = setting(1.0, at_least=0)
+    renewed: int = setting(16, at_least=2)
+    lag: int = setting(8, at_least=1)
+    lag_iterations: int = setting(4, at_least=1)
+
+    def motion(self, model: CostModel) -> MotionPrior:
+        """The motion prior of a body."""
+        turn, root_turn, root_slide = self.turn_acceleration, self.root_turn_acceleration, self.root_slide_acceleration
+        return MotionPrior(model.transition_std(1.0), per_dof(model.body, turn, root_turn, root_slide))

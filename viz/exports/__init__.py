@@ -1,1 +1,0 @@
-"""Runs as files for programs that show bodies: glTF, rerun."""
