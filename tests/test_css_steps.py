@@ -16,7 +16,8 @@ from estimator.search.frame_search import FrameCase, FrameSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.css.frame_proposals import Proposals
-from estimator.trackers.css.tracker import PAPER, REFINED, CovarianceScaledSampling
+from estimator.trackers.css.settings import PAPER, REFINED
+from estimator.trackers.css.tracker import CovarianceScaledSampling
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState
 from estimator.tracking.registry import make_tracker, settings_for

@@ -17,7 +17,8 @@ from estimator.search.cost_model import CostModel
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.dual_chain.pose_chain import PoseChainSettings
-from estimator.trackers.dual_chain.tracker import DualChain, DualChainSettings, DualState
+from estimator.trackers.dual_chain.settings import DualChainSettings
+from estimator.trackers.dual_chain.tracker import DualChain, DualState
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision

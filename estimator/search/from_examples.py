@@ -22,7 +22,7 @@ from humanoid.kinematics.body import Body
 
 
 class Descent(NamedTuple):
-    """How modes are searched from examples, see `estimator.trackers.elmo.tracker.ElmoSettings`."""
+    """How modes are searched from examples, see `estimator.trackers.elmo.settings.ElmoSettings`."""
 
     neighbours: int = 50
     votes: bool = True

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.css.points_beside import BesideSettings, PointsBeside
-from estimator.trackers.css.tracker import IDLE, CovarianceScaledSampling, CssSettings
+from estimator.trackers.css.settings import IDLE, CssSettings
+from estimator.trackers.css.tracker import CovarianceScaledSampling
 from estimator.trackers.spec import Spec, by_search
 from humanoid.support.idle import idle_where
 

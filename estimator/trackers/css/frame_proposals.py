@@ -28,7 +28,7 @@ SHAPES = ("covariance", "spherical", "weakest")
 
 
 class ProposalSettings(NamedTuple):
-    """How proposals are made, see `estimator.trackers.css.tracker.CssSettings`."""
+    """How proposals are made, see `estimator.trackers.css.settings.CssSettings`."""
 
     shape: str
     scale: float

@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations, length_of
 from estimator.data.observation import Observation
-from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
-from estimator.inference.chains.exchange import APART, EXCHANGES, GATED, messages
+from estimator.inference.chains.evidence import Detections, Evidence, evidence_of
+from estimator.inference.chains.exchange import APART, messages
 from estimator.inference.chains.feature_density import FeatureDensity
-from estimator.inference.chains.kalman import PointChain, Points, PointSettings
+from estimator.inference.chains.kalman import PointChain, Points
 from estimator.inference.mixture import Mixture
 from estimator.inference.particles import Particles
 from estimator.inference.tempering import TemperingSettings
@@ -26,22 +26,21 @@ from estimator.trackers.dual_chain.pose_chain import BY_PAST, Crowd, PoseChain, 
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.seen_features import (
     KEYPOINTS,
-    KINDS,
     SKIN,
     KeypointFeatures,
     SeenFeatures,
     SkinFeatures,
 )
+from estimator.trackers.dual_chain.settings import DualChainSettings
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, judged, result_of
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
-from estimator.vision.likelihood.outline_values import OutlineLikelihood, OutlineSettings
-from estimator.vision.skin import SkinModel, SkinSettings
+from estimator.vision.likelihood.outline_values import OutlineLikelihood
+from estimator.vision.skin import SkinModel
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.idle import PICTURES, idle_where, idle_without
-from humanoid.support.settings import check, setting
 
 _FIELDS = {
     "pose_q": Field("f", ("N", "nq")),
@@ -50,36 +49,6 @@ _FIELDS = {
     "point_covariance": Field("f", ("D", "D")),
 }
 _SKIN = "skin_"
-
-
-@dataclass(frozen=True)
-class DualChainSettings:
-    """The chains.
-
-    features: what they share, "skin", face and hands as blobs in the picture, or "keypoints", all landmarks. pose: how
-    poses are drawn. points: how points move. chain: whether there is a chain of points at all. exchange: what chains
-    tell each other, see `estimator.inference.chains.exchange.messages`. past: whether poses also come from the past,
-    see `PoseChain`. evidence, skin, outline: what pictures say. face_model: file of a face detector, which helps where
-    features are of skin; none unless given. modes: hypotheses reported at most. cluster: radius of a hypothesis, root
-    mean square distance of landmarks as a fraction of the body's size.
-    Raises InputError where a value cannot be.
-    """
-
-    features: str = setting(SKIN, one_of=KINDS)
-    pose: PoseChainSettings = field(default_factory=PoseChainSettings)
-    points: PointSettings = field(default_factory=PointSettings)
-    chain: bool = True
-    exchange: str = setting(GATED, one_of=EXCHANGES)
-    past: bool = True
-    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
-    skin: SkinSettings = field(default_factory=SkinSettings)
-    face_model: str = ""
-    outline: OutlineSettings = field(default_factory=OutlineSettings)
-    modes: int = setting(5, at_least=1)
-    cluster: float = setting(0.1, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True, eq=False)

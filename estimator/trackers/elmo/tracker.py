@@ -23,7 +23,7 @@ from estimator.search.examples.lookup import Looked
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameCase
-from estimator.search.from_examples import Descent, best_reached, example_starts, shows_silhouette, sides
+from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
@@ -31,66 +31,13 @@ from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
 from estimator.trackers.beginning import Begins, enough_keypoints
 from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.elmo.lookup_picture import lookup_picture
+from estimator.trackers.elmo.settings import ElmoSettings
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
 from estimator.trackers.spec import Spec, by_search
 from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.kinematics.body import ROOT_JOINT, Body
 from humanoid.support.idle import idle_where
-from humanoid.support.settings import check, setting
-
-_USUAL = Descent()
-
-
-@dataclass(frozen=True)
-class ElmoSettings:
-    """ELMO and its parts.
-
-    neighbours: examples of the index (`search.index`) that a frame is searched from, 50 in the paper; 0 for none.
-    votes: several cameras choose these together, each voting for the others' too; without, each gives as many. keep:
-    search from the last modes too. modes: hypotheses kept, 5 on average in the paper. rounds: short searches of each
-    start, points paired anew before each; 0 leaves the examples as they are. survivors: how many of the starts go on
-    from round to round. recombined: in every round but the last, searches from each of the `recombined_of` best poses
-    so far with one limb as one of the examples has it, for each limb: limbs are nearly independent, and few examples
-    are near in all of them; 0 for none, as in the paper. limbs: of how many examples limbs are looked at for this,
-    beside those of the neighbours. again: so often they are tried once more where the silhouette counts too, in the
-    first frame, or the first after some without the person. away: what a pose pays [nats] then that turns its back to
-    the only camera: most people are filmed from in front, and depth hardly tells.
-    jump: no pose pays more than this [nats] for being far from all modes of the frame before, which may be lost; the
-    paper has no such bound. correlated: seconds for which silhouettes of a film err alike: where there is one, a
-    frame sooner after the last with the person says by that share less of which way they face; 0 for never.
-    settle: the product of likelihood and prior as it is: modes are weighed with their covariances, and searched on from
-    with the transition since the mode that each continues in the energy. Off, eqs. 5 and 6, which leave modes where the
-    likelihood has them and count as far from the past what is only unknown. turn_floor, root_turn_floor [rad],
-    root_slide_floor [m]: what a frame may change at least, as standard deviations, however short it was; the rest of
-    C_eta (eq. 4) is the transition's since the last frame in which the person was seen.
-    """
-
-    neighbours: int = setting(_USUAL.neighbours, at_least=0)
-    votes: bool = _USUAL.votes
-    keep: bool = True
-    modes: int = setting(5, at_least=1)
-    rounds: int = setting(_USUAL.rounds, at_least=0)
-    survivors: int = setting(_USUAL.survivors, at_least=1)
-    recombined: int = setting(_USUAL.recombined, at_least=0)
-    recombined_of: int = setting(_USUAL.recombined_of, at_least=1)
-    limbs: int = setting(_USUAL.limbs, at_least=0)
-    again: int = setting(_USUAL.again, at_least=0)
-    away: float = setting(_USUAL.away, at_least=0)
-    jump: float = setting(12.0, above=0)
-    correlated: float = setting(0.5, at_least=0)
-    settle: bool = True
-    turn_floor: float = setting(0.3, above=0)
-    root_turn_floor: float = setting(0.15, above=0)
-    root_slide_floor: float = setting(0.1, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
-
-    @property
-    def descent(self) -> Descent:
-        """Those of them that say how modes are searched from examples."""
-        return Descent(**{name: getattr(self, name) for name in Descent._fields})
 
 
 @dataclass(frozen=True)

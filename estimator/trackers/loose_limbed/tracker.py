@@ -4,7 +4,7 @@ Bhatia, Roth, Black and Isard, CVPR 2004), and its beliefs put onto the tree."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import cast
 
@@ -19,61 +19,23 @@ from estimator.inference.particles import systematic
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.defaults import ONLY_FILTERS
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.loose_limbed.assembly import AssemblySettings, assembled
-from estimator.trackers.loose_limbed.instant import InstantReader, SeenSettings, ShoutSettings
+from estimator.trackers.loose_limbed.assembly import assembled
+from estimator.trackers.loose_limbed.instant import InstantReader
 from estimator.trackers.loose_limbed.left_over_detector import left_over_places
 from estimator.trackers.loose_limbed.limb_places import Place
 from estimator.trackers.loose_limbed.limbs.potential_choice import potentials_for
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
 from estimator.trackers.loose_limbed.limbs.window import Beliefs, Past, said_by, window
+from estimator.trackers.loose_limbed.settings import LooseLimbedSettings
 from estimator.trackers.loose_limbed.state import LimbState, belief_arrays
 from estimator.trackers.mixture_state import carried, judged
 from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
-from humanoid.limbs.merging import RULES, Detail
-from humanoid.support.settings import check, setting
+from humanoid.limbs.merging import Detail
 
 _TIED_STD = 0.01, 0.05  # m, rad: how exactly assembled poses place limbs
-
-
-@dataclass(frozen=True)
-class LooseLimbedSettings:
-    """The loose-limbed tracker.
-
-    detail: which bodies are limbs of their own, "paper" or "fine" (`humanoid.limbs`). limbs: a TOML file with changes
-    to that. potentials: a file of learned potentials; without one the shipped ones where they are of these limbs, else
-    such as the joints allow. outlier: lambda0, share of the potentials' outlier process. propagation: of a frame with
-    a past. smoothing: the frame before is inferred again with this one and the next, as in the paper; without, what was
-    believed of it stays. tied: share of what the next frame is told of each limb that is as the assembled poses have
-    it; 0 in the paper. start_kernels, start_samples, start_iterations, start_proposal_factor: instead of
-    `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
-    start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
-    each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
-    seen: what limbs are seen by. shout: who says bottom-up where limbs may be. modes: hypotheses kept. assembly:
-    how they are made of the limbs.
-    """
-
-    detail: str = setting("paper", one_of=tuple(RULES))
-    limbs: str = ""
-    potentials: str = ""
-    outlier: float = setting(0.01, above=0, below=1)
-    propagation: BeliefSettings = field(default_factory=BeliefSettings)
-    smoothing: bool = False
-    tied: float = setting(0.5, at_least=0, at_most=1)
-    start_kernels: int = setting(200, at_least=2)
-    start_samples: int = setting(200, at_least=1)
-    start_iterations: int = setting(15, at_least=1)
-    start_rounds: int = setting(2, at_least=1)
-    start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
-    seen: SeenSettings = field(default_factory=SeenSettings)
-    shout: ShoutSettings = field(default_factory=ShoutSettings)
-    modes: int = setting(5, at_least=1)
-    assembly: AssemblySettings = field(default_factory=AssemblySettings)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class LooseLimbed:

@@ -1,4 +1,4 @@
-"""The house: imports go down, nothing goes round, and no file knows the machine it was written on."""
+"""Packages are layers: imports go down, nothing goes round, and no file knows the machine it was written on."""
 
 from __future__ import annotations
 
@@ -13,21 +13,26 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-FLOORS = ("humanoid", "estimator", "viz", "kinemode")
+TOP = ("humanoid", "estimator", "viz", "kinemode")
+ESTIMATOR = (
+    "numerics", "data", "energy", "vision", "inference", "search", "trackers", "tracking", "runs", "synthesis",
+)  # fmt: skip
+"""The packages of `estimator`, the lowest first."""
+FEWEST = 3  # modules of a folder, its `__init__` not counted
 
 
 def modules(root: Path) -> dict[str, Path]:
     """Every module of the four packages by its dotted name."""
     named = {}
-    for floor in FLOORS:
-        for path in sorted((root / floor).rglob("*.py")):
+    for top in TOP:
+        for path in sorted((root / top).rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
             named[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return named
 
 
 def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Iterator[str]:
-    """Modules of the house that a file imports; `lazy` includes imports inside functions, which cannot go round."""
+    """Modules of the four packages that a file imports; lazy: also those inside functions, which cannot go round."""
     known = set(known)
     is_package = path.name == "__init__.py"
     for node, later in _imports_in(path.read_text(encoding="utf-8")):
@@ -42,7 +47,7 @@ def imports(path: Path, name: str, known: Iterable[str], *, lazy: bool) -> Itera
                 base = ".".join([*package[: len(package) - node.level + 1], *([base] if base else [])])
             # `from package import module` depends on the module, `from module import name` on the module named
             targets = [f"{base}.{a.name}" if f"{base}.{a.name}" in known else base for a in node.names]
-        yield from (t for t in targets if t.split(".")[0] in FLOORS)
+        yield from (t for t in targets if t.split(".")[0] in TOP)
 
 
 @cache
@@ -67,33 +72,40 @@ def _runs_later(node: ast.AST) -> bool:
 
 
 def upward_imports(root: Path) -> list[str]:
-    """Violations: a floor that imports one above it, even inside a function or for types alone."""
+    """Violations: a layer that imports one above it, even inside a function or for types alone."""
     known = modules(root)
     return [
         f"{name} imports {target}"
         for name, path in known.items()
         for target in imports(path, name, known, lazy=True)
-        if FLOORS.index(target.split(".")[0]) > FLOORS.index(name.split(".")[0])
+        if layer(target) > layer(name)
     ]
 
 
+def layer(name: str) -> tuple[int, int]:
+    """Of a module: its package's place in `TOP` and, in `estimator`, in `ESTIMATOR`."""
+    top, _, rest = name.partition(".")
+    package = rest.split(".")[0]
+    return TOP.index(top), ESTIMATOR.index(package) if top == "estimator" and package else -1
+
+
 def rings(root: Path) -> list[str]:
-    """Rooms that import each other, directly or through others: each is to be a floor."""
+    """Folders that import each other, directly or through others: each is to be a layer."""
     known = modules(root)
     graph: dict[str, dict[str, str]] = {}
     for name, path in known.items():
         if path.name == "__init__.py" and path.parent.parent == root:
             continue  # the package's face gathers names
         for target in imports(path, name, known, lazy=True):
-            here, there = room_of(path, root), room_of(known[target], root) if target in known else ""
-            if there not in ("", *FLOORS) and here != there:
+            here, there = folder_of(path, root), folder_of(known[target], root) if target in known else ""
+            if there not in ("", *TOP) and here != there:
                 graph.setdefault(here, {}).setdefault(there, f"{name} imports {target}")
-    simple = {room: sorted(others) for room, others in graph.items()}
+    simple = {folder: sorted(others) for folder, others in graph.items()}
     return ["; ".join(graph[a][b] for a, b in pairwise(ring)) for ring in _cycles(simple)]
 
 
-def room_of(path: Path, root: Path) -> str:
-    """The dotted name of a file's folder; in viz and kinemode a file outside of all rooms is one of its own."""
+def folder_of(path: Path, root: Path) -> str:
+    """The dotted name of a file's folder; a file at the top of viz or kinemode counts as a folder of its own."""
     folder = path.parent.relative_to(root).parts
     outside = folder in (("viz",), ("kinemode",)) and path.name != "__init__.py"
     return ".".join((*folder, path.stem) if outside else folder)
@@ -133,15 +145,30 @@ def test_imports_do_not_go_round() -> None:
     assert cycles(ROOT) == []
 
 
-def test_every_folder_is_a_floor() -> None:
+def test_every_folder_is_a_layer() -> None:
     assert rings(ROOT) == []
-    rooms = {room_of(path, ROOT) for path in modules(ROOT).values()}
-    assert len([room for room in rooms if room.startswith(("humanoid.", "estimator."))]) > 20
 
 
-def test_files_stand_in_rooms() -> None:
-    """The two packages below have no file of their own but the one that says what they are."""
-    assert [p.name for floor in FLOORS[:2] for p in (ROOT / floor).glob("*.py")] == ["__init__.py"] * 2
+def test_estimator_shows_its_packages() -> None:
+    """`humanoid` and `estimator` have no file of their own but the one that says what they are."""
+    assert [path.name for top in TOP[:2] for path in (ROOT / top).glob("*.py")] == ["__init__.py"] * 2
+    assert {path.parent.name for path in (ROOT / "estimator").glob("*/__init__.py")} == set(ESTIMATOR)
+
+
+def test_no_folder_holds_next_to_nothing() -> None:
+    assert small_folders(ROOT) == []
+
+
+def small_folders(root: Path) -> list[str]:
+    """Folders of fewer than `FEWEST` modules, the four at the top apart."""
+    folders = {path.parent for top in TOP for path in (root / top).rglob("*.py")} - {root / top for top in TOP}
+    few = [folder for folder in folders if len([p for p in folder.glob("*.py") if p.stem != "__init__"]) < FEWEST]
+    return sorted(folder.relative_to(root).as_posix() for folder in few)
+
+
+def test_a_planted_small_folder_is_found(tmp_path: Path) -> None:
+    plant(tmp_path, {f"humanoid/{name}.py": "" for name in ("a/x", "a/y", "a/z", "b/x", "b/y", "b/__init__")})
+    assert small_folders(tmp_path) == ["humanoid/b"]
 
 
 @pytest.mark.parametrize(
@@ -155,6 +182,11 @@ def test_files_stand_in_rooms() -> None:
         ),
         ("estimator/energy/term.py", "from kinemode import jobs", "estimator.energy.term imports kinemode.jobs"),
         ("viz/sheet.py", "if True:\n    import kinemode", "viz.sheet imports kinemode"),
+        (
+            "estimator/energy/cost.py",
+            "if TYPE_CHECKING:\n    from estimator.vision.cues import base",
+            "estimator.energy.cost imports estimator.vision.cues",
+        ),
     ],
 )
 def test_a_planted_upward_import_is_found(tmp_path: Path, file: str, text: str, violation: str) -> None:
