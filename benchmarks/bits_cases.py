@@ -32,6 +32,8 @@ SMALL = (320, 240)
 INPUT = ("pictures", "keypoints", "confidence")
 RESULT = ("q", "mode_q", "mode_weight", "mode_energy", "covariance")
 WITH_CUES = ("css", "condensation", "annealed", "multiple-hypothesis")
+PICTURES_ALONE = ("elmo", "psh", "icp")
+"""Trackers that keypoints do not suffice for, with an index that takes longer to train than all cases together."""
 Given = dict[str, Any]
 """Arguments of `kinemode.track`."""
 
@@ -121,7 +123,7 @@ CASES: dict[str, Case] = {
     "four": Case(partial(_beam4cam, cameras=CAMERAS), 40, "beam4cam"),
     "pivot": Case(_pivot, 15),
     **{name: Case(partial(_robot, name=source), 20, source) for name, source in _ROBOTS.items()},
-    **{name: Case(partial(_reach, tracker=name), 10) for name in TRACKERS},
+    **{name: Case(partial(_reach, tracker=name), 10) for name in TRACKERS if name not in PICTURES_ALONE},
     **{f"{name}-cues": Case(partial(_reach, tracker=name, cues=True), 6) for name in WITH_CUES},
     "css-cues-workers": Case(partial(_reach, tracker="css", cues=True, workers=2), 6),
 }

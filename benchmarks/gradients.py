@@ -23,7 +23,8 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
 from estimator.energy.upright import Upright, world_up
 from estimator.numerics.robust import POTENTIALS
-from estimator.search.cost_model import CostModel, CostSettings, image_extent
+from estimator.search.cost_model import CostModel, image_extent
+from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run

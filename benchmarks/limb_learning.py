@@ -19,7 +19,8 @@ from benchmarks.limb_learning_plot import draw_potentials
 from benchmarks.pose_learning import POOR_FIT, VAGUE_STD
 from benchmarks.pose_prior_clips import LEFT_OUT, captured_files, subject_of, trial_of
 from estimator.inference.beliefs.learning import LearnSettings
-from estimator.search.cost_model import CostSettings, per_dof
+from estimator.search.cost_model import per_dof
+from estimator.search.cost_settings import CostSettings
 from estimator.synthesis.mocap import load_mocap
 from estimator.synthesis.retarget import retarget
 from estimator.trackers.loose_limbed.limbs.potential_learning import (

@@ -14,7 +14,8 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.term import Cost
 from estimator.energy.upright import world_up
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import scene_cameras
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import COCO17

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from estimator.data.formats.settings_file import load_settings, settings_text
-from estimator.search.cost_model import without_prior
+from estimator.search.cost_terms import without_prior
 from estimator.tracking.idle_settings import (
     Idle,
     changed_names,

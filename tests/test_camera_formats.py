@@ -331,9 +331,9 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
         ("a.xml", QUALISYS.format(**GOOD).replace("focalLengthU", "f"), "focalLengthU"),
         ("a.xml", QUALISYS.format(**GOOD).replace('active="1"', 'active="0"'), "Qualisys calibration: has no"),
         ("a.xcp", "<Cameras/>", "Vicon"),
-        ("a.xml", "<robot/>", "read are kinemode JSON, Pose2Sim"),
-        ("a.txt", "1 2 3", "read are kinemode JSON, Pose2Sim"),
-        ("a.json", '{"a": 1}', "read are kinemode JSON, Pose2Sim"),
+        ("a.xml", "<robot/>", "read are OpenCV JSON, kinemode JSON"),
+        ("a.txt", "1 2 3", "read are OpenCV JSON, kinemode JSON"),
+        ("a.json", '{"a": 1}', "read are OpenCV JSON, kinemode JSON"),
     ],
 )  # fmt: skip
 def test_faults_name_format_and_place(name: str, text: str, said: str, tmp_path: Path) -> None:

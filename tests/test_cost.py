@@ -16,7 +16,8 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
 from estimator.energy.upright import Upright, world_up
 from estimator.numerics.robust import POTENTIALS
-from estimator.search.cost_model import CostModel, CostSettings, image_extent
+from estimator.search.cost_model import CostModel, image_extent
+from estimator.search.cost_settings import CostSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 

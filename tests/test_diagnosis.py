@@ -17,7 +17,8 @@ from estimator.data.formats.keypoints import write_keypoints
 from estimator.data.observation import Observation
 from estimator.runs.diagnosis import FAR, Diagnosis, diagnose
 from estimator.runs.run_file import Run, RunHeader, RunWriter
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import keypoints
 from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body

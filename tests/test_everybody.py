@@ -16,8 +16,8 @@ import kinemode as km
 from benchmarks.crowd_files import write_mmpose
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.data.formats.keypoints_layouts import Reading
 from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.people.everybody import everybody
 from estimator.runs.run_file import Run
 from humanoid.support.errors import InputError

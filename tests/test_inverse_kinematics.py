@@ -21,7 +21,8 @@ from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution
 from estimator.energy.term import Cost
 from estimator.inference.merge import body_size
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.search.first_pose import random_configuration
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis

@@ -185,7 +185,7 @@ def data_set(**changed: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("a.csv", "frame,nose_x\n0,1\n", r"does not begin as DeepLabCut's.*read are kinemode's JSON, .*npz"),
+        ("a.csv", "frame,nose_x\n0,1\n", r"does not begin as DeepLabCut's.*read are AlphaPose, .*npz"),
         ("a.csv", HEAD, "no frame after its head"),
         ("a.csv", HEAD.replace("coords", "kind") + "0,1,2,1\n", r"line 1: its lines begin with .*'kind'"),
         ("a.csv", HEAD.replace("x,y", "x,z") + "0,1,2,1\n", r"coords: has 'z' in column 3 \(one of x, y, likelihood\)"),

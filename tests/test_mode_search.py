@@ -17,7 +17,8 @@ from estimator.data.observation import Observation, PoseEstimate
 from estimator.inference.merge import best_distinct, bhattacharyya, body_size
 from estimator.inference.mixture import Mixture, Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.search.first_pose import random_configuration, start_modes
 from estimator.search.frame_search import FrameCase
 from estimator.search.hypothesis import Hypothesis

@@ -16,8 +16,8 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import meeting_points
 from estimator.data.formats import people_tracks
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
-from estimator.data.formats.keypoints_layouts import Reading
 from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.formats.people_tracks import link
 from estimator.data.people.across_cameras import subject_tracks
 from estimator.data.people.groups import grouped, settled

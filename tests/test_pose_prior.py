@@ -18,7 +18,10 @@ from estimator.energy.descent.seek import Seeker
 from estimator.energy.pose_mixture import SHIPPED, PoseMixture, load_mixture
 from estimator.energy.pose_prior import PosePrior, joint_axes, misfit
 from estimator.energy.priors import Stabilisers
-from estimator.search.cost_model import CostModel, CostSettings, _pose_priors
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import terms_of
+from estimator.search.term_source import TermContext
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from humanoid.kinematics.body import Body
 from humanoid.subject.landmarks import mirror_index
@@ -145,7 +148,7 @@ def test_a_file_for_a_body_without_the_joints_is_refused() -> None:
 
 
 def kinds(body: Body, tracker: str = "css") -> list[str]:
-    return [term.name for term in _pose_priors(body, settings_for(tracker).cost)]
+    return [term.name for term in terms_of(TermContext(body, settings_for(tracker).cost), by_cameras=False)]
 
 
 def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
@@ -153,7 +156,7 @@ def test_by_default_it_is_on_where_it_fits_and_off_in_reproductions() -> None:
     assert kinds(body_of("upper13")) == kinds(body_of("arm8")) == ["stabilisers"]
     q = body_of("upper13").neutral + 0.1
     posed, gradient, hessian = body_of("upper13").at(q), np.zeros(13), np.zeros((13, 13))
-    (alone,) = _pose_priors(body_of("upper13"), CostSettings())
+    (alone,) = terms_of(TermContext(body_of("upper13"), CostSettings()), by_cameras=False)
     whole = Stabilisers(body_of("upper13"))
     assert alone.accumulate(posed, gradient, hessian) == whole.accumulate(posed, gradient, hessian)
     of_an_upper_body = ("dual-chain", "likelihood-sampling")  # by their papers, which no mixture fits

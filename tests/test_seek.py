@@ -15,7 +15,8 @@ from estimator.energy.descent.qp import PROXQP_ALWAYS, STEP_SOLVERS
 from estimator.energy.descent.seek import Seeker, SeekSettings, trust_box
 from estimator.energy.descent.solution import Solution
 from estimator.energy.term import Cost, Term
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.search.proposals import HELD_STD, CovarianceScaledProposal
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody

@@ -15,7 +15,7 @@ from builders import SUBJECTS, bent, body_of, camera_at, inside
 from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.search.cost_model import CostSettings
+from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import Renderer, SceneSettings, authored_motion
 from estimator.tracking.fitting import flesh
 from estimator.tracking.fitting.body_energy import BodyEnergy, Gaussian, seen_at

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -30,9 +30,21 @@ from estimator.runs.run_reader import Run
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
+from humanoid.support.plugins import Registry
 
 Writer = Callable[[Run, Path, str], None]
 """Writes a run into a file: the run, the file to write, the name it will have."""
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A format that runs are written in; register it with `register`.
+
+    name: as `--format` and a file's ending have it. write: see `Writer`.
+    """
+
+    name: str
+    write: Writer
 
 
 def export(
@@ -41,10 +53,9 @@ def export(
     format: str | None = None,
     *,
     degrees: bool = False,
-    more: Mapping[str, Writer] = MappingProxyType({}),
 ) -> Path:
-    """Write a run in a format of `FORMATS` or of `more`, by default the one the file's ending names. The file is there
-    whole or not.
+    """Write a run in a format of `EXPORTERS`, by default the one the file's ending names. The file is there whole or
+    not.
 
     degrees: of csv, joints in degrees with their standard deviations beside them.
 
@@ -54,13 +65,12 @@ def export(
     """
     path = Path(path)
     chosen = (format or path.suffix.lstrip(".")).lower()
-    writers = {**FORMATS, **more}
-    if chosen not in writers:
-        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(writers)}")
+    if chosen not in EXPORTERS:
+        raise InputError(path, f"no export format {chosen!r}", remedy=f"one of {', '.join(EXPORTERS)}")
     if degrees and chosen != "csv":
         raise InputError("degrees", f"{chosen} has its own units", remedy="leave it out, or export csv")
     with replacing(path) as temporary:
-        (_csv_degrees if degrees else writers[chosen])(run, temporary, path.name)
+        (_csv_degrees if degrees else EXPORTERS[chosen].write)(run, temporary, path.name)
     return path
 
 
@@ -172,9 +182,18 @@ def _osim(run: Run, path: Path, name: str) -> None:
     write_osim(path, opensim_model(run.body, Path(name).stem))
 
 
-FORMATS: dict[str, Writer] = {
-    "npz": _npz, "csv": _csv, "trc": _trc, "mot": _mot, "osim": _osim,
-    **{f"{model}-mot": partial(_gait_mot, model) for model in GAIT_MODELS},
-    "c3d": _c3d, "bvh": _bvh,
-}  # fmt: skip
-"""Writers by format name: run, file to write, name the file will have."""
+EXPORTERS: Registry[Exporter] = Registry(
+    "export format",
+    (
+        Exporter("npz", _npz),
+        Exporter("csv", _csv),
+        Exporter("trc", _trc),
+        Exporter("mot", _mot),
+        Exporter("osim", _osim),
+        *(Exporter(f"{model}-mot", partial(_gait_mot, model)) for model in GAIT_MODELS),
+        Exporter("c3d", _c3d),
+        Exporter("bvh", _bvh),
+    ),
+)
+"""Formats by name. `viz.exporters` registers those that show the body."""
+register = EXPORTERS.register

@@ -3,70 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.energy.interpenetration import Interpenetration
-from estimator.energy.pose_mixture import load_mixture, shipped_mixture
-from estimator.energy.pose_prior import PosePrior, misfit
-from estimator.energy.priors import Stabilisers, Transition
+from estimator.energy.pose_prior import PosePrior
+from estimator.energy.priors import Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
-from estimator.energy.upright import Upright, world_up
-from estimator.numerics.robust import POTENTIALS
+from estimator.search.cost_settings import CostSettings
+from estimator.search.cost_terms import terms_of
+from estimator.search.term_source import TermContext
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.vision.likelihood.settings import CueSettings, ImageSettings, cue_settings
+from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_PLACE_V, ROOT_TURN_V, SHORTEST_STEP, Body, PosedBody
 from humanoid.subject.landmarks import landmark_spread
-from humanoid.support.settings import setting
 
 ALL_DETECTED = 12  # keypoints of a camera from which the whole person counts as detected: COCO's limbs
-
-
-@dataclass(frozen=True)
-class CostSettings:
-    """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
-
-    potential, nu: robust potential of a keypoint (`estimator.numerics.robust`).
-    keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
-        (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
-    landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
-        it keeps sharply detected points of the face from deciding the body's size.
-    stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
-    pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
-        takes (`estimator.energy.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped
-        ones, of human34, and a body that they do not suit (`estimator.energy.pose_prior.misfit`) has the rest positions
-        alone.
-    interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
-        [m] over which it changes e-fold.
-    turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
-        frames, per second, of joints, of the root's orientation and of its position; transition_potential,
-        transition_nu: long tails let a mode jump when the image insists.
-    exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
-    image: of the pictures' cues.
-    """
-
-    potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
-    nu: float = setting(8.0, above=0)
-    keypoint_noise: float = setting(0.03, above=0)
-    landmark_mismatch: float = setting(0.7, at_least=0)
-    stabiliser_weight: float = setting(1.0, at_least=0)
-    upright_weight: float = setting(1.0, at_least=0)
-    pose_prior_weight: float = setting(0.25, at_least=0, at_most=1)
-    pose_prior_file: str = ""
-    interpenetration_weight: float = setting(1.0, at_least=0)
-    clearance_scale: float = setting(0.005, above=0)
-    turn_speed: float = setting(6.0, above=0)
-    root_turn_speed: float = setting(3.0, above=0)
-    root_slide_speed: float = setting(1.5, above=0)
-    transition_potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
-    transition_nu: float = setting(20.0, above=0)
-    exchange_penalty: float = setting(3.0, at_least=0)
-    image: ImageSettings = field(default_factory=ImageSettings)
 
 
 class CostModel:
@@ -89,19 +45,11 @@ class CostModel:
         self.self_collision = self_collision if self_collision is not None and self_collision.pairs else None
         spread = landmark_spread(body.landmark_names) / landmark_spread(("left_shoulder",))[0]
         self._spread = np.hypot(spread, self.settings.landmark_mismatch)
-        priors = _pose_priors(body, self.settings)
-        if self.self_collision is not None and self.settings.interpenetration_weight > 0.0:
-            s = self.settings
-            priors.append(Interpenetration(self.self_collision, s.clearance_scale, s.interpenetration_weight))
-        self._priors = tuple(priors)
-        self.pose_prior = next((term for term in priors if isinstance(term, PosePrior)), None)
-        self._has_upright = (
-            body.has_free_root
-            and body.subject.upright is not None
-            and self.settings.stabiliser_weight * self.settings.upright_weight > 0.0
-        )
+        self._context = TermContext(body, self.settings, self.self_collision)
+        self._fixed = tuple(terms_of(self._context, by_cameras=False))
+        self.pose_prior = next((term for term in self._fixed if isinstance(term, PosePrior)), None)
         self._image: ImageModel | None = None
-        self._last_upright: tuple[tuple[Camera, ...], Upright] | None = None
+        self._last_by_cameras: tuple[tuple[Camera, ...], list[Term]] | None = None
 
     def observation_term(self, observation: Observation) -> Reprojection:
         """The keypoint term of a frame."""
@@ -144,12 +92,12 @@ class CostModel:
         pixels = camera.project(self.body.landmarks(self.body.at(q)))
         return image_extent(pixels, np.isfinite(pixels).all(axis=1).astype(float))
 
-    def _upright(self, cameras: tuple[Camera, ...]) -> Upright:
-        """The root's stabiliser; which way is up depends on the cameras alone."""
-        if self._last_upright is None or self._last_upright[0] is not cameras:
-            s = self.settings
-            self._last_upright = cameras, Upright(self.body, world_up(cameras), s.stabiliser_weight * s.upright_weight)
-        return self._last_upright[1]
+    def _by_cameras(self, cameras: tuple[Camera, ...]) -> list[Term]:
+        """The terms that depend on the cameras, made once for a clip's."""
+        if self._last_by_cameras is None or self._last_by_cameras[0] is not cameras:
+            terms = terms_of(replace(self._context, cameras=cameras), by_cameras=True)
+            self._last_by_cameras = cameras, terms
+        return self._last_by_cameras[1]
 
     def cost(
         self,
@@ -159,11 +107,9 @@ class CostModel:
         image_terms: Sequence[Term] = (),
     ) -> Cost:
         """Energy of a frame; with `q_previous` (nq,) the change since then, `dt` seconds ago, is paid for as well."""
-        terms: list[Term] = (
-            [*image_terms, *self._priors] if observed is None else [observed, *image_terms, *self._priors]
-        )
-        if observed is not None and self._has_upright:
-            terms.append(self._upright(observed.cameras))
+        terms: list[Term] = [*image_terms, *self._fixed]
+        if observed is not None:
+            terms = [observed, *terms, *self._by_cameras(observed.cameras)]
         if q_previous is not None:
             terms.append(self.transition(q_previous, dt))
         return Cost(self.body, terms)
@@ -177,23 +123,6 @@ class CostModel:
         """Standard deviation (nv,) of the change in `dt` seconds."""
         s = self.settings
         return per_dof(self.body, s.turn_speed, s.root_turn_speed, s.root_slide_speed) * max(dt, SHORTEST_STEP)
-
-
-def _pose_priors(body: Body, settings: CostSettings) -> list[Term]:
-    """The stabilisers, a learned mixture, or a share of each; the stabilisers alone for a body that the shipped mixture
-    does not suit."""
-    strength, share = settings.stabiliser_weight, settings.pose_prior_weight
-    if strength * share <= 0.0 or without_prior(body, settings) is not None:
-        return [Stabilisers(body, strength)] if strength > 0.0 else []
-    mixture = load_mixture(settings.pose_prior_file) if settings.pose_prior_file else shipped_mixture()
-    own: list[Term] = [Stabilisers(body, strength * (1.0 - share))] if share < 1.0 else []
-    return [*own, PosePrior(body, mixture, strength * share)]
-
-
-def without_prior(body: Body, settings: CostSettings) -> str | None:
-    """What a body lacks for the shipped mixture, which is then left out; None where nothing, or a file is named, which
-    has to suit it."""
-    return None if settings.pose_prior_file else misfit(body, shipped_mixture())
 
 
 def per_dof(body: Body, turn: float, root_turn: float, root_slide: float) -> np.ndarray:

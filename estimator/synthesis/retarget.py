@@ -13,7 +13,8 @@ from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.term import Cost, Term
 from estimator.numerics.alignment import similarity_onto
-from estimator.search.cost_model import CostSettings, per_dof
+from estimator.search.cost_model import per_dof
+from estimator.search.cost_settings import CostSettings
 from estimator.synthesis.mocap import Mocap
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import ROOT_Q, Body

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_KEYPOINTS, ModeSearchSettings
 from estimator.trackers.base import Tracker

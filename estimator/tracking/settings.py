@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from estimator.search.cost_model import CostSettings
+from estimator.search.cost_settings import CostSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.tracking.smoothing import SmoothSettings
 from estimator.vision.likelihood.settings import CueSettings, cue_settings

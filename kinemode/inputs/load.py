@@ -13,7 +13,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile, load_people
-from estimator.data.formats.keypoints_layouts import KINDS
+from estimator.data.formats.keypoints_layouts import formats_read
 from estimator.data.formats.people_choice import AUTO
 from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
@@ -38,8 +38,6 @@ from kinemode.terminal.program import command
 
 if TYPE_CHECKING:
     from kinemode.inputs.files import Cameras
-
-KEYPOINT_FORMATS = f"read are {KINDS}"
 
 
 @dataclass(frozen=True)
@@ -240,7 +238,7 @@ class _KnownCameras(NamedTuple):
 def _no_keypoints(clips: Mapping[str, Path]) -> InputError:
     clicks = command("annotate", next(iter(clips.values()), Path("CLIP")))
     by_us = "find them: --detect; " if clips else ""
-    remedy = f"{by_us}click them: {clicks}; or give a detector's: {KEYPOINT_FORMATS}"
+    remedy = f"{by_us}click them: {clicks}; or give a detector's: {formats_read()}"
     return InputError("keypoints", "are needed, of one frame at least, to find the first pose", remedy=remedy)
 
 

@@ -214,9 +214,8 @@ def export(
     check_arguments(run=run, file=file, format=format, degrees=degrees, filter=filter)
     opened = _filtered(_opened(run), filter)
     from estimator.runs import export as formats
-    from viz.formats import FORMATS as OF_BODIES
 
-    return formats.export(opened, Path(file), format, degrees=degrees, more=OF_BODIES)
+    return formats.export(opened, Path(file), format, degrees=degrees)
 
 
 def gait(run: RunLike) -> Gait:

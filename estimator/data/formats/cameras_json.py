@@ -19,6 +19,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.cameras.lens import COUNTS
+from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.checked_json import mapping, numbers, sequence, shaped
 from humanoid.support.errors import InputError
 
@@ -142,3 +143,11 @@ def _rotation(value: Any, source: str | Path, place: str) -> np.ndarray:
     if np.linalg.det(R) < 0.0:
         raise InputError(source, "is a reflection, not a rotation: its determinant is -1", place=place)
     return R
+
+
+def _read(file: CameraFile) -> list[Camera]:
+    assert file.json is not None
+    return cameras_from_json(file.json, file.path)
+
+
+JSON = CameraFormat("kinemode JSON", lambda file: file.json is not None and "cameras" in file.json, _read)

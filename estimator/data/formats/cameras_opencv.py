@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.cameras_json import camera_from_json
 from estimator.data.formats.cameras_units import check_apart, in_metres, rotation_matrix
 from estimator.data.formats.checked_json import mapping, numbers
@@ -213,3 +214,26 @@ def _xml_numbers(element: Any) -> Any:
     except ValueError:
         return text.strip('"')
     return values if element.tag == "data" or len(values) != 1 else values[0]
+
+
+def _read_yaml(file: CameraFile) -> list[Camera]:
+    return cameras_from_opencv(opencv_yaml(file.content, file.path), file.path, "OpenCV YAML")
+
+
+def _read_json(file: CameraFile) -> list[Camera]:
+    assert file.json is not None
+    return cameras_from_opencv(file.json, file.path, "OpenCV JSON")
+
+
+def _read_xml(file: CameraFile) -> list[Camera]:
+    assert file.xml is not None
+    return cameras_from_opencv(opencv_xml(file.xml), file.path, "OpenCV XML")
+
+
+def _is_yaml(file: CameraFile) -> bool:
+    return file.start.startswith(b"%YAML") or file.ending in (".yml", ".yaml")
+
+
+OPENCV_YAML = CameraFormat("OpenCV YAML", _is_yaml, _read_yaml)
+OPENCV_JSON = CameraFormat("OpenCV JSON", lambda file: file.json is not None and is_opencv(file.json), _read_json)
+OPENCV_XML = CameraFormat("OpenCV XML", lambda file: file.root == "opencv_storage", _read_xml)

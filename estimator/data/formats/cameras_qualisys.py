@@ -19,6 +19,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.cameras_json import camera_from_json
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.support.errors import InputError
@@ -86,3 +87,11 @@ def _check_sensor(document: Document, intrinsic: ET.Element, last: tuple[float, 
         if sensor + _SUBPIXELS < _SUBPIXELS * end:
             problem = f"sensorMax{axis} = {sensor:g} is no sensor in 1/64 pixels for pictures up to pixel {end:g}"
             raise InputError(document.source, problem, place=place, remedy="give the file as QTM wrote it")
+
+
+def _read(file: CameraFile) -> list[Camera]:
+    assert file.xml is not None
+    return cameras_from_qualisys(file.xml)
+
+
+QUALISYS = CameraFormat("Qualisys .qca.txt and .xml", lambda file: file.root == "calibration", _read)

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.data.cameras.camera import Camera
+from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.cameras_json import camera_from_json
 from estimator.data.formats.cameras_units import check_apart, in_metres, rotation_matrix
 from estimator.data.formats.checked_toml import parsed_toml
@@ -57,3 +58,10 @@ def _camera(section: Mapping[str, Any], name: str, source: str | Path, place: st
     if entry.get("R") is not None:
         entry["R"] = rotation_matrix(entry["R"], source, f"{place}.rotation")
     return camera_from_json({"name": name} | entry, source, place, alone=alone, called=_CALLED)
+
+
+def _is_toml(file: CameraFile) -> bool:
+    return file.ending == ".toml" or (file.start.startswith(b"[") and file.ending != ".json")
+
+
+TOML = CameraFormat("Pose2Sim and Anipose TOML", _is_toml, lambda file: cameras_from_toml(file.content, file.path))

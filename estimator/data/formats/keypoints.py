@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.data.formats.keypoints_layouts import Reading, read_layout
+from estimator.data.formats.keypoints_layouts import read_layout
 from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Reading
 from estimator.data.formats.people_choice import AUTO, jump_note, select
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError

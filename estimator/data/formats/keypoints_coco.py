@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator.data.formats.cameras_json import image_size
 from estimator.data.formats.checked_json import mapping, member, number_between, numbers, sequence
+from estimator.data.formats.keypoint_format import KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks
 from estimator.data.formats.keypoints_people import Person, cleaned
 from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names, frame_of_pictures, person_id
@@ -155,3 +156,6 @@ def _key(value: Any) -> str:
 
 def _order(id: str) -> tuple[int, int, str]:
     return (0, int(id), "") if id.isascii() and id.isdigit() and len(id) < 20 else (1, 0, id)
+
+
+COCO = KeypointFormat("COCO", lambda file: is_coco(file.json), lambda file, reading: read_coco(file.json, reading))

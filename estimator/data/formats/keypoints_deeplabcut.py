@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.data.formats.checked_json import read_text
+from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks
 from estimator.data.formats.keypoints_people import Person, cleaned
 from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names, frame_of_pictures
@@ -151,3 +152,12 @@ def _frames(index: Sequence[Sequence[str]], lines: Sequence[int], path: Path) ->
             raise InputError(path, f"frame {frame} is in line {seen[frame]} too", place=f"line {line}")
         seen[frame] = line
     return frames
+
+
+def _is_deeplabcut(file: KeypointFile) -> bool:
+    return file.start.removeprefix(b"\xef\xbb\xbf").startswith(b"scorer,")
+
+
+DEEPLABCUT = KeypointFormat(
+    "DeepLabCut csv", _is_deeplabcut, lambda file, reading: read_deeplabcut(reading), of_json=False
+)

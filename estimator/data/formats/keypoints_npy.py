@@ -14,6 +14,7 @@ import numpy as np
 
 from estimator.data.formats.cameras_json import image_size
 from estimator.data.formats.checked_json import LARGEST, number_between
+from estimator.data.formats.keypoint_format import KeypointFile, KeypointFormat
 from estimator.data.formats.keypoints_names import named_landmarks, naming_beside, places_of_names
 from estimator.data.formats.keypoints_people import Person, cleaned
 from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading, checked_names
@@ -93,3 +94,10 @@ def _set_names(arrays: dict[str, np.ndarray], count: int, reading: Reading) -> N
         raise InputError(path, f"{count} keypoints fit no layout", place="keypoints", remedy=remedy) from None
     if len(reading.names) != count:
         raise InputError(path, f"{reading.layout} has {len(reading.names)} keypoints, found {count}", place="keypoints")
+
+
+def _is_numpy(file: KeypointFile) -> bool:
+    return file.start.startswith((b"\x93NUMPY", b"PK\x03\x04", b"PK\x05\x06"))
+
+
+ARRAYS = KeypointFormat("npy and npz", _is_numpy, lambda file, reading: read_arrays(reading), of_json=False)

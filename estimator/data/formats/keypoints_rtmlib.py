@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from estimator.data.formats.checked_json import mapping, member, number_between, numbers, sequence
+from estimator.data.formats.keypoint_format import KeypointFormat
 from estimator.data.formats.keypoints_reading import MOST_FRAMES, Reading
 from estimator.data.media.clip import FPS_RANGE
 from humanoid.support.errors import InputError
@@ -64,3 +65,8 @@ def _frame(i: int, frame: Mapping[str, Any], reading: Reading, place: str) -> No
         if xy.ndim != 2 or xy.shape[1] != 2 or confidence.shape != xy.shape[:1]:
             raise InputError(path, "needs [x, y] and a score for each keypoint", place=who)
         reading.add(number, [reading.person(np.column_stack([xy, confidence]).ravel().tolist(), id, path, who)])
+
+
+RTMLIB = KeypointFormat(
+    "rtmlib", lambda file: is_rtmlib(file.json), lambda file, reading: read_rtmlib(file.json, reading)
+)

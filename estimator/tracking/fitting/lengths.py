@@ -13,7 +13,8 @@ from estimator.energy.descent.newton import NewtonSettings, Problem, Step, minim
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost
-from estimator.search.cost_model import CostModel, CostSettings
+from estimator.search.cost_model import CostModel
+from estimator.search.cost_settings import CostSettings
 from estimator.trackers.beginning import enough_keypoints
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.paths import backtrack_results

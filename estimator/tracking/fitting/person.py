@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from estimator.data.observation import Observation
 from estimator.data.source import Cues
-from estimator.search.cost_model import CostSettings
+from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.flesh import fit_flesh
 from estimator.tracking.fitting.lengths import fit_lengths

@@ -1,10 +1,10 @@
-"""The formats of runs that show the body, beside those of `estimator.runs.export`."""
+"""The export formats that show the body, registered beside those of `estimator.runs.export`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from estimator.runs.export import Writer
+from estimator.runs.export import Exporter, register
 from estimator.runs.run_reader import Run
 
 
@@ -20,5 +20,5 @@ def _rrd(run: Run, path: Path, name: str) -> None:
     write_rrd(run, path)
 
 
-FORMATS: dict[str, Writer] = {"glb": _glb, "rrd": _rrd}
-"""Writers by format name, see `estimator.runs.export.FORMATS`."""
+register(Exporter("glb", _glb))
+register(Exporter("rrd", _rrd))

@@ -1,0 +1,69 @@
+"""What a camera file's format is: how a file of it is recognised, and how it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from estimator.data.cameras.camera import Camera
+from estimator.data.formats.checked_json import mapping, read_json
+from humanoid.subject.urdf_document import Document, read_document
+from humanoid.support.errors import InputError
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A file that should hold cameras. path, content: of it."""
+
+    path: Path
+    content: bytes
+
+    @property
+    def ending(self) -> str:
+        """Of its name, in lower case, with the dot."""
+        return self.path.suffix.lower()
+
+    @cached_property
+    def start(self) -> bytes:
+        """Its first characters, without a byte order mark or blanks before them."""
+        return self.content.removeprefix(b"\xef\xbb\xbf").lstrip()[:200]
+
+    @cached_property
+    def json(self) -> Mapping[str, Any] | None:
+        """What it says as JSON, None where neither its ending nor its first character says that it is some. Raises
+        InputError where it is damaged."""
+        looks_so = self.start.startswith(b"{") or self.ending == ".json"
+        return mapping(read_json(self.path), self.path) if looks_so and not self.start.startswith(b"<") else None
+
+    @cached_property
+    def xml(self) -> Document | None:
+        """The same for XML."""
+        if not self.start.startswith(b"<"):
+            return None
+        try:
+            return read_document(self.content, str(self.path))
+        except InputError as error:  # its remedies are about subjects
+            raise InputError(
+                self.path, error.problem, place=error.place, remedy="mend it, or export the cameras again"
+            ) from None
+
+    @property
+    def root(self) -> str:
+        """The outermost element's name of XML, empty for other files."""
+        return "" if self.xml is None else self.xml.root.tag
+
+
+@dataclass(frozen=True)
+class CameraFormat:
+    """A format of camera files; register it with `estimator.data.formats.cameras.register`.
+
+    name: as errors list it. recognises: whether a file is of this format, told by what it holds; those registered
+    last are asked first. read: its cameras, in the file's order; raises InputError naming the place.
+    """
+
+    name: str
+    recognises: Callable[[CameraFile], bool]
+    read: Callable[[CameraFile], list[Camera]]

@@ -1,0 +1,72 @@
+"""kinemode's own keypoint files.
+
+{"format", "image_size", "fps", "names", "frames": [{"keypoints": [[x, y, confidence], ...] or null}, ...]}; with
+several people {"people": [{"id", "keypoints"}, ...]} for a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from estimator.data.formats.cameras_json import image_size
+from estimator.data.formats.checked_json import mapping, member, number_between, sequence
+from estimator.data.formats.keypoint_format import KeypointFormat
+from estimator.data.formats.keypoints_people import Person
+from estimator.data.formats.keypoints_reading import Reading, as_landmarks
+from estimator.data.media.clip import FPS_RANGE
+from humanoid.subject.landmarks import FORMATS
+from humanoid.support.errors import InputError
+
+
+def _own(value: Mapping[str, Any], reading: Reading) -> None:
+    path = reading.source
+    _own_header(value, reading)
+    frames = sequence(value["frames"], path, "frames")
+    reading.count = len(frames)
+    for i, frame in enumerate(frames):
+        place = f"frame {i}"
+        told = {"keypoints": None} if frame is None else mapping(frame, path, place)
+        if "people" in told:
+            reading.add(i, _own_people(told["people"], reading, place))
+            continue
+        keypoints = member(told, "keypoints", path, place)
+        people = [] if keypoints is None else [reading.person(keypoints, None, path, f"{place}, person 0")]
+        reading.add(i, people)
+
+
+def _own_people(value: Any, reading: Reading, place: str) -> list[Person | None]:
+    path = reading.source
+    people: list[Person | None] = []
+    for k, person in enumerate(sequence(value, path, f"{place} people")):
+        where = f"{place}, person {k}"
+        told = mapping(person, path, where)
+        people.append(reading.person(member(told, "keypoints", path, where), told.get("id"), path, where))
+    return people
+
+
+def _own_header(value: Mapping[str, Any], reading: Reading) -> None:
+    path = reading.source
+    if value.get("image_size") is not None:
+        reading.image_size = image_size(value["image_size"], path, "image_size")
+    if value.get("fps") is not None:
+        reading.fps = number_between(value["fps"], *FPS_RANGE, path, "fps")
+    declared = value.get("format")
+    if declared is not None and not isinstance(declared, str):
+        raise InputError(path, "a name is needed", place="format")
+    if reading.layout == "auto" and declared in FORMATS:
+        reading.layout = declared
+    elif reading.layout == "auto" and value.get("names") is not None:
+        names = sequence(value["names"], path, "names")
+        if not names or not all(isinstance(name, str) and name for name in names):
+            raise InputError(path, "a list of names is needed, one for each keypoint", place="names")
+        reading.layout = declared or "named"
+        exact = declared == "landmarks"  # a subject's own names, which may differ from every detector's
+        reading.names = tuple(names) if exact else as_landmarks(names)
+
+
+OWN = KeypointFormat(
+    "kinemode JSON",
+    lambda file: isinstance(file.json, dict) and "frames" in file.json,
+    lambda file, reading: _own(file.json, reading),
+)

@@ -1,0 +1,55 @@
+"""Settings of the energy of a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from estimator.numerics.robust import POTENTIALS
+from estimator.search.cost_terms import term_settings
+from estimator.vision.likelihood.settings import ImageSettings
+from humanoid.support.settings import setting
+
+
+@dataclass(frozen=True)
+class CostSettings:
+    """Weights and scales of the energy; all are negative log-probabilities, so weights near 1 are honest ones.
+
+    potential, nu: robust potential of a keypoint (`estimator.numerics.robust`).
+    keypoint_noise: standard deviation of a shoulder-like keypoint as a fraction of the subject's extent in the image
+        (root mean square distance of its keypoints from their centre): detectors err in proportion to the person.
+    landmark_mismatch: how far, in the same unit, the subject's landmarks may lie from where the detector sees them;
+        it keeps sharply detected points of the face from deciding the body's size.
+    stabiliser_weight: strength of the rest-position priors. upright_weight: of the root's, relative to these.
+    pose_prior_weight: share of the rest-position priors, 0 to 1, whose place a mixture learned from captured motion
+        takes (`estimator.energy.pose_prior`); pose_prior_file: its numbers. Where none are named it is the shipped
+        ones, of human34, and a body that they do not suit (`estimator.energy.pose_prior.misfit`) has the rest positions
+        alone.
+    interpenetration_weight, clearance_scale: repulsion of body parts (CSS 3.2.4): energy at contact, and the distance
+        [m] over which it changes e-fold.
+    turn_speed [rad/s], root_turn_speed [rad/s], root_slide_speed [m/s]: standard deviation of the change between
+        frames, per second, of joints, of the root's orientation and of its position; transition_potential,
+        transition_nu: long tails let a mode jump when the image insists.
+    exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
+    image: of the pictures' cues. terms: of kinds of terms that plugins have registered, by name.
+    """
+
+    potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
+    nu: float = setting(8.0, above=0)
+    keypoint_noise: float = setting(0.03, above=0)
+    landmark_mismatch: float = setting(0.7, at_least=0)
+    stabiliser_weight: float = setting(1.0, at_least=0)
+    upright_weight: float = setting(1.0, at_least=0)
+    pose_prior_weight: float = setting(0.25, at_least=0, at_most=1)
+    pose_prior_file: str = ""
+    interpenetration_weight: float = setting(1.0, at_least=0)
+    clearance_scale: float = setting(0.005, above=0)
+    turn_speed: float = setting(6.0, above=0)
+    root_turn_speed: float = setting(3.0, above=0)
+    root_slide_speed: float = setting(1.5, above=0)
+    transition_potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
+    transition_nu: float = setting(20.0, above=0)
+    exchange_penalty: float = setting(3.0, at_least=0)
+    image: ImageSettings = field(default_factory=ImageSettings)
+    terms: Mapping[str, Any] = field(default_factory=term_settings)

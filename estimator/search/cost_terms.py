@@ -1,0 +1,85 @@
+"""The terms of every frame's energy by kind, but the transition, which belongs to a hypothesis and its past."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from estimator.energy.interpenetration import Interpenetration
+from estimator.energy.pose_mixture import load_mixture, shipped_mixture
+from estimator.energy.pose_prior import PosePrior, misfit
+from estimator.energy.priors import Stabilisers
+from estimator.energy.term import Term
+from estimator.energy.upright import Upright, world_up
+from estimator.search.term_source import TermContext, TermSource
+from humanoid.kinematics.body import Body
+from humanoid.support.plugins import Registry
+
+if TYPE_CHECKING:
+    from estimator.search.cost_settings import CostSettings
+
+
+def pose_prior_share(body: Body, cost: CostSettings) -> float:
+    """Share of the rest-position priors, 0 to 1, whose place the learned mixture takes; 0 for a body that the shipped
+    one does not suit."""
+    share = cost.pose_prior_weight
+    return share if cost.stabiliser_weight * share > 0.0 and without_prior(body, cost) is None else 0.0
+
+
+def without_prior(body: Body, settings: CostSettings) -> str | None:
+    """What a body lacks for the shipped mixture, which is then left out; None where nothing, or a file is named, which
+    has to suit it."""
+    return None if settings.pose_prior_file else misfit(body, shipped_mixture())
+
+
+def _stabilisers(context: TermContext, _: None) -> list[Term]:
+    strength, share = context.cost.stabiliser_weight, pose_prior_share(context.body, context.cost)
+    return [Stabilisers(context.body, strength * (1.0 - share))] if strength > 0.0 and share < 1.0 else []
+
+
+def _pose_prior(context: TermContext, _: None) -> list[Term]:
+    body, cost = context.body, context.cost
+    share = pose_prior_share(body, cost)
+    if share <= 0.0:
+        return []
+    mixture = load_mixture(cost.pose_prior_file) if cost.pose_prior_file else shipped_mixture()
+    return [PosePrior(body, mixture, cost.stabiliser_weight * share)]
+
+
+def _interpenetration(context: TermContext, _: None) -> list[Term]:
+    cost = context.cost
+    if context.self_collision is None or cost.interpenetration_weight <= 0.0:
+        return []
+    return [Interpenetration(context.self_collision, cost.clearance_scale, cost.interpenetration_weight)]
+
+
+def _upright(context: TermContext, _: None) -> list[Term]:
+    """Which way is up depends on the cameras alone."""
+    body, weight = context.body, context.cost.stabiliser_weight * context.cost.upright_weight
+    if context.cameras is None or weight <= 0.0 or not body.has_free_root or body.subject.upright is None:
+        return []
+    return [Upright(body, world_up(context.cameras), weight)]
+
+
+TERMS: Registry[TermSource] = Registry(
+    "term",
+    (
+        TermSource(Stabilisers.name, _stabilisers),
+        TermSource(PosePrior.name, _pose_prior),
+        TermSource(Interpenetration.name, _interpenetration),
+        TermSource(Upright.name, _upright, by_cameras=True),
+    ),
+)
+"""All kinds by name, in the order in which their energies are summed."""
+register = TERMS.register
+
+
+def term_settings() -> dict[str, Any]:
+    """The default settings of the kinds that have any, by name."""
+    return {source.name: source.settings for source in TERMS.values() if source.settings is not None}
+
+
+def terms_of(context: TermContext, *, by_cameras: bool) -> list[Term]:
+    """The terms of all kinds that depend on the cameras, or of all that do not."""
+    settings = context.cost.terms
+    sources = [source for source in TERMS.values() if source.by_cameras is by_cameras]
+    return [term for source in sources for term in source.make(context, settings.get(source.name))]

@@ -1,0 +1,44 @@
+"""What a kind of terms is that is part of every frame's energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from estimator.data.cameras.camera import Camera
+from estimator.energy.term import Term
+from humanoid.collision.self_collision import SelfCollision
+from humanoid.kinematics.body import Body
+
+if TYPE_CHECKING:
+    from estimator.search.cost_settings import CostSettings
+
+
+@dataclass(frozen=True)
+class TermContext:
+    """What terms are made for.
+
+    cost: all weights of the energy. self_collision: distances between body parts, None where they may overlap. cameras:
+    those that observe the body, None where none is known.
+    """
+
+    body: Body
+    cost: CostSettings
+    self_collision: SelfCollision | None = None
+    cameras: tuple[Camera, ...] | None = None
+
+
+@dataclass(frozen=True)
+class TermSource:
+    """A kind of term; `estimator.search.cost_terms.register` makes it part of every frame's energy.
+
+    name: as in the settings' table `[cost.terms.NAME]`. make: its terms for a context and its settings, none where it
+    does not apply. settings: a frozen dataclass with the defaults, described in its docstring; None for none.
+    by_cameras: whether its terms depend on the cameras; those of other kinds are made once for a body.
+    """
+
+    name: str
+    make: Callable[[TermContext, Any], Iterable[Term]]
+    settings: Any = None
+    by_cameras: bool = False

@@ -1,0 +1,107 @@
+"""What is in a family by name: a term, a keypoint format, a camera format and an exporter of another package, each one
+short file, work in the command line without another edit. Cues and trackers: `test_toy_cue`, `test_toy_tracker`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kinemode as km
+from estimator.data.formats.cameras import CAMERA_FORMATS, load_cameras
+from estimator.data.formats.keypoints import load_keypoints
+from estimator.data.formats.keypoints_layouts import KEYPOINT_FORMATS
+from estimator.runs.export import EXPORTERS
+from estimator.search.cost_terms import TERMS
+from estimator.tracking.registry import TRACKERS
+from estimator.vision.likelihood.registry import CUES
+from humanoid.support.errors import InputError
+from humanoid.support.plugins import Registry
+from tests.command_lines import Told, told
+from tests.tiny_clip import tiny_clip
+
+HERE = Path(__file__).parent
+TOYS = ("toy_term", "toy_keypoint_format", "toy_camera_format", "toy_exporter", "toy_cue", "toy_tracker")
+MOST_LINES = 60
+JOINT, ANGLE = "left_elbow_flexion", 1.25
+FAMILIES: Mapping[str, Registry] = {  # type: ignore[type-arg]
+    "trackers": TRACKERS,
+    "cues": CUES,
+    "terms": TERMS,
+    "exporters": EXPORTERS,
+    "keypoint formats": KEYPOINT_FORMATS,
+    "camera formats": CAMERA_FORMATS,
+}
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_members_have_their_own_names_and_another_is_refused(name: str) -> None:
+    family = FAMILIES[name]
+    assert list(family) == [member.name for member in family.values()]
+    first = next(iter(family.values()))
+    with pytest.raises(InputError, match=f"already one named {first.name}"):
+        family.register(first)
+    with pytest.raises(InputError, match=f"one of .*{first.name}"):
+        family["no such name"]
+
+
+@pytest.mark.parametrize("toy", TOYS)
+def test_a_new_member_is_one_short_file(toy: str) -> None:
+    assert len((HERE / f"{toy}.py").read_text(encoding="utf-8").splitlines()) <= MOST_LINES
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Told]]:
+    """Inputs in formats of another package, tracked with a term and exported in a format of it; and without it."""
+    folder = tmp_path_factory.mktemp("families")
+    clip = tiny_clip(folder / "clip", frames=3)
+    (camera,) = load_cameras(clip.cameras).values()
+    pose = [*camera.R_camera_world.ravel(), *camera.t_camera_world]
+    written = " ".join(map(repr, map(float, [*camera.image_size, camera.K[0, 0], *pose])))
+    (folder / "cameras.txt").write_text(f"# camera lines\n{camera.name} {written}\n")
+    track = load_keypoints(next(iter(clip.keypoints.values())))
+    rows = [
+        f"{t} {name} {x:.3f} {y:.3f}"
+        for t, points in enumerate(track.pixels)
+        for name, (x, y) in zip(track.names, points, strict=True)
+        if name is not None and np.isfinite(x)
+    ]
+    (folder / "keypoints.txt").write_text("\n".join(["# keypoints by line", *rows]) + "\n")
+    settings = f'[cost.terms.held]\njoint = "{JOINT}"\nangle = {ANGLE}\nstd = 0.001\n'
+    (folder / "held.toml").write_text(settings)
+    inputs = ["track", "--keypoints", "keypoints.txt", "--cameras", "cameras.txt"]
+    inputs = [str(folder / text) if text.endswith(".txt") else text for text in inputs]
+    how = ["--fps", "5", "--fit", "off", "--tracker", "single-mode", "--out", str(folder / "a.run")]
+    commands = [
+        [*inputs, *how, "--settings", str(folder / "held.toml")],
+        ["export", str(folder / "a.run"), str(folder / "a.path")],
+        ["export", str(folder / "a.run"), str(folder / "a.nothing")],
+        ["settings"],
+    ]
+    return folder, told(*commands, plugins=",".join(TOYS[:4]), path=HERE)
+
+
+def test_all_of_them_work_in_the_command_line(lines: tuple[Path, list[Told]]) -> None:
+    folder, (tracked, exported, refused, settings) = lines
+    assert tracked.code == 0, tracked.error
+    run = km.open_run(folder / "a.run")
+    column = run.body.q_names.index(JOINT)
+    np.testing.assert_allclose(run.filtered_q[:, column], ANGLE, atol=0.01)
+    assert run.header.settings["cost"]["terms"]["held"]["joint"] == JOINT
+    assert exported.code == 0, exported.error
+    assert (folder / "a.path").read_text().startswith("a.path: 3 frames, ")
+    assert refused.code == 2
+    assert "one of npz, csv, trc" in refused.error
+    assert refused.error.rstrip().endswith("path)")
+    table = settings.out.partition("[cost.terms.held]\n")[2].partition("\n\n")[0]
+    assert "std = 0.05  # more than 0" in table.splitlines()
+
+
+def test_without_them_their_files_are_refused(lines: tuple[Path, list[Told]]) -> None:
+    folder, _ = lines
+    with pytest.raises(InputError, match="cameras in a format that is read"):
+        load_cameras(folder / "cameras.txt")
+    with pytest.raises(InputError):
+        load_keypoints(folder / "keypoints.txt")
