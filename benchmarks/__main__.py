@@ -1,4 +1,4 @@
-"""The command `python -m benchmarks`: lists the measures, or runs one."""
+"""The command `python -m benchmarks`: lists the measures, runs one, or writes docs/status.md."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import sys
 from collections.abc import Sequence
 from itertools import groupby
 
+from benchmarks import status
 from benchmarks.registry import MEASURES, Measure, find
 from humanoid.support.errors import InputError
 
 USAGE = """\
 python -m benchmarks NAME ARGS...     run a measure
 python -m benchmarks NAME --help      its options
-python -m benchmarks --list           every measure, its target, and what it needs"""
+python -m benchmarks --list           every measure, its target, and what it needs
+python -m benchmarks --write-status   write the tables of docs/status.md from benchmarks/figures.toml"""
 
 
 def main(words: Sequence[str]) -> int:
@@ -24,6 +26,9 @@ def main(words: Sequence[str]) -> int:
             return 0 if name else 2
         if name == "--list" and not arguments:
             print("\n".join(listing(MEASURES)))
+            return 0
+        if name == "--write-status" and not arguments:
+            print(f"written; measures without a line: {', '.join(status.write())}")
             return 0
         if name.startswith("-"):
             raise InputError(
