@@ -56,7 +56,7 @@ def load(path: Path = FIGURES) -> list[System]:
     """
     content = read_toml(path, remedy="see benchmarks/figures.toml")
     return [
-        System(system["name"], tuple(_line(path, entry) for entry in system["line"]))
+        System(system["name"], tuple(_line(path, entry) for entry in system.get("line", ())))
         for system in content.get("system", ())
     ]
 
@@ -84,7 +84,7 @@ def table(system: System) -> list[str]:
     return [f"## {system.name}", "", f"[Reasons and details]({NOTES}#{system.anchor}).", "", *written, ""]
 
 
-def written(text: str, systems: Sequence[System]) -> str:
+def with_tables(text: str, systems: Sequence[System]) -> str:
     """The page whose text is given, with these tables below its mark; what stands above it is kept.
 
     Raises
@@ -98,7 +98,7 @@ def written(text: str, systems: Sequence[System]) -> str:
     return f"{above}{MARK}\n\n{sections}"
 
 
-def unmeasured(systems: Sequence[System]) -> list[str]:
+def measures_without_line(systems: Sequence[System]) -> list[str]:
     """The registered measures that have no line."""
     words = {line.command.split()[3] for system in systems for line in system.lines if "-m benchmarks" in line.command}
     return [name for name in by_name() if name not in words]
@@ -107,5 +107,5 @@ def unmeasured(systems: Sequence[System]) -> list[str]:
 def write(path: Path = STATUS) -> list[str]:
     """Write the tables of the page; returns the names of the measures without a line."""
     systems = load()
-    path.write_text(written(path.read_text(encoding="utf-8"), systems), encoding="utf-8")
-    return unmeasured(systems)
+    path.write_text(with_tables(path.read_text(encoding="utf-8"), systems), encoding="utf-8")
+    return measures_without_line(systems)

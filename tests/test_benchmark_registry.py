@@ -42,7 +42,7 @@ SIGNS = {
 FEWEST = 3  # modules of a folder, its `__init__` not counted
 
 
-def with_main(root: Path) -> dict[str, Path]:
+def modules_with_main(root: Path) -> dict[str, Path]:
     """The modules that define `main`, but the command itself, by their dotted names."""
     paths = {
         ".".join(path.relative_to(root).with_suffix("").parts): path
@@ -58,7 +58,7 @@ def defines_main(source: str) -> bool:
 
 def faults(root: Path, measures: Sequence[Measure]) -> list[str]:
     """What is wrong with a registry of the modules below a folder."""
-    modules, registered = with_main(root), [measure.module for measure in measures]
+    modules, registered = modules_with_main(root), [measure.module for measure in measures]
     names = [measure.name for measure in measures]
     wrong = [f"{module} has a main and is not registered" for module in modules if module not in registered]
     wrong += [f"{name} stands twice" for name in dict.fromkeys(names) if names.count(name) > 1]
@@ -123,7 +123,7 @@ def test_planted_faults_are_found(tmp_path: Path, measures: list[Measure], sourc
 
 def test_every_sign_is_there() -> None:
     """A sign that no source shows any more would keep nothing true."""
-    sources = [path.read_text(encoding="utf-8") for path in with_main(ROOT).values()]
+    sources = [path.read_text(encoding="utf-8") for path in modules_with_main(ROOT).values()]
     assert [need for need, sign in SIGNS.items() if not any(re.search(sign, s, re.MULTILINE) for s in sources)] == []
 
 

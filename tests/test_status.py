@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import status
 from benchmarks.registry import MEASURES, by_name
-from benchmarks.status import FIGURES, MARK, STATUS, Line, System, load, table, unmeasured, written
+from benchmarks.status import FIGURES, MARK, STATUS, Line, System, load, measures_without_line, table, with_tables
 from benchmarks.support.common import ROOT
 from humanoid.support.errors import InputError
 
@@ -50,7 +50,7 @@ def faults(systems: list[System]) -> list[str]:
 
 def test_the_page_is_what_the_command_writes() -> None:
     text = STATUS.read_text(encoding="utf-8")
-    assert text == written(text, load()), "python -m benchmarks --write-status"
+    assert text == with_tables(text, load()), "python -m benchmarks --write-status"
 
 
 def test_every_line_is_short_and_its_command_is_there() -> None:
@@ -60,7 +60,7 @@ def test_every_line_is_short_and_its_command_is_there() -> None:
 
 def test_most_measures_have_a_line() -> None:
     """Those that only draw, or whose figures stand in other pages, have none."""
-    assert len(unmeasured(load())) <= len(MEASURES) // 5
+    assert len(measures_without_line(load())) <= len(MEASURES) // 5
 
 
 def test_reasons_stand_under_the_same_headings() -> None:
@@ -88,13 +88,13 @@ def test_what_is_edited_by_hand_is_found() -> None:
     text = STATUS.read_text(encoding="utf-8")
     assert "**40.9 mm**" in text
     changed = text.replace("**40.9 mm**", "**39.9 mm**")
-    assert written(changed, load()) == text != changed
-    assert written(text.replace("# Status", "# State"), load()) == text.replace("# Status", "# State")
+    assert with_tables(changed, load()) == text != changed
+    assert with_tables(text.replace("# Status", "# State"), load()) == text.replace("# Status", "# State")
 
 
 def test_a_page_without_the_mark_is_refused() -> None:
     with pytest.raises(InputError, match="no mark"):
-        written("# Status\n", load())
+        with_tables("# Status\n", load())
 
 
 LINE = '[[system]]\nname = "s"\n[[system.line]]\nmeasure = "step"\nwhat = "w"\nfigure = "f"\n'
