@@ -1,4 +1,4 @@
-"""The project's measures, each one command: `python -m benchmarks.NAME --help`.
+"""The project's measures by name: `python -m benchmarks --list`, `python -m benchmarks NAME --help`.
 
 They run from a checkout with `pip install -e .[benchmark]`. Times are taken on one core: the matrices are small, and
 linear algebra that spreads them over all cores only gets slower and less steady.

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from benchmarks.common import ROOT
-from benchmarks.resume_kills import Kill, Moment, kill_at
+from benchmarks.robustness.resume_kills import Kill, Moment, kill_at
+from benchmarks.support.common import ROOT
 from estimator.runs.run_file import Run
 from humanoid.support.plugins import VARIABLE
 from kinemode import jobs

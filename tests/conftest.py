@@ -62,7 +62,7 @@ def default_signals() -> Iterator[None]:
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Selenium's driver of a headless Chromium."""
     pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    from benchmarks.browser import opened_browser, programs
+    from benchmarks.support.browser import opened_browser, programs
 
     if programs() is None:
         pytest.skip("Chromium and its chromedriver are not installed")
@@ -106,10 +106,10 @@ def small_index_file(small_index: Any, tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture(scope="session")
 def valid(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, list[Mapping[str, bytes]]]:
-    """Valid files of every kind, see `benchmarks.fuzz_corpus.corpus`; a run of one subject is among them."""
+    """Valid files of every kind, see `benchmarks.robustness.fuzz_corpus.corpus`; a run of one subject is among them."""
 
     def files(_: Path) -> Mapping[str, list[Mapping[str, bytes]]]:
-        from benchmarks.fuzz_corpus import corpus  # every other test does without
+        from benchmarks.robustness.fuzz_corpus import corpus  # every other test does without
 
         return corpus(("arm8",))
 

@@ -9,7 +9,7 @@ import os
 import signal
 from pathlib import Path
 
-from benchmarks.fuzz_cases import Case, Verdict
+from benchmarks.robustness.fuzz_cases import Case, Verdict
 
 
 def judge(case: Case, corpus: Path, folder: Path) -> Verdict:

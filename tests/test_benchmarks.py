@@ -9,9 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks import beam4cam, mocap, mocap_person, outline, sequences
-from benchmarks.common import in_processes
-from benchmarks.scores import TrackErrors, track_errors, trajectories
+from benchmarks.accuracy import beam4cam, mocap, outline
+from benchmarks.papers_css import sequences
+from benchmarks.support import mocap_person
+from benchmarks.support.common import in_processes
+from benchmarks.support.scores import TrackErrors, track_errors, trajectories
 from estimator.data.cameras.camera import guessed_camera
 from estimator.runs.evaluation import LIMB_JOINTS
 from estimator.runs.reference_motion import Reference

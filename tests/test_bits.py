@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import bits
-from benchmarks.bits_cases import CASES, INPUT, RESULT, SAME
+from benchmarks.robustness import bits
+from benchmarks.robustness.bits_cases import CASES, INPUT, RESULT, SAME
 from humanoid.support.errors import InputError
 
 

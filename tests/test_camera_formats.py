@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from benchmarks.camera_files import toml_sections, write_pose2sim
+from benchmarks.support.camera_files import toml_sections, write_pose2sim
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.cameras import load_cameras, write_cameras
 from humanoid.support.errors import InputError

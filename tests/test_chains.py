@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import chains, chains_toy
-from benchmarks.chains import exactness
-from benchmarks.chains_toy import POINT, Belief, Crowd, Joint, ParticleWalk, Walk, seen
+from benchmarks.papers_dual_chain import chains, chains_toy
+from benchmarks.papers_dual_chain.chains import exactness
+from benchmarks.papers_dual_chain.chains_toy import POINT, Belief, Crowd, Joint, ParticleWalk, Walk, seen
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, Message, messages, step
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform

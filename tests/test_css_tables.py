@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.css_figures import draw_all
-from benchmarks.css_figures_valleys import LEAP, valleys
-from benchmarks.css_tables import PAPER, compared, statistics
-from benchmarks.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
-from benchmarks.css_tables_minima import WITHIN, RowTask, Rule, Searches, distinct, known_problem, searched
-from benchmarks.css_tables_problem import SEARCH
-from benchmarks.css_tables_proposals import TRIED, tempered
-from benchmarks.css_tables_regimes import TRACKERS, TrialTask, counted
-from benchmarks.figure_file import write_figure
+from benchmarks.papers_css.css_figures import draw_all
+from benchmarks.papers_css.css_figures_valleys import LEAP, valleys
+from benchmarks.papers_css.css_tables import PAPER, compared, statistics
+from benchmarks.papers_css.css_tables_jumps import SEARCHERS, Hunt, HuntTask, hunted
+from benchmarks.papers_css.css_tables_minima import WITHIN, RowTask, Rule, Searches, distinct, known_problem, searched
+from benchmarks.papers_css.css_tables_problem import SEARCH
+from benchmarks.papers_css.css_tables_proposals import TRIED, tempered
+from benchmarks.papers_css.css_tables_regimes import TRACKERS, TrialTask, counted
+from benchmarks.support.figure_file import write_figure
 from estimator.energy.descent.seek import Seeker
 
 FEW = 60
@@ -105,7 +105,9 @@ def test_gains_count_the_same_minima() -> None:
 def test_plots(rows: dict[str, Searches], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every panel of every figure has curves or bars. One figure is painted too: to lay them out takes longest."""
     figures: dict[str, Any] = {}
-    monkeypatch.setattr("benchmarks.css_figures.write_figure", lambda path, figure: figures.update({path.stem: figure}))
+    monkeypatch.setattr(
+        "benchmarks.papers_css.css_figures.write_figure", lambda path, figure: figures.update({path.stem: figure})
+    )
     draw_all(tmp_path, 0, rows, points=9)
     panels = {name: figure.axes for name, figure in figures.items()}
     assert {name: len(axes) for name, axes in panels.items()} == {

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import fuzz_judge, fuzz_readers
-from benchmarks.fuzz_corpus import SIZE, Files, facing, npz
-from benchmarks.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
+from benchmarks.robustness import fuzz_judge, fuzz_readers
+from benchmarks.robustness.fuzz_corpus import SIZE, Files, facing, npz
+from benchmarks.robustness.fuzz_texts import ARM, ARM_LANDMARKS, ARM_MESHES, BVH_CMU, BVH_PLAIN
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.image_cues import ImageCues
 from estimator.search.mode_search import ModeSearch

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from benchmarks import fuzz_judge
-from benchmarks.fuzz_corpus import Files
-from benchmarks.fuzz_readers import CORPUS_OF
+from benchmarks.robustness import fuzz_judge
+from benchmarks.robustness.fuzz_corpus import Files
+from benchmarks.robustness.fuzz_readers import CORPUS_OF
 from estimator.data.formats.packing import pack, unpack
 from estimator.runs.run_file import RunWriter
 from humanoid.support.errors import InputError

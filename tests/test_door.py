@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import kinemode as km
-from benchmarks.starting import FILE, LINES
+from benchmarks.speed.starting import FILE, LINES
 from kinemode import __main__ as front
 from tests.waiting import DEADLINE
 

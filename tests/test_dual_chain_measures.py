@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.css_dual import GAP, GONE, TIMES, with_gaps
-from benchmarks.dual_chain_event_clips import (
+from benchmarks.papers_dual_chain.css_dual import GAP, GONE, TIMES, with_gaps
+from benchmarks.papers_dual_chain.dual_chain_event_clips import (
     CROSSING,
     EVENTS,
     FACE,
@@ -19,7 +19,7 @@ from benchmarks.dual_chain_event_clips import (
     hands_of,
     upper_body,
 )  # fmt: skip
-from benchmarks.dual_chain_events import FIRST, LATER, figures, level
+from benchmarks.papers_dual_chain.dual_chain_events import FIRST, LATER, figures, level
 from humanoid.collision.self_collision import SelfCollision
 
 

@@ -13,7 +13,7 @@ from test_people import COCO17, FRAMES, Frames, alone, assert_same, cameras, fil
 from tiny_clip import QUICK
 
 import kinemode as km
-from benchmarks.crowd_files import write_mmpose
+from benchmarks.accuracy.crowd_files import write_mmpose
 from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
 from estimator.data.formats.keypoints_people import Person

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import ablation, failure_table
-from benchmarks.ablation_runs import STAND_INS, Measured, Wanted, parts
-from benchmarks.common import CUES
-from benchmarks.failure_runs import CSS, Attempt, Sizing, Tracking, own_size, resized, size_for
-from benchmarks.failure_table import PAPER, in_markdown, order, summed
-from benchmarks.failures import BY_ONE_CAMERA
-from benchmarks.kept_runs import INTERRUPTED, Figures, Kept, all_done
-from benchmarks.runs_plot import write_differences, write_runs
-from benchmarks.scores import TRAJECTORIES, Outcome, TrackErrors
-from benchmarks.sequences import FPS, Task
-from benchmarks.summaries import gain, judged, paired, spread_of
+from benchmarks.papers_css import ablation, failure_table
+from benchmarks.papers_css.ablation_runs import STAND_INS, Measured, Wanted, parts
+from benchmarks.papers_css.failure_runs import CSS, Attempt, Sizing, Tracking, own_size, resized, size_for
+from benchmarks.papers_css.failure_table import PAPER, in_markdown, order, summed
+from benchmarks.papers_css.failures import BY_ONE_CAMERA
+from benchmarks.papers_css.runs_plot import write_differences, write_runs
+from benchmarks.papers_css.sequences import FPS, Task
+from benchmarks.papers_css.summaries import gain, judged, paired, spread_of
+from benchmarks.support.common import CUES
+from benchmarks.support.kept_runs import INTERRUPTED, Figures, Kept, all_done
+from benchmarks.support.scores import TRAJECTORIES, Outcome, TrackErrors
 from estimator.trackers.css.budget import Source, allocated
 from estimator.tracking.registry import TRACKERS
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from benchmarks import fuzz, fuzz_commands
-from benchmarks.fuzz_cases import MOST_SECONDS, Verdict, peak_memory
-from benchmarks.fuzz_cases import Case as Damaged
-from benchmarks.fuzz_corpus import Files
-from benchmarks.fuzz_judge import judge, judged_message, prepare, timed, write
-from benchmarks.fuzz_readers import CORPUS_OF, READERS
-from benchmarks.fuzz_workers import verdicts
+from benchmarks.robustness import fuzz, fuzz_commands
+from benchmarks.robustness.fuzz_cases import MOST_SECONDS, Verdict, peak_memory
+from benchmarks.robustness.fuzz_cases import Case as Damaged
+from benchmarks.robustness.fuzz_corpus import Files
+from benchmarks.robustness.fuzz_judge import judge, judged_message, prepare, timed, write
+from benchmarks.robustness.fuzz_readers import CORPUS_OF, READERS
+from benchmarks.robustness.fuzz_workers import verdicts
 from humanoid.support.errors import LONGEST, InputError, shown
 from tests.fuzz_faults import judge as faulty
 from tests.waiting import DEADLINE

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.common import ROOT
+from benchmarks.support.common import ROOT
 from kinemode import __main__ as front
 from tests.made_once import made_once
 from tests.tiers import later

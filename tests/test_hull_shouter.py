@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.limb_detectors import RATES, instant_rates, right
+from benchmarks.papers_loose_limbed.limb_detectors import RATES, instant_rates, right
 from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of, points_of
 from estimator.trackers.loose_limbed.left_over_detector import left_over_places

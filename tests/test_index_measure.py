@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import index_searches
-from benchmarks.index import check
-from benchmarks.index_curves import Curves, Made
-from benchmarks.index_libraries import library_searches
-from benchmarks.index_pictures import Asked
-from benchmarks.index_searches import Search, searched
+from benchmarks.papers_elmo import index_searches
+from benchmarks.papers_elmo.index import check
+from benchmarks.papers_elmo.index_curves import Curves, Made
+from benchmarks.papers_elmo.index_libraries import library_searches
+from benchmarks.papers_elmo.index_pictures import Asked
+from benchmarks.papers_elmo.index_searches import Search, searched
 from estimator.search.examples.bits import Bits
 from estimator.search.examples.hashing import HashTables, drawn_keys, packed
 from estimator.search.examples.index import ExampleIndex, IndexRecipe

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.limb_ik import cameras, p_value
+from benchmarks.papers_dual_chain.limb_ik import cameras, p_value
 from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
 from estimator.search.jumps.anatomy import anatomy_of

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.limb_pictures import moved_away
+from benchmarks.papers_loose_limbed.limb_pictures import moved_away
 from estimator.data.cameras.camera import Camera
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.synthesis.plate import place_of

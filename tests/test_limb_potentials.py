@@ -11,8 +11,8 @@ import pytest
 from builders import body_of, random_pose
 from scipy.spatial.transform import Rotation
 
-from benchmarks.limb_learning import unseen_by
-from benchmarks.pose_prior_clips import captured_files, trial_of
+from benchmarks.support.pose_prior_clips import captured_files, trial_of
+from benchmarks.training.limb_learning import unseen_by
 from estimator.inference.beliefs.learning import (
     LearnSettings,
     RelativePlacements,

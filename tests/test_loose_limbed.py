@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.loose_limbed_clips import LimbClip, Markers
-from benchmarks.loose_limbed_runs import true_state
+from benchmarks.papers_loose_limbed.loose_limbed_clips import LimbClip, Markers
+from benchmarks.papers_loose_limbed.loose_limbed_runs import true_state
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
 from estimator.inference.beliefs.mixture import Box

@@ -8,11 +8,11 @@ from itertools import count
 import numpy as np
 import pytest
 
-from benchmarks.mode_search import figures
-from benchmarks.mode_search_duel import Contest, Duel, Start
-from benchmarks.mode_search_residuals import Residuals, robust
-from benchmarks.mode_search_scipy import Watched
-from benchmarks.mode_search_starts import EXCHANGED, JUMP, KEPT, KINDS, SAMPLE, drawn, tracker_starts
+from benchmarks.speed.mode_search import figures
+from benchmarks.speed.mode_search_duel import Contest, Duel, Start
+from benchmarks.speed.mode_search_residuals import Residuals, robust
+from benchmarks.speed.mode_search_scipy import Watched
+from benchmarks.speed.mode_search_starts import EXCHANGED, JUMP, KEPT, KINDS, SAMPLE, drawn, tracker_starts
 
 CONTEST = Contest()
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import kinemode as km
-from benchmarks.common import ROOT
+from benchmarks.support.common import ROOT
 from tests.waiting import DEADLINE
 
 FOLDER = ROOT / "examples" / "notebooks"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import BROWN, body_of, camera_at
 
-from benchmarks.crowd_files import write_mmpose, write_openpose
+from benchmarks.accuracy.crowd_files import write_mmpose, write_openpose
 from estimator.data.cameras.camera import Camera
 from estimator.data.cameras.epipolar import meeting_points
 from estimator.data.formats import people_tracks

@@ -11,9 +11,9 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose, slope
 from scipy.stats import multivariate_normal, t
 
-from benchmarks.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
-from benchmarks.pose_prior import mixture_of_all
-from benchmarks.pose_prior_clips import captured_files
+from benchmarks.support.pose_prior_clips import captured_files
+from benchmarks.training.pose_learning import LearnSettings, Poses, captured_poses, joints_of, learned, mirror_of
+from benchmarks.training.pose_prior import mixture_of_all
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.pose_mixture import SHIPPED, PoseMixture, load_mixture
 from estimator.energy.pose_prior import PosePrior, joint_axes, misfit

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from benchmarks import credible_levels
-from benchmarks.credible_levels import calibration_error, coverage
+from benchmarks.training import credible_levels
+from benchmarks.training.credible_levels import calibration_error, coverage
 from estimator.energy.priors import Stabilisers
 from estimator.runs.calibration import Calibration
 from estimator.runs.marginals import Marginals

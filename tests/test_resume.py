@@ -10,8 +10,8 @@ import pytest
 import tomli_w
 
 import kinemode as km
-from benchmarks.resume import Pace, differences, moments
-from benchmarks.resume_kills import BEFORE_THE_FILE, Moment, frames_in
+from benchmarks.robustness.resume import Pace, differences, moments
+from benchmarks.robustness.resume_kills import BEFORE_THE_FILE, Moment, frames_in
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from humanoid.kinematics.body import Body

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from benchmarks.beginnings import WITHIN, begun, verdict
-from benchmarks.elmo_recovery import LONGEST, SHORTEST, spans
+from benchmarks.papers_css.beginnings import WITHIN, begun, verdict
+from benchmarks.papers_elmo.elmo_recovery import LONGEST, SHORTEST, spans
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
 from estimator.inference.mixture import mixture_of

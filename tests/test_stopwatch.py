@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.stopwatch import Stopwatch
+from benchmarks.support.stopwatch import Stopwatch
 
 
 class Work:

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import kinemode
-from benchmarks.common import ROOT
-from benchmarks.resume import differences
+from benchmarks.robustness.resume import differences
+from benchmarks.support.common import ROOT
 from estimator.data.formats.cameras import load_cameras
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.likelihood.registry import CUES, register

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from benchmarks.common import ROOT
-from benchmarks.resume import differences
+from benchmarks.robustness.resume import differences
+from benchmarks.support.common import ROOT
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
 from estimator.runs.run_file import Run

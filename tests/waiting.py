@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from benchmarks.common import ROOT
+from benchmarks.support.common import ROOT
 
 DEADLINE = 600.0
 """Seconds after which what a test waits for is taken to hang. It keeps a broken test from waiting for ever, and judges

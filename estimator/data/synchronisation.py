@@ -33,7 +33,7 @@ _PEAK = 0.15  # other clocks are those that are further off [s]
 _BLOCKS = 8  # parts of the clip, and of the body, that are left out in turn
 _INDEPENDENT = 30.0  # observations in a second whose errors have nothing to do with each other
 
-# What is relied on, as benchmarks/synchronisation.py measures it:
+# What is relied on, as benchmarks/accuracy/synchronisation.py measures it:
 SURE_MARGIN = 0.5  # a pair's clocks are better than all others by this
 SURE_DISTANCE = 0.02  # of the picture's longer side: its rays are not further from each other
 SURE_ERROR = 0.5  # frames of the slowest camera: standard error

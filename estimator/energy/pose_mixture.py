@@ -14,7 +14,7 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 SHIPPED = Path(__file__).with_name("pose_prior.json")
-"""Learned from captured motion by `python -m benchmarks.pose_prior --write`."""
+"""Learned from captured motion by `python -m benchmarks pose_prior --write`."""
 
 _AXIS_DECIMALS = 3
 _DECIMALS = 5  # of angles [rad] and covariances [rad^2] in a file

@@ -18,7 +18,7 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 SHIPPED = Path(__file__).with_name("gibbs.json")
-"""Learned from rendered clips of captured motion by `python -m benchmarks.limb_likelihood --write`."""
+"""Learned from rendered clips of captured motion by `python -m benchmarks limb_likelihood --write`."""
 
 _DECIMALS = 3  # of weights in a file [nats]
 _MOST_LEVELS = 12

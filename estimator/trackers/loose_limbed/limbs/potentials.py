@@ -21,7 +21,7 @@ from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 SHIPPED = Path(__file__).with_name("potentials.json")
-"""Of human34's paper graph, learned from captured motion by `python -m benchmarks.limb_learning --write`."""
+"""Of human34's paper graph, learned from captured motion by `python -m benchmarks limb_learning --write`."""
 
 Edge = tuple[int, int]
 
@@ -29,7 +29,7 @@ _DIGITS = 6  # of numbers in a file
 _FARTHEST = 2.0  # times the longest time step: as far as its kernels are stretched
 _OTHER = 2.0  # times a limb's offset on another at rest: no person's lengths differ so much
 _REMEDY = (
-    'the shipped ones are of human34\'s graph "paper"; of others: `python -m benchmarks.limb_learning --subject NAME'
+    'the shipped ones are of human34\'s graph "paper"; of others: `python -m benchmarks limb_learning --subject NAME'
     " --drawn --write --output FILE`"
 )
 

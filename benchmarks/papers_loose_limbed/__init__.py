@@ -1,0 +1,1 @@
+"""Reproduction of loose-limbed people: tracking, first frames, part detectors, messages, assembly."""

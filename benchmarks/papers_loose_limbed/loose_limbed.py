@@ -1,0 +1,233 @@
+"""Loose-limbed people on captured motion before four cameras: tracking, the annealed filter, start and recovery.
+
+    python -m benchmarks loose_limbed --walk --annealed --start --recovery [--seeds 0 1 2 ...] [--jobs 2] [--work DIR]
+
+Sigal et al. 2004, section 6 and Figures 6 to 8. Error: mean of 15 markers, expected absolute distance, nothing aligned.
+"""
+
+from __future__ import annotations
+
+import json as json_module
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+from benchmarks.papers_loose_limbed.loose_limbed_duel import write_duel
+from benchmarks.papers_loose_limbed.loose_limbed_rival import LAYERS, PARTICLES, learned_noise
+from benchmarks.papers_loose_limbed.loose_limbed_runs import LimbRun
+from benchmarks.support.common import Data, Json, Several, Work, captured_folder, save, work_folder
+from benchmarks.support.kept_runs import Figures, Kept, all_done
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
+from kinemode.terminal import report
+
+WALK, TURN, PUNCH = "walk_straight_07_01", "walk_turn_26_01", "punch_02_05"
+BEGIN, END = 11, 70  # frames of the walk that are tracked
+LOST = 250.0  # mm
+NOTHING_LEFT: dict[str, Any] = {"assembly": {"left_over": 0.0}}
+ALONE: dict[str, Any] = {"shout": {"by_hull": False}, **NOTHING_LEFT}
+AS_PRINTED: dict[str, Any] = {"propagation": {"product": {"sighted": False}}, "tied": 0.0, **ALONE}
+WALKS: dict[str, dict[str, Any]] = {
+    "shouters": {},
+    "nothing looked for in what is left over": NOTHING_LEFT,
+    "no shouters": ALONE,
+    "no shouters, smoothing": ALONE | {"smoothing": True},
+    "as printed, past fixed": AS_PRINTED,
+    "as printed, smoothing": AS_PRINTED | {"smoothing": True},
+}
+STARTS = {WALK: (11, 20, 29, 38, 47, 56, 65), TURN: (10, 25, 40, 55, 70, 85, 100), PUNCH: (10, 30, 50, 70, 90, 110)}
+FEW = 3  # seeds of what is only looked at beside
+BESIDE = ("as printed", "smoothing")
+BLANK = (20, 21, 22, 23, 24)
+RECOVERY_END = 35
+Flag = Annotated[bool, Parameter(negative="")]
+
+
+def main(
+    *,
+    walk: Flag = False,
+    annealed: Flag = False,
+    start: Flag = False,
+    recovery: Flag = False,
+    seeds: Annotated[tuple[int, ...], Several] = tuple(range(10)),
+    jobs: int = 1,
+    data: Data = None,
+    work: Work = None,
+    json: Json = None,
+    figure: Path | None = None,
+) -> None:
+    """Measure what is asked for.
+
+    Parameters
+    ----------
+    walk
+        Track walk_straight_07_01 from its true first pose, pictures alone: with shouters, without, and as printed, the
+        frame before fixed or inferred again.
+    annealed
+        The annealed particle filter on the same likelihood from the same pose, also in as much time, and both with
+        clothes of the wall's colour.
+    start
+        First frames of three clips, without any pose.
+    recovery
+        Five blank frames.
+    seeds
+        Of the trackers.
+    jobs
+        Runs at a time, each in a process of its own.
+    figure
+        Also draw the errors of --walk and --annealed over the frames here (Figure 8, right).
+    """
+    folder = captured_folder(data)
+    if folder is None:
+        return
+    files = {name: str(folder / "mocap" / f"{name}.bvh") for name in (WALK, TURN, PUNCH)}
+    figures: dict[str, Any] = {}
+    with work_folder(work) as kept_in:
+        kept = Kept(kept_in)
+        noise = str(kept_in / "noise.npy")
+        if annealed or recovery:
+            learned_noise(Body(load_subject("human34")), data, kept_in)
+        if walk:
+            runs = {
+                label: [
+                    LimbRun(files[WALK], BEGIN, END, s, label, settings=json_module.dumps(changes))
+                    for s in seeds[: FEW if any(word in label for word in BESIDE) else len(seeds)]
+                ]
+                for label, changes in WALKS.items()
+            }
+            figures["walk"] = _done("walk", kept, runs, jobs)
+            show_tracks("walk_straight_07_01, normal contrast", figures["walk"])
+        if annealed:
+            figures["annealed"] = _done("annealed", kept, duels(files[WALK], noise, seeds), jobs)
+            show_tracks("walk_straight_07_01 beside the annealed filter", figures["annealed"])
+        if start:
+            figures["start"] = _done("start", kept, starts(files), jobs)
+            show_starts(figures["start"])
+        if recovery:
+            figures["recovery"] = _done("recovery", kept, recoveries(files[WALK], noise, seeds), jobs)
+            show_recovery(figures["recovery"])
+    save(json, {"measure": "loose-limbed", **figures})
+    if figure is not None:
+        loose = {"loose-limbed, normal contrast": figures["walk"]["shouters"]} if walk else {}
+        write_duel(figure, loose | figures.get("annealed", {}))
+
+
+def duels(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
+    """Both trackers in low contrast, and the annealed filter in normal contrast; also, a few times, with as many
+    particles as fill the time of the loose-limbed tracker."""
+    equal = PARTICLES * 12
+    runs: dict[str, list[LimbRun]] = {}
+    for low in (False, True):
+        text = "low contrast" if low else "normal contrast"
+        for size in (PARTICLES, equal):
+            label = f"annealed {LAYERS} x {size}, {text}"
+            runs[label] = [
+                LimbRun(path, BEGIN, END, s, label, low_contrast=low, noise=noise, particles=size)
+                for s in (seeds if size == PARTICLES else seeds[:FEW])
+            ]
+        if low:
+            label = f"loose-limbed, {text}"
+            runs[label] = [LimbRun(path, BEGIN, END, s, label, low_contrast=True) for s in seeds]
+    return runs
+
+
+def starts(files: Mapping[str, str]) -> dict[str, list[LimbRun]]:
+    """A first frame each, of two frames that are looked at; with keypoints, too."""
+    return {
+        label: [
+            LimbRun(files[name], frame, frame, 0, label, start="nothing", detected=detected)
+            for name, frames in STARTS.items()
+            for frame in frames
+        ]
+        for label, detected in (("pictures", False), ("pictures and keypoints", True))
+    }
+
+
+def recoveries(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
+    """With and without shouters, and the annealed filter."""
+    runs = {
+        label: [
+            LimbRun(path, BEGIN, RECOVERY_END, s, label, blank=BLANK, settings=json_module.dumps(changes))
+            for s in seeds
+        ]
+        for label, changes in (("recovery, shouters", {}), ("recovery, no shouters", ALONE))
+    }
+    label = f"recovery, annealed {LAYERS} x {PARTICLES}"
+    runs[label] = [
+        LimbRun(path, BEGIN, RECOVERY_END, s, label, blank=BLANK, noise=noise, particles=PARTICLES) for s in seeds
+    ]
+    return runs
+
+
+def _done(label: str, kept: Kept, runs: Mapping[str, Sequence[LimbRun]], jobs: int) -> dict[str, list[Figures]]:
+    every = all_done(label, kept, [run for of in runs.values() for run in of], jobs)
+    results = iter(every)
+    return {name: [next(results) for _ in of] for name, of in runs.items()}
+
+
+def show_tracks(title: str, figures: Mapping[str, Sequence[Figures]]) -> None:
+    """Errors over frames and seeds."""
+    made = report.table(f"{title}: mm", "tracker", "beliefs", "by likelihood", "assembled", "expected", "worst frame",
+                        "frames 4 to 13", "last ten", "lost from", "s a frame")  # fmt: skip
+    for label, runs in figures.items():
+        loose = "beliefs" in runs[0]
+        own = np.array([r["beliefs"] if loose else r["expected"] for r in runs], dtype=float)
+        best, expected = (np.array([r[key] for r in runs], dtype=float) for key in ("assembled", "expected"))
+        likely = np.array([r["likely"] for r in runs], dtype=float) if loose else best
+        lost = [
+            next((r["frame"][k] for k, e in enumerate(x) if e > LOST), None) for r, x in zip(runs, own, strict=True)
+        ]
+        made.add_row(
+            label, *((mean_and_std(own), mean_and_std(likely)) if loose else ("", "")), mean_and_std(best),
+            mean_and_std(expected),
+            f"{np.nanmax(own):.0f}, {np.nanmax(best):.0f}", f"{np.nanmean(own[:, 3:13]):.1f}",
+            f"{np.nanmean(own[:, -10:]):.1f}", ", ".join("-" if f is None else str(f) for f in lost),
+            f"{np.mean([r['seconds'][1:] for r in runs]):.2f}",
+        )  # fmt: skip
+    out = report.console()
+    out.width = max(out.width, 170)
+    out.print(made)
+    out.print("mean over frames, and standard deviation of that over seeds; worst frame: of beliefs or expected, best")
+
+
+def mean_and_std(errors: np.ndarray) -> str:
+    """Of the seeds' means, errors (seeds, frames)."""
+    means = np.nanmean(errors, axis=1)
+    return f"{means.mean():.1f} +- {means.std(ddof=1) if len(means) > 1 else 0.0:.1f}"
+
+
+def show_starts(figures: Mapping[str, Sequence[Figures]]) -> None:
+    """First frames."""
+    made = report.table("first frames, no pose given: mm", "from", "frames", "beliefs", "assembled", "at most 80",
+                        "at most 40", "sides right", "worst", "s")  # fmt: skip
+    for label, runs in figures.items():
+        own, best = (np.array([r[key][0] for r in runs], dtype=float) for key in ("beliefs", "assembled"))
+        made.add_row(
+            label, str(len(runs)), f"{np.median(own):.1f}", f"{np.median(best):.1f}", str(int((best <= 80.0).sum())),
+            str(int((best <= 40.0).sum())), str(sum(bool(r["sides"][0]) for r in runs)), f"{best.max():.0f}",
+            f"{np.mean([r['seconds'][0] for r in runs]):.1f}",
+        )  # fmt: skip
+    report.console().print(made)
+
+
+def show_recovery(figures: Mapping[str, Sequence[Figures]]) -> None:
+    """How long until the error is what it was before the blank frames."""
+    made = report.table("five blank frames", "tracker", "before [mm]", "first after [mm]", "back in 5 frames", "frames")
+    for label, runs in figures.items():
+        key = "assembled" if "beliefs" in runs[0] else "expected"
+        before, first, needed = [], [], []
+        for r in runs:
+            error = np.array(r[key], dtype=float)
+            shown = dict(zip(r["frame"], error, strict=True))
+            usual = np.mean([shown[f] for f in range(BLANK[0] - 8, BLANK[0])])
+            after = [shown[f] for f in range(BLANK[-1] + 1, RECOVERY_END + 1)]
+            before.append(usual)
+            first.append(after[0])
+            needed.append(next((k + 1 for k, e in enumerate(after) if e <= 1.2 * usual), None))
+        back = sum(n is not None and n <= 5 for n in needed)
+        made.add_row(label, f"{np.mean(before):.1f}", f"{np.mean(first):.1f}", f"{back} of {len(runs)}",
+                     ", ".join("-" if n is None else str(n) for n in needed))  # fmt: skip
+    report.console().print(made)

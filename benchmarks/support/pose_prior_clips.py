@@ -1,0 +1,109 @@
+"""The captured clips that the pose prior is learned from; and clips tracked from poor keypoints in one camera, with
+shares of a prior that has not seen the person."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import kinemode as km
+from benchmarks.support.common import data_folder, tell
+from benchmarks.support.mocap_person import DETECTOR, FPS, person
+from benchmarks.support.scores import TrackErrors, trajectories
+from benchmarks.support.tracking import timed_track
+from estimator.runs.reference_motion import Reference
+from estimator.synthesis.mocap import load_mocap
+from humanoid.support.errors import InputError
+
+LEFT_OUT = ("wave_hello_fair1",)  # another skeleton: on human34 knees and back lie on their limits
+FOLDERS = ("mocap_more", "mocap")
+_TRIAL = re.compile(r"(\d\d)_(\d\d)$")  # how the name of a clip ends: subject and trial of the CMU database
+
+
+def captured_files(data: Path | None) -> list[Path]:
+    """One BVH file of every trial; none where no folder was given and the data is absent.
+
+    Raises
+    ------
+    InputError: the folder that was given lacks mocap or mocap_more.
+    """
+    folder = data_folder(data)
+    files = [sorted((folder / name).glob("*.bvh")) if folder else [] for name in FOLDERS]
+    if not all(files):
+        if data is None:
+            return []
+        raise InputError(data, "lacks BVH files in mocap or mocap_more", remedy="the prior is learned from both")
+    by_trial: dict[str, Path] = {}
+    for path in (*files[0], *files[1]):  # a trial in both is longer in the first
+        if path.stem not in LEFT_OUT:
+            by_trial.setdefault(trial_of(path.stem), path)
+    return [by_trial[trial] for trial in sorted(by_trial)]
+
+
+def subject_of(name: str) -> str:
+    """Number of the captured person, from the name of a clip."""
+    return _trial(name).group(1)
+
+
+def trial_of(name: str) -> str:
+    """Numbers of the captured person and the trial, from the name of a clip: the same of its copy in the other
+    folder."""
+    return _trial(name).group()
+
+
+def learned_person(name: str) -> str | None:
+    """Number of the person of a clip if the shipped prior was learned from them, None otherwise."""
+    return subject_of(name) if name not in LEFT_OUT and _TRIAL.search(name) else None
+
+
+def _trial(name: str) -> re.Match[str]:
+    match = _TRIAL.search(name)
+    if match is None:
+        raise InputError(name, "does not end with the numbers of subject and trial", remedy="as in walk_07_01.bvh")
+    return match
+
+
+def spread_of(files: Sequence[Path], count: int) -> list[Path]:
+    """At most `count` clips of each person, the middle ones of as many equal parts of that person's trials."""
+    chosen = []
+    for who in dict.fromkeys(subject_of(f.stem) for f in files):
+        own = [f for f in files if subject_of(f.stem) == who]
+        parts = min(count, len(own))
+        chosen += [own[int((i + 0.5) * len(own) / parts)] for i in range(parts)]
+    return chosen
+
+
+@dataclass(frozen=True)
+class Task:
+    """One clip.
+
+    prior: file of the mixture learned from other people. weights: its shares to try. seed: of noise and tracker.
+    """
+
+    motion: Path
+    prior: Path
+    weights: tuple[float, ...]
+    seconds: float
+    seed: int
+    folder: Path
+
+
+def tracked(task: Task) -> dict[str, dict[str, TrackErrors]]:
+    """Errors by share of the prior and trajectory; the person has other lengths than human34, which is fitted."""
+    clip = km.render(
+        task.folder, task.motion, subject=person(), detector=DETECTOR, fps=FPS, seed=task.seed, videos=False,
+        seconds=min(task.seconds, load_mocap(task.motion).seconds),
+    )  # fmt: skip
+    truth, by_weight = Reference.load(clip.truth), {}
+    for weight in task.weights:
+        named = {"pose_prior_file": str(task.prior)} if weight > 0.0 else {}
+        changes = {"cost": {"pose_prior_weight": weight, **named}}
+        run, _ = timed_track(
+            clip.keypoints, clip.cameras, task.folder / f"{weight:g}.run", seed=task.seed, settings=changes
+        )
+        by_weight[f"{weight:g}"] = trajectories(run, truth)
+    said = ", ".join(f"{w}: {e['smoothed'].aligned:.1f}, {e['smoothed'].pa:.1f}" for w, e in by_weight.items())
+    tell(f"{task.motion.stem}, seed {task.seed}: hips aligned, PA [mm], by share of the prior, {said}")
+    return by_weight
