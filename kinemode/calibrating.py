@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.data.boards.board import Board
-from estimator.data.boards.calibrate import Calibration, calibrate
+from estimator.data.boards.calibrate import BoardCalibration, calibrate
 from estimator.data.boards.shots import Shots
 from estimator.data.formats.cameras import write_cameras
 from kinemode.terminal.progress import Reporter
@@ -22,7 +22,7 @@ def calibrated(
     out: Path | None,
     picture: Path | None,
     progress: Reporter,
-) -> Calibration:
+) -> BoardCalibration:
     """Calibrate, and write what was asked for; board: what `Board` takes."""
     shots = [Shots(name, paths) for name, paths in sources.items()]
     try:

@@ -15,8 +15,8 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from kinemode.demo_person import demo_subject
 from kinemode.public.tracking import track
-from kinemode.rendering.files import RenderedClip, Wanted
-from kinemode.rendering.shot import Draws, Shot, write_shot
+from kinemode.rendering.files import RenderedClip, WantedFiles
+from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
 from kinemode.target import made_folder
 from kinemode.terminal import report
 from kinemode.terminal.progress import Reporter, reported
@@ -48,9 +48,9 @@ def make_clip(
     q = synthesis.authored_motion(body, times)
     scene = np.random.default_rng((seed, 1))
     # the sensors' noise goes on where the scene's random numbers end: the clip stays the one of earlier versions
-    draws = Draws(np.random.default_rng((seed, 0)), scene, [scene] * len(cameras))
-    shot = Shot(body, q, times, FPS, cameras, synthesis.SceneSettings())
-    return write_shot(folder, shot, draws, synthesis.DetectorSettings(), wanted=Wanted(videos), progress=progress)
+    draws = RandomSources(np.random.default_rng((seed, 0)), scene, [scene] * len(cameras))
+    shot = FilmedMotion(body, q, times, FPS, cameras, synthesis.SceneSettings())
+    return write_shot(folder, shot, draws, synthesis.DetectorSettings(), wanted=WantedFiles(videos), progress=progress)
 
 
 def track_clip(

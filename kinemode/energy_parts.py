@@ -13,13 +13,13 @@ from estimator.energy.term import Term
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.vision.cues.assigned import AssignedPoints
-from estimator.vision.cues.base import Past
+from estimator.vision.cues.base import PastPose
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from humanoid.kinematics.body import PosedBody
 
 
 @dataclass(frozen=True)
-class Part:
+class EnergyPart:
     """One part of the energy.
 
     name, camera: what it is of, the camera empty where it is of none. energy: its share of the sum. count: keypoints
@@ -53,57 +53,59 @@ class Case(NamedTuple):
     likelihood: ImageLikelihood | None
 
 
-def energy_parts(case: Case) -> Iterator[Part]:
+def energy_parts(case: Case) -> Iterator[EnergyPart]:
     """The terms of the energy, each evaluated alone; keypoints and image cues camera by camera."""
     search, observation = case.search, case.observation
     for c, camera in enumerate(observation.cameras):
         yield _keypoints(case, c, camera.name)
     if case.association == EXCHANGED:
-        yield Part("left and right exchanged", "", search.model.settings.exchange_penalty)
+        yield EnergyPart("left and right exchanged", "", search.model.settings.exchange_penalty)
     q_previous = case.before.q if case.before is not None and case.paid else None
     keypoints = search.term(observation, case.association)
     for term in search.model.cost(keypoints, q_previous, case.dt).terms:
         if term is not keypoints:  # told camera by camera already
-            yield Part(term.name, "", term.value(case.posed))
+            yield EnergyPart(term.name, "", term.value(case.posed))
     for camera_likelihood in () if case.likelihood is None else case.likelihood.cameras:
         yield from _image_parts(case, camera_likelihood)
 
 
-def _keypoints(case: Case, c: int, name: str) -> Part:
+def _keypoints(case: Case, c: int, name: str) -> EnergyPart:
     camera = slice(c, c + 1)
     seen = case.observation
     alone = replace(seen, cameras=seen.cameras[camera], pixels=seen.pixels[camera], confidence=seen.confidence[camera])
     term = case.search.term(alone, case.association)
     distance = term.distances(case.posed)
     known = distance[np.isfinite(distance)]
-    return Part(term.name, name, term.value(case.posed), known.size, float(known.mean()) if known.size else np.nan)
+    return EnergyPart(
+        term.name, name, term.value(case.posed), known.size, float(known.mean()) if known.size else np.nan
+    )
 
 
-def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[Part]:
+def _image_parts(case: Case, likelihood: CameraLikelihood) -> Iterator[EnergyPart]:
     """What one camera's picture costs, as `CameraLikelihood` adds it up, cue by cue."""
     name, prediction = likelihood.cues.camera.name, likelihood.predictor.predict(case.assigned)
     for match in likelihood.contours(prediction):
-        part = Part(match.label, name, 0.0, 0)
+        part = EnergyPart(match.label, name, 0.0, 0)
         if len(match.features.point):
             alone = likelihood.on_contours(prediction, [match.features], name=match.label)
             part = _term_part(name, alone, case.posed)
         if match.unassigned_label:
             yield part
-            yield Part(match.unassigned_label, name, match.unassigned)
+            yield EnergyPart(match.unassigned_label, name, match.unassigned)
         else:
             yield replace(part, energy=part.energy + match.unassigned)
     for term in likelihood.others(case.assigned, prediction):
         yield _term_part(name, term, case.posed)
     if case.before is not None:
-        for followed in likelihood.follow([Past(case.before, case.predicted)]):
+        for followed in likelihood.follow([PastPose(case.before, case.predicted)]):
             for term in likelihood.since(followed):
                 yield _term_part(name, term, case.posed)
-    yield Part("nodes facing away or hidden", name, likelihood.penalty(prediction))
+    yield EnergyPart("nodes facing away or hidden", name, likelihood.penalty(prediction))
 
 
-def _term_part(camera: str, term: Term, posed: PosedBody) -> Part:
+def _term_part(camera: str, term: Term, posed: PosedBody) -> EnergyPart:
     if not isinstance(term, AssignedPoints):
-        return Part(term.name, camera, term.value(posed))
+        return EnergyPart(term.name, camera, term.value(posed))
     features = term.features(posed)
     mean = float(features.weight @ features.distance / max(features.weight.sum(), 1e-300))
-    return Part(term.name, camera, term.value(posed), len(features.weight), mean)
+    return EnergyPart(term.name, camera, term.value(posed), len(features.weight), mean)

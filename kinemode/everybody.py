@@ -16,10 +16,10 @@ from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_everybody
-from kinemode.jobs import Job, TrackOptions, frames_at_first, job_of, track_inputs
+from kinemode.jobs import TrackingJob, TrackOptions, frames_at_first, job_of, track_inputs
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import cue_choice
-from kinemode.target import Target
+from kinemode.target import RunTarget
 from kinemode.terminal.interruption import kept_if_interrupted
 
 
@@ -31,7 +31,7 @@ def track_everybody(loaded: Subject, files: InputFiles, wanted: TrackOptions) ->
     temporary = TemporaryFolder() if wanted.out is None else None  # gone with this function unless a run keeps it
     out = temporary.path / "track.run" if temporary is not None else Path(wanted.out or "")
     choice = cue_choice(wanted.cues)
-    Target(out, resume=True).check()  # its folder is there
+    RunTarget(out, resume=True).check()  # its folder is there
     first = job_of(loaded, wanted, out, "all")
     with threadpool_limits(limits=1):
         everybody, notes = load_everybody(Body(loaded), files)
@@ -55,7 +55,7 @@ def track_everybody(loaded: Subject, files: InputFiles, wanted: TrackOptions) ->
     return {name: Run.open(job.target.path) for name, job in jobs.items() if name not in failures}
 
 
-def _jobs(first: Job, everybody: Sequence[Inputs]) -> dict[str, Job]:
+def _jobs(first: TrackingJob, everybody: Sequence[Inputs]) -> dict[str, TrackingJob]:
     """The job of each person, whose run none is in the way of: that is said before the first is tracked."""
     out, jobs = first.target.path, {}
     for number in range(1, len(everybody) + 1):

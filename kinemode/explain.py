@@ -16,11 +16,11 @@ from estimator.data.observation import Observation
 from estimator.inference.origin import Family, Origin
 from estimator.runs.run_file import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import HasEnergy, SeesOtherwise, ShowsMore
+from estimator.trackers.capabilities import HasDiagnosticImages, SeesOtherwise, SupportsSmoothing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
-from estimator.vision.cues.base import Past, Shown
+from estimator.vision.cues.base import ExplainedPose, PastPose
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
 from estimator.vision.likelihood.persons import persons_before
 from estimator.vision.likelihood.reader import CueReader
@@ -30,7 +30,7 @@ from humanoid.kinematics.body import Body, PosedBody
 from humanoid.support.errors import InputError
 from humanoid.support.plugins import VARIABLE
 from kinemode import __version__
-from kinemode.energy_parts import Case, Part, energy_parts
+from kinemode.energy_parts import Case, EnergyPart, energy_parts
 from viz import palette
 from viz.cue_pictures import CueView
 
@@ -54,7 +54,7 @@ class Explanation:
     status: str
     weight: float
     association: str
-    parts: tuple[Part, ...]
+    parts: tuple[EnergyPart, ...]
     stored: float
     notes: tuple[str, ...]
     views: tuple[CueView, ...]
@@ -90,8 +90,8 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     result, cameras = run.result(frame), range(len(observation.cameras))
     if isinstance(tracker, SeesOtherwise):
         observation = tracker.seen_as(observation, result)
-    stored, parts = float(result.energy[k]), tuple[Part, ...]()
-    if isinstance(tracker, HasEnergy):
+    stored, parts = float(result.energy[k]), tuple[EnergyPart, ...]()
+    if isinstance(tracker, SupportsSmoothing):
         case = _case(run, tracker.search, observation, k)
         parts = tuple(energy_parts(case))
         notes = tuple(_notes(run, case, result, sum(p.energy for p in parts) - stored))
@@ -99,7 +99,7 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     else:
         notes = (f"the hypotheses of {run.header.tracker} have no energy that could be taken apart",)
         views = tuple(_pose_view(run, observation, run.body.at(result.q[k]), c) for c in cameras)
-    if isinstance(tracker, ShowsMore) and observation.cues:
+    if isinstance(tracker, HasDiagnosticImages) and observation.cues:
         more = tracker.pictures(observation, result)
         views = tuple(
             replace(view, pictures=(*view.pictures, more[c])) if c in more else view for c, view in enumerate(views)
@@ -174,7 +174,7 @@ def _case(run: Run, search: ModeSearch, observation: Observation, k: int) -> Cas
         association=result.association[k],
         posed=posed,
         before=None if previous is None else body.at(previous.q),
-        paid=origin.q_paid is not None,
+        paid=origin.transition_from is not None,
         dt=dt,
         predicted=None if previous is None else _posed(body, previous.q_predicted),
         assigned=_posed(body, origin.q_assigned) or posed,
@@ -251,6 +251,6 @@ def _image(run: Run, camera: Camera, instant: int) -> np.ndarray:
 
 def _with_cues(view: CueView, case: Case, likelihood: CameraLikelihood) -> CueView:
     prediction, assigned = (likelihood.predictor.predict(at) for at in (case.posed, case.assigned))
-    past = None if case.before is None else Past(case.before, case.predicted)
-    shown = Shown(case.posed, prediction, assigned, past)
+    past = None if case.before is None else PastPose(case.before, case.predicted)
+    shown = ExplainedPose(case.posed, prediction, assigned, past)
     return replace(view, prediction=prediction, pictures=tuple(likelihood.pictures(shown)))

@@ -18,7 +18,7 @@ from estimator.data.source import Cues
 from estimator.numerics.pool import checked_count
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.temporary_run import TemporaryFolder
-from estimator.trackers.capabilities import HasEnergy, sharing
+from estimator.trackers.capabilities import SupportsSmoothing, sharing
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.leaps import leap_note, leaps
@@ -30,7 +30,9 @@ from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 from humanoid.support.errors import InputError
 from kinemode import __version__
-from kinemode.beginning import (
+from kinemode.findings import diagnosed
+from kinemode.indexing import beginning, with_index
+from kinemode.initialisation import (
     check_beginning,
     check_capabilities,
     check_cue,
@@ -39,8 +41,6 @@ from kinemode.beginning import (
     note_on_beginning,
     notes_on_fit,
 )
-from kinemode.findings import diagnosed
-from kinemode.indexing import beginning, with_index
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
 from kinemode.inputs.named import PathLike
@@ -48,7 +48,7 @@ from kinemode.inputs.persons import plain
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
 from kinemode.settings import Chosen, check_workers, choose
-from kinemode.target import Target
+from kinemode.target import RunTarget
 from kinemode.terminal.interruption import kept_if_interrupted
 from kinemode.terminal.progress import Reporter, unreported
 
@@ -93,20 +93,20 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
     return Run.open(path)
 
 
-def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> Job:
+def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> TrackingJob:
     """The options checked against subject and tracker, with where the run goes and whom it is of."""
     chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
     check_workers(chosen, checked_count(wanted.workers))
     chosen = beginning(chosen, wanted.start)
     check_start(make_tracker(chosen.tracker, Body(loaded), chosen.settings), chosen)
     chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
-    job = Job(
+    job = TrackingJob(
         chosen,
         chosen.settings,
         wanted.seed,
         wanted.fit,
         person,
-        Target(path, wanted.resume, wanted.overwrite),
+        RunTarget(path, wanted.resume, wanted.overwrite),
         wanted.progress,
         wanted.workers,
         wanted.estimates,
@@ -116,7 +116,7 @@ def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int 
     return job
 
 
-def track_inputs(job: Job, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
+def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: CueChoice) -> tuple[str, ...]:
     """Track into the run file; returns what the run then says against subject or input."""
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     body = Body(subject)
@@ -143,7 +143,7 @@ def track_inputs(job: Job, subject: Subject, inputs: Inputs, choice: CueChoice) 
 
 
 def _fitted(
-    job: Job, subject: Subject, inputs: Inputs, cues: Cues | None
+    job: TrackingJob, subject: Subject, inputs: Inputs, cues: Cues | None
 ) -> tuple[Subject, Mapping[int, PoseEstimate]]:
     """The subject with the person's proportions and flesh, where they are to be fitted, and what is known of the pose
     that the track begins with."""
@@ -187,7 +187,7 @@ def is_built_in(subject: Subject) -> bool:
     return (subject.proportions, subject.flesh) == (shipped.proportions, shipped.flesh)
 
 
-def frames_at_first(target: Target) -> int | None:
+def frames_at_first(target: RunTarget) -> int | None:
     """How many frames the run to go on with has; None where there is none."""
     with suppress(InputError):  # a damaged one is refused elsewhere
         return len(Run.open(target.path)) if target.resumed else None
@@ -195,7 +195,7 @@ def frames_at_first(target: Target) -> int | None:
 
 
 @dataclass(frozen=True)
-class Job:
+class TrackingJob:
     """How to track, which with the subject and the inputs decides the result; and where to, what reports the progress,
     and how many processes share the work. settings: the chosen ones with the cues that are looked at. name: of one of
     several people, "" for the only one."""
@@ -205,7 +205,7 @@ class Job:
     seed: int
     fit: str
     person: str | int | dict[str, str]
-    target: Target
+    target: RunTarget
     progress: Reporter
     workers: int
     estimates: Mapping[int, PoseEstimate]
@@ -225,7 +225,9 @@ class Job:
         return self.fit != "off" and is_built_in(subject)
 
 
-def _track_into(job: Job, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None) -> tuple[str, ...]:
+def _track_into(
+    job: TrackingJob, header: RunHeader, subject: Subject, inputs: Inputs, cues: Cues | None
+) -> tuple[str, ...]:
     observations, target = inputs.observations, job.target
     stored: Mapping[str, np.ndarray] | None = None
     first = 0
@@ -243,7 +245,7 @@ def _track_into(job: Job, header: RunHeader, subject: Subject, inputs: Inputs, c
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
         results = list(Run.open(target.path))  # as stored, so that a resumed run is told the same
-        if job.settings.smooth.enabled and isinstance(tracker, HasEnergy):
+        if job.settings.smooth.enabled and isinstance(tracker, SupportsSmoothing):
             with job.progress("smoothing") as report:
                 smoothed = smooth_track(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
@@ -262,7 +264,9 @@ def said_against(run: Run) -> tuple[str, ...]:
     return (*note_on_beginning(run.header.tracker, results), *([leapt] if leapt else []), *diagnosed(run))
 
 
-def _header(job: Job, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]) -> RunHeader:
+def _header(
+    job: TrackingJob, subject: Subject, inputs: Inputs, cues: tuple[str, ...], notes: tuple[str, ...]
+) -> RunHeader:
     cameras = inputs.observations[0].cameras
     names = [camera.name for camera in cameras]
     clips = _absolute(names, inputs.clips)

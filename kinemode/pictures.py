@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.trackers.beginning import enough_keypoints
+from estimator.trackers.initialisation import enough_keypoints
 from estimator.tracking.idle_settings import Idle
 from estimator.vision.likelihood.ahead import ReadAhead
 from estimator.vision.likelihood.persons import persons_before

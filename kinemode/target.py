@@ -14,7 +14,7 @@ from humanoid.support.errors import InputError
 
 
 @dataclass(frozen=True)
-class Target:
+class RunTarget:
     """Where a run goes, and what is done with one that is there.
 
     resume: it is gone on with. overwrite: it is replaced.
@@ -32,7 +32,7 @@ class Target:
     def check(self) -> None:
         """Raise InputError where the file cannot be written, or is there without `resume` or `overwrite`."""
         check_folder(self.path)
-        check_absent([self.path], self.resume, self.overwrite, "--resume goes on with it, --overwrite replaces it")
+        check_absent([self.path], self.resume, self.overwrite, "--resume continues it, --overwrite replaces it")
 
 
 def check_absent(paths: list[Path], resume: bool, overwrite: bool, remedy: str) -> None:

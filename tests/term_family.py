@@ -9,6 +9,7 @@ from builders import BROWN, body_of, camera_at, observe, random_pose
 
 from estimator.data.cameras.camera import Camera, parallel_camera
 from estimator.data.observation import Observation
+from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.point_targets import PointTargets
@@ -17,7 +18,6 @@ from estimator.energy.pose_prior import PosePrior
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
-from estimator.energy.upright import Upright, world_up
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.numerics.robust import POTENTIALS
 from estimator.vision.cues.assigned import AssignedPoints, Assignments
@@ -92,7 +92,7 @@ def interpenetration(rng: np.random.Generator) -> Made:
 def upright(potential: str) -> Callable[[np.random.Generator], Made]:
     def make(rng: np.random.Generator) -> Made:
         body = body_of("human34")
-        return body, Upright(body, world_up(CAMERAS), 1.3, potential), random_pose(body, rng)
+        return body, GravityPrior(body, world_up(CAMERAS), 1.3, potential), random_pose(body, rng)
 
     return make
 

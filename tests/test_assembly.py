@@ -332,7 +332,7 @@ def test_the_frame_before_is_continued_or_left() -> None:
     assert best.parent == 0
     assert best.velocity == pytest.approx(body.velocity(first.modes[0].q, best.q, 1.0 / 30.0))
     assert best.origin is not None
-    assert best.origin.q_paid is not None
+    assert best.origin.transition_from is not None
     q_far = quiet_pose(name, rng)
     q_far[:3] += [2.0, 0.0, 0.0]
     leapt = put_together(name, about(rng, points_at(name, q_far), 0.005, 0.05), before=first, elapsed=1.0 / 30.0)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from estimator.inference.beliefs.labels import Stacked
-from estimator.inference.beliefs.mixture import Box, Mixture, mixture_of
+from estimator.inference.beliefs.mixture import KernelMixture, UniformBox, mixture_of
 from estimator.inference.beliefs.potential import Potential, potential_of
 from estimator.inference.beliefs.products import METHODS, ProductSettings, candidates, draw_products
 from estimator.inference.beliefs.space import PLACEMENTS, TURNS_VOLUME, Space, placements_of, points_of
@@ -87,8 +87,8 @@ def test_densities_integrate_to_one(space: Space, std: tuple[float, float, float
     mean = np.zeros((2, space.size))
     mean[:, space.n :] = Rotation.from_rotvec([[3.0, 0.0, 0.0], [0.5, 1.0, 0.0]]).as_quat()
     mixture = mixture_of(space, mean, np.square([*([0.3] * space.n), *std])[None], np.array([1.0, 2.0]))
-    box = Box(space, np.full(space.n, -1.8), np.full(space.n, 1.8))
-    mixed = Mixture(mixture.log_weight, mean, mixture.shape, mixture.shapes, box, 0.25)
+    box = UniformBox(space, np.full(space.n, -1.8), np.full(space.n, 1.8))
+    mixed = KernelMixture(mixture.log_weight, mean, mixture.shape, mixture.shapes, box, 0.25)
     points = np.concatenate([box.sample(rng, 20_000), mixture.sample(rng, 20_000)])
     p, even = np.exp(mixture.log_density(points)), np.exp(box.log_density(points))
     ratio = p / (0.5 * p + 0.5 * even)  # both sources have as many points
@@ -96,7 +96,7 @@ def test_densities_integrate_to_one(space: Space, std: tuple[float, float, float
     by_box = p[:20_000] / even[:20_000]
     assert by_box.mean() == pytest.approx(1.0, abs=4.0 * by_box.std() / 141.0)
     np.testing.assert_allclose(np.exp(mixed.log_density(points)), 0.75 * p + 0.25 * even, rtol=1e-9)
-    assert math.exp(-Box(TURNS, np.zeros(0), np.zeros(0)).log_density(points[:1, -4:])[0]) == pytest.approx(
+    assert math.exp(-UniformBox(TURNS, np.zeros(0), np.zeros(0)).log_density(points[:1, -4:])[0]) == pytest.approx(
         TURNS_VOLUME
     )
 
@@ -150,7 +150,7 @@ def test_covariances_along_the_first_node_s_axes() -> None:
     np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(variance[0, :3]), rtol=0.03)
 
 
-def line_mixtures(rng: np.random.Generator, count: int, kernels: int, apart: float) -> list[Mixture]:
+def line_mixtures(rng: np.random.Generator, count: int, kernels: int, apart: float) -> list[KernelMixture]:
     mixtures = []
     for _ in range(count):
         mean = apart * rng.standard_normal() + 0.05 * rng.standard_normal((kernels, 1))

@@ -14,7 +14,7 @@ from benchmarks.papers_dual_chain.chains_toy import POINT, Belief, Crowd, Joint,
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, Message, messages, step
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
-from estimator.inference.chains.kalman import PointChain, Points, PointSettings
+from estimator.inference.chains.kalman import PointChain, PointSettings, PointStates
 from humanoid.support.errors import InputError
 
 HANDS = ("head", "left_hand", "right_hand")
@@ -276,7 +276,7 @@ def test_nothing_detected_says_nothing() -> None:
 CHAIN = PointChain(HANDS, 100.0)
 
 
-def begun() -> Points:
+def begun() -> PointStates:
     return CHAIN.begun(np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]]), 9.0 * np.eye(6))
 
 
@@ -346,7 +346,7 @@ def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:
     covariance = np.array([900.0, 16.0, 16.0])[:, None, None] * np.eye(2)
     last = Detections(HANDS, np.array([face, right, left]), covariance, suits, np.array([True, False, False]))
     blob = Detections(HANDS, last.mean[:2], covariance[:2], suits[:2], last.merged[:2])
-    state = Points(np.array([[*face, 0, 0], [95.0, 60.0, 0, 0], [*right, 0, 0]]), begun().covariance)
+    state = PointStates(np.array([[*face, 0, 0], [95.0, 60.0, 0, 0], [*right, 0, 0]]), begun().covariance)
     for detections in [blob] * 12 + [last]:
         prior = CHAIN.predict(state, 1 / 25)
         phi = evidence_of(detections, EvidenceSettings(), CHAIN.features(prior))
@@ -355,13 +355,13 @@ def test_a_hand_that_leaves_the_face_is_the_same_hand() -> None:
     np.testing.assert_allclose(state.mean[1, :2], left, atol=10.0)
 
 
-def uniform_like(prior: Points) -> FeatureDensity:
+def uniform_like(prior: PointStates) -> FeatureDensity:
     return uniform(HANDS)
 
 
 def test_points_are_stored_to_the_bit() -> None:
     state = CHAIN.predict(begun(), 0.04)
-    again = Points.from_arrays(state.arrays())
+    again = PointStates.from_arrays(state.arrays())
     np.testing.assert_array_equal(again.mean, state.mean)
     np.testing.assert_array_equal(again.covariance, state.covariance)
 
@@ -390,7 +390,7 @@ def test_points_taken_for_each_other_are_put_right() -> None:
     look alike; one that is not told so does not."""
     right = np.array([[100.0, 50.0], [60.0, 200.0], [140.0, 200.0]])
     wrong = begun()
-    wrong = Points(wrong.mean[[0, 2, 1]], wrong.covariance)
+    wrong = PointStates(wrong.mean[[0, 2, 1]], wrong.covariance)
     phi = evidence_of(blobs(*(tuple(p) for p in right)), EvidenceSettings())
     pose = gaussian(HANDS, right, 400.0 * np.eye(6))
     after = {}

@@ -13,7 +13,7 @@ import pytest
 from estimator.data.media.clip import Clip
 from estimator.data.media.picture import read_picture
 from humanoid.support.errors import InputError
-from humanoid.support.quiet import overheard
+from humanoid.support.quiet import captured_output
 
 COUNT, SIZE = 90, (96, 64)
 
@@ -162,7 +162,7 @@ def test_decoders_keep_their_words_to_themselves(tmp_path: Path, capfd: pytest.C
 def test_threads_do_not_lose_standard_error(capfd: pytest.CaptureFixture[str]) -> None:
     def worker() -> None:
         for _ in range(50):
-            with overheard() as said:
+            with captured_output() as said:
                 os.write(2, b"x")
             assert said == ["x"]
 

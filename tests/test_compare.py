@@ -31,7 +31,7 @@ from kinemode.comparison.times import TrackTime
 from kinemode.rendering.files import RenderedClip
 from kinemode.terminal.progress import unreported
 from tests.tiny_clip import QUICK, named
-from viz.pictures.plot import COLOURS, Curve, Panel, Plot, first_losses, write_plot
+from viz.pictures.plot import COLOURS, Curve, MeasurePanel, Plot, first_losses, write_plot
 
 NAMES = ("single-mode", "css", "gaussian-single-mode")
 SETTINGS = {**QUICK, "smooth": {"enabled": False}}
@@ -215,7 +215,7 @@ def test_a_loss_is_marked_by_the_measure_that_it_broke(compared: Comparison) -> 
 def test_every_curve_is_in_the_picture(tmp_path: Path) -> None:
     time = np.arange(30) / 10.0
     curves = [Curve(f"tracker {i}", time, 10.0 * (i + 1) + time, (2.0,) if i == 1 else ()) for i in range(len(COLOURS))]
-    write_plot(Plot("title", [Panel("error [mm]", curves, 50.0)]), tmp_path / "a.png")
+    write_plot(Plot("title", [MeasurePanel("error [mm]", curves, 50.0)]), tmp_path / "a.png")
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image is not None
     for colour in COLOURS:

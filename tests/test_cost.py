@@ -10,11 +10,11 @@ import pytest
 from builders import body_of, camera_at, observe, random_pose, slope
 from term_family import CAMERAS, evaluated, observed, reprojection
 
+from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Term
-from estimator.energy.upright import Upright, world_up
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel, image_extent
 from estimator.search.cost_settings import CostSettings
@@ -75,7 +75,7 @@ def test_exact_curvature_of_the_reprojection(name: str) -> None:
 def test_exact_curvature_of_the_upright_root(potential: str) -> None:
     body = body_of("human34")
     q = random_pose(body, np.random.default_rng(19))
-    quadratic_form_matches(Upright(body, np.array([0.0, 0.0, 1.0]), 2.0, potential), body, q, 1e-6)
+    quadratic_form_matches(GravityPrior(body, np.array([0.0, 0.0, 1.0]), 2.0, potential), body, q, 1e-6)
 
 
 def test_upright_knows_tilt_but_not_heading() -> None:
@@ -90,7 +90,7 @@ def test_upright_knows_tilt_but_not_heading() -> None:
         tilt = np.zeros(body.nv)
         tilt[3] = 0.4
         q = body.integrate(body.integrate(body.neutral, v), tilt)
-        value, gradient, _ = evaluated(Upright(body, up, potential="gaussian"), body, q)
+        value, gradient, _ = evaluated(GravityPrior(body, up, potential="gaussian"), body, q)
         assert value == pytest.approx(0.5 * (2.0 * np.sin(0.2) / std) ** 2, rel=1e-12)
         assert abs(gradient @ np.r_[np.zeros(3), body.at(q).rotations[1].T @ up, np.zeros(28)]) < 1e-12
 
@@ -205,7 +205,7 @@ def test_the_model_sums_its_terms() -> None:
     parts: list[Term] = [
         term,
         Stabilisers(body, 2.0),
-        Upright(body, world_up(CAMERAS), 2.0 * settings.upright_weight),
+        GravityPrior(body, world_up(CAMERAS), 2.0 * settings.upright_weight),
         Interpenetration(self_collision, settings.clearance_scale, 0.7),
         Transition(body, previous, model.transition_std(0.04), settings.transition_potential, settings.transition_nu),
     ]

@@ -15,7 +15,7 @@ from estimator.data.observation import Observation
 from estimator.inference.chains.exchange import APART
 from estimator.search.cost_model import CostModel
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.base import Tracker
+from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.baselines.single_mode import SingleMode
 from estimator.trackers.css.points_beside import BesideSettings, BesideState, PointsBeside
 from estimator.tracking.registry import make_tracker, settings_for
@@ -58,7 +58,7 @@ def dual(**beside: object) -> PointsBeside:
     return tracker
 
 
-def tracked(tracker: Tracker, seen: list[Observation]) -> list[tuple[object, object]]:
+def tracked(tracker: TrackerProtocol, seen: list[Observation]) -> list[tuple[object, object]]:
     states = [tracker.init(np.random.default_rng([1, 0]), seen[0])]
     for o in seen[1:]:
         states.append(tracker.step(np.random.default_rng([1, o.index]), states[-1][0], o))

@@ -12,7 +12,7 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import MAX_STD
 from estimator.inference.merge import bhattacharyya
 from estimator.inference.mixture import Mixture, Mode, mixture_of
-from estimator.search.frame_search import FrameCase, FrameSearch
+from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.settings import ModeSearchSettings
 from estimator.trackers.css.frame_proposals import Proposals
@@ -60,7 +60,7 @@ def test_step_1_the_proposal_is_the_rescaled_covariance() -> None:
 def test_steps_2_1_and_2_2_components_are_drawn_by_their_weights_and_sampled_wide() -> None:
     tracker, mixture, count = step(4)[0], prior(), 4000
     search = tracker.search
-    case = FrameCase(search.associations(seen()), 0.04)
+    case = FrameProblem(search.associations(seen()), 0.04)
     settings = tracker.settings.proposals
     proposals = Proposals(search, LimbProposal(BODY), settings, np.random.default_rng(5), mixture, case, seen())
     samples = proposals.samples(count)

@@ -18,7 +18,7 @@ from estimator.vision.cues.depth.cue import Depth, PersonPoints
 from estimator.vision.cues.depth.floor import found_floor
 from estimator.vision.cues.depth.matching import spread_over, surface_precision
 from estimator.vision.cues.depth.person import nearest_thing
-from estimator.vision.depth_map import Points
+from estimator.vision.depth_map import DepthPoints
 from estimator.vision.likelihood.image_likelihood import ImageModel
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
@@ -33,10 +33,10 @@ from tests.tiny_clip import QUICK, named
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def points_at(places: np.ndarray, noise: float = 0.01) -> Points:
+def points_at(places: np.ndarray, noise: float = 0.01) -> DepthPoints:
     """As a camera at the origin sees them."""
     distance = np.linalg.norm(places, axis=1)
-    return Points(places, places / distance[:, None], np.full(len(places), noise), distance / 300.0)
+    return DepthPoints(places, places / distance[:, None], np.full(len(places), noise), distance / 300.0)
 
 
 def box(centre: list[float], size: list[float], count: int, seed: int = 0) -> np.ndarray:

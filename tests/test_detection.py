@@ -25,7 +25,7 @@ from estimator.data.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
 from kinemode.detection import detectors, environment, pythons
-from kinemode.detection.detectors import SCRIPTS, About, Patience, Wanted
+from kinemode.detection.detectors import SCRIPTS, About, DetectorChoice, Patience
 from kinemode.detection.people import People, Search, shared
 from kinemode.detection.process import DetectorProcess
 from kinemode.detection.requirements import read_requirements
@@ -134,7 +134,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DetectorProces
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", km.InputWarning)
         Fake(tmp_path_factory.mktemp("running"), patch)
-        process = DetectorProcess(Wanted("fake"))
+        process = DetectorProcess(DetectorChoice("fake"))
     with process:
         yield process
 
@@ -267,7 +267,7 @@ def test_a_detector_that_neither_answers_nor_ends_is_killed(fake: Fake, monkeypa
 
     monkeypatch.setattr(subprocess, "Popen", Noted)
     with pytest.raises(InputError, match=r"fake: has not answered for 0 s \(try again\)"):
-        DetectorProcess(Wanted("fake"))
+        DetectorProcess(DetectorChoice("fake"))
     assert [process.returncode for process in begun] == [-9]
 
 
@@ -503,7 +503,7 @@ def test_models_are_asked_for_and_refused(tmp_path: Path) -> None:
 def made_or_skip(name: str, patch: pytest.MonkeyPatch) -> None:
     about = detectors.DETECTORS[name]
     patch.setitem(detectors.DETECTORS, name, About(about.script, about.needs_model, PATIENCE))
-    wanted = Wanted(name)
+    wanted = DetectorChoice(name)
     if not environment.is_made(name, wanted.script) and "KINEMODE_TEST_DETECTOR" not in os.environ:
         pytest.skip(f"the environment of {name} is not there; KINEMODE_TEST_DETECTOR=1 makes it (150 MB)")
 

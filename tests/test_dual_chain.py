@@ -130,7 +130,7 @@ def test_what_cannot_be_tracked_is_refused(seen: Seen) -> None:
     with pytest.raises(InputError, match=r"colour of the skin points in .*% of the picture"):
         made.init(rng, replace(first, cues=(wall,)))
     both = {name: getattr(first, name).repeat(2, axis=0) for name in ("pixels", "confidence")}
-    with pytest.raises(InputError, match="goes by one camera, there are 2"):
+    with pytest.raises(InputError, match="uses one camera, there are 2"):
         made.init(rng, replace(first, cameras=first.cameras * 2, **both))
     with pytest.raises(InputError, match="no such model file"):
         tracker(replace(FEW, face_model="nowhere.onnx"))

@@ -9,7 +9,7 @@ from estimator.inference.chains.each_point import Normals, told_each, updated_ea
 from estimator.inference.chains.evidence import Detections, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import EXCHANGES, messages
 from estimator.inference.chains.feature_density import gaussian
-from estimator.inference.chains.kalman import PointChain, Points
+from estimator.inference.chains.kalman import PointChain, PointStates
 
 POINTS, NAMES = 12, ("keypoint",)
 SETTINGS = EvidenceSettings(shared=0.0)
@@ -42,7 +42,7 @@ def test_many_points_at_once_are_each_alone(exchange: str) -> None:
             suits[k, seen, None],
             np.zeros(seen.sum(), bool),
         )
-        prior = Points(mean[k][None], covariance[k])
+        prior = PointStates(mean[k][None], covariance[k])
         own, theirs = chain.features(prior), gaussian(NAMES, other.mean[[k]], other.covariance[k])
         message = messages([theirs, own], evidence_of(detections, SETTINGS, own), exchange)[1]
         alone, _ = chain.update(prior, message)
@@ -67,6 +67,6 @@ def test_points_move_as_each_alone() -> None:
     mean, covariance = rng.standard_normal((POINTS, 4)), positive(rng, 4, 30.0)
     after, spread = chain.predict_each(mean, covariance, 0.04)
     for k in range(POINTS):
-        alone = chain.predict(Points(mean[k][None], covariance[k]), 0.04)
+        alone = chain.predict(PointStates(mean[k][None], covariance[k]), 0.04)
         np.testing.assert_allclose(after[k], alone.mean[0], atol=1e-9)
         np.testing.assert_allclose(spread[k], alone.covariance, rtol=1e-9)

@@ -1,4 +1,4 @@
-"""Multi-view eigen-templates: patches, eigenspaces, foreground rays, training for a rig, shouts, and their file."""
+"""Multi-view eigen-templates: patches, eigenspaces, foreground rays, training for a rig, proposals, and their file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from estimator.trackers.loose_limbed.part_detectors.templates import (
     LimbTemplates,
     TemplateSettings,
     best_apart,
-    template_shouts,
+    template_proposals,
 )
 from estimator.vision.eigen_templates import eigen_space
 from estimator.vision.foreground_rays import ray_places, seen_by_all
@@ -182,23 +182,23 @@ def test_a_training_patch_is_found_again_with_its_orientation(
 def test_the_head_is_heard_where_it_is_and_both_sides_alike(
     templates: LimbTemplates, graph: LimbGraph, example: RigExample
 ) -> None:
-    shouts = template_shouts(templates, graph, example.views)
-    assert [len(shout.points) for shout in shouts if len(shout.points)] == [50, 50, 50]
+    part_proposals = template_proposals(templates, graph, example.views)
+    assert [len(proposals.points) for proposals in part_proposals if len(proposals.points)] == [50, 50, 50]
     head = graph.index("head")
-    t, R = placements_of(shouts[head].points)
+    t, R = placements_of(part_proposals[head].points)
     best = np.linalg.norm(t - example.t[head], axis=1).min()
     assert best < 0.06
-    assert (shouts[head].weights > 0.0).all()
+    assert (part_proposals[head].weights > 0.0).all()
     left = graph.index("left_shank")
-    np.testing.assert_array_equal(shouts[left].points, shouts[graph.mirror[left]].points)
-    only = template_shouts(templates, graph, example.views, TemplateSettings(places=3, nearest=2), ["head"])
-    assert [len(shout.points) for shout in only if len(shout.points)] == [6]
+    np.testing.assert_array_equal(part_proposals[left].points, part_proposals[graph.mirror[left]].points)
+    only = template_proposals(templates, graph, example.views, TemplateSettings(places=3, nearest=2), ["head"])
+    assert [len(proposals.points) for proposals in only if len(proposals.points)] == [6]
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.broadcast_to(np.eye(3), R.shape), atol=1e-6)
 
 
 def test_an_empty_picture_says_nothing(templates: LimbTemplates, graph: LimbGraph) -> None:
     black = [patch_view(c, np.dstack([BLACK] * 3), BLACK > 0) for c in rig()]
-    assert all(len(shout.points) == 0 for shout in template_shouts(templates, graph, black))
+    assert all(len(proposals.points) == 0 for proposals in template_proposals(templates, graph, black))
 
 
 def test_the_best_places_are_apart() -> None:
@@ -217,7 +217,9 @@ def test_a_file_gives_the_same_shouts(
     save_templates(templates, tmp_path / "rig.npz")
     again = load_templates(tmp_path / "rig.npz")
     for a, b in zip(
-        template_shouts(templates, graph, example.views), template_shouts(again, graph, example.views), strict=True
+        template_proposals(templates, graph, example.views),
+        template_proposals(again, graph, example.views),
+        strict=True,
     ):
         assert len(a.points) == len(b.points)
         if len(a.points):
@@ -242,7 +244,7 @@ def test_another_rig_or_body_is_refused(templates: LimbTemplates, graph: LimbGra
             templates.check_rig(other)
     views = [patch_view(c, BLACK, BLACK > 0) for c in reversed(cameras)]
     with pytest.raises(InputError, match="another rig"):
-        template_shouts(templates, graph, views)
+        template_proposals(templates, graph, views)
     with pytest.raises(InputError, match=r"another graph: it has no"):
         templates.check_graph(limb_graph(load_subject("arm8")))
 

@@ -22,7 +22,7 @@ from estimator.inference.mixture import Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.examples.index import ExampleIndex, IndexRecipe, load_index
 from estimator.search.examples.lookup import Looked, either_way
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import example_starts, without_silhouette
 from estimator.search.hypothesis import Hypothesis
 from estimator.synthesis.examples import training
@@ -394,7 +394,7 @@ def test_what_they_lack_is_said_before_any_work(clip: RenderedClip, file: Path, 
     cases: list[tuple[dict[str, Any], str]] = [
         (
             {"tracker": "elmo", "index": file, "depth": None, "cues": "edges"},
-            "elmo goes by depth or silhouette, which is not looked at",
+            "elmo needs depth or silhouette, which is not looked at",
         ),
         ({"tracker": "css-paper", "index": file, "keypoints": clip.first_frame}, "index: css-paper looks nothing up"),
         ({"tracker": "elmo", "index": tmp_path / "none.npz"}, "there is no such file"),
@@ -426,7 +426,7 @@ def test_settled_modes_agree_better_with_picture_and_past(clip: RenderedClip, fi
     tracker, before, settled = stepped(True)
     _, _, likely = stepped(False)
     likelihood = tracker.search.likelihood(frames[1], before.mixture.modes[0].q)
-    case = FrameCase(tracker.search.associations(frames[1]), frames[1].time - frames[0].time, likelihood)
+    case = FrameProblem(tracker.search.associations(frames[1]), frames[1].time - frames[0].time, likelihood)
     search = tracker.search.frame(case)
 
     def energy(mode: Mode) -> float:
@@ -446,7 +446,7 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
     tracker = make_tracker("elmo", body, settings_for("elmo", changes={"search": {"index": str(file)}, "elmo": few}))
     assert isinstance(tracker, Elmo)
     likelihood = tracker.search.likelihood(by_both, body.neutral)
-    case = FrameCase(tracker.search.associations(by_both), 0.0, likelihood)
+    case = FrameProblem(tracker.search.associations(by_both), 0.0, likelihood)
     search = tracker.search.frame(case)
     energy = [
         -search.look(

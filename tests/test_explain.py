@@ -138,15 +138,15 @@ def test_a_jump_is_no_motion_and_has_paid_its_penalty(jumping: dict[str, Run]) -
         assert result.origins is not None
         for k in range(len(result.weight)):
             origin = result.origins.of_mode(k)
-            assert origin.q_paid is not None
+            assert origin.transition_from is not None
             parent, jumped = before.q[result.parent[k]], origin.family is Family.DEPTH_JUMP
-            assert np.array_equal(origin.q_paid, parent) != jumped
+            assert np.array_equal(origin.transition_from, parent) != jumped
             assert origin.penalty == (1.0 if jumped else 0.0)
-            change = run.body.difference(origin.q_paid, result.q[k])
+            change = run.body.difference(origin.transition_from, result.q[k])
             np.testing.assert_allclose(run.mode_velocity[t, k], change / (run.time[t] - run.time[t - 1]))
             jumps += jumped
             if jumped:
-                assert np.abs(run.body.difference(parent, origin.q_paid)).max() > 0.1
+                assert np.abs(run.body.difference(parent, origin.transition_from)).max() > 0.1
     assert jumps > 0
 
 

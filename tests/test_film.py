@@ -98,8 +98,8 @@ def test_equal_pictures_give_equal_files(films: dict[str, Path], tmp_path: Path)
         ("a.avi", 30.0, r"no film can end in \.avi \(one of \.mp4, \.webm, \.gif\)"),
         ("film", 30.0, r"needs an ending \(one of \.mp4, \.webm, \.gif\)"),
         ("none/a.mp4", 30.0, "cannot be written: No such file or directory"),
-        ("a.mp4", float("nan"), "frames per second cannot be"),
-        ("a.mp4", 0.0, "frames per second cannot be"),
+        ("a.mp4", float("nan"), "frames per second must be"),
+        ("a.mp4", 0.0, "frames per second must be"),
     ],
 )
 def test_what_cannot_be_a_film(tmp_path: Path, name: str, rate: float, problem: str) -> None:

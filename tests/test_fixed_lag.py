@@ -17,7 +17,7 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.tracking.smoothing import FixedLag, SmoothSettings, fixed_lag, smooth_track
-from estimator.tracking.smoothing.chain import Chain
+from estimator.tracking.smoothing.chain import FrameChain
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import PREFIX, installed
 from humanoid.subject.subject import load_subject
@@ -147,7 +147,7 @@ def test_the_energy_of_the_window_never_rises_and_what_was_given_stays(
 ) -> None:
     changes: list[float] = []
 
-    class Watched(Chain):
+    class Watched(FrameChain):
         def descend(self, q: np.ndarray, held: np.ndarray, iterations: int) -> np.ndarray:
             before, after = q.copy(), super().descend(q, held, iterations)
             changes.append(self.energy(after) - self.energy(before))
@@ -156,7 +156,7 @@ def test_the_energy_of_the_window_never_rises_and_what_was_given_stays(
             assert len(q) == min(len(changes), LAG + 1) + held.sum()
             return after
 
-    monkeypatch.setattr(fixed_lag, "Chain", Watched)
+    monkeypatch.setattr(fixed_lag, "FrameChain", Watched)
     poses(track, SmoothSettings(lag=LAG))
     assert len(changes) == FRAMES
     assert max(changes) <= 0.0

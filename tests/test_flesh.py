@@ -11,7 +11,7 @@ from trimesh import Trimesh
 
 from humanoid.kinematics.body import Body
 from humanoid.shape.flesh import solid_mesh
-from humanoid.shape.solids import Solid, solids_of
+from humanoid.shape.solids import ConvexSolid, solids_of
 from humanoid.subject.subject import Subject, load_subject, subject_from_text
 
 
@@ -22,7 +22,7 @@ def slim(subject: Subject) -> Subject:
     return subject_from_text(text, source="slim.urdf", base=subject.base)
 
 
-def exact(solid: Solid) -> list[bytes]:
+def exact(solid: ConvexSolid) -> list[bytes]:
     size = [getattr(solid.geometry, k, 0.0) for k in ("radius", "halfLength")]
     return [np.asarray(a).tobytes() for a in (size, solid.radii, solid.rotation, solid.translation, solid.core_half)]
 

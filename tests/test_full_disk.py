@@ -132,7 +132,7 @@ def test_a_run_keeps_what_was_tracked_and_goes_on(tmp_path: Path) -> None:
         stored = results[len(Run.open(path))]
         with (
             files_of_at_most(path.with_name("a.run-wal").stat().st_size),
-            pytest.raises(InputError, match=r"what was tracked is kept \(make room, --resume then goes on with it\)"),
+            pytest.raises(InputError, match=r"what was tracked is kept \(make room, --resume then continues it\)"),
         ):
             writer.append(stored, state_of(stored))
     kept = len(Run.open(path))

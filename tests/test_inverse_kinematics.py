@@ -24,7 +24,7 @@ from estimator.inference.merge import body_size
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.first_pose import random_configuration
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import CovarianceScaledProposal
@@ -191,7 +191,7 @@ def test_sampling_finds_every_solution(arm: Arm) -> None:
     for first in known.values():
         rng, modes = np.random.default_rng(62), [first.q]
         for _ in range(4):
-            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameCase(arm.associations), 8)
+            mixture = arm.search.best_modes(samples(arm, modes, rng, 60), FrameProblem(arm.associations), 8)
             modes = [m.q for m in mixture.modes]
         points = [limb_points(body, q) for q in modes]
         for name, mode in known.items():

@@ -16,7 +16,7 @@ from scipy.stats import norm
 from test_evaluation import robot
 
 import kinemode as km
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.run_file import Run
 from estimator.runs.spread import spread_of
 from humanoid.kinematics.body import Body
@@ -91,7 +91,7 @@ def test_degrees_and_back(run: Run) -> None:
 
 def test_the_interval_is_that_of_the_mixture(run: Run) -> None:
     """Its ends against roots of the mixture's distribution, made anew; a Gaussian of the same moments is far off."""
-    c = Calibration()
+    c = PosteriorCalibration()
     z, share = np.polynomial.hermite_e.hermegauss(7)
     scale = SPREAD * np.sqrt(c.covariance_scale) * np.exp(c.scale_spread * z)
 

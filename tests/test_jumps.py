@@ -13,7 +13,7 @@ from estimator.search.jumps.angles import limb_turns
 from estimator.search.jumps.descent import placed
 from estimator.search.jumps.interpretations import JointPrior
 from estimator.search.jumps.limb_solutions import limb_solutions
-from estimator.search.jumps.sight import Sight, sight_of, turned
+from estimator.search.jumps.sight import PoseOnRays, sight_of, turned
 from estimator.search.proposals import LimbProposal
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import installed
@@ -38,7 +38,7 @@ def body_named(name: str) -> Body:
     return Body(load_subject(name))
 
 
-def slopes(sight: Sight, points: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
+def slopes(sight: PoseOnRays, points: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """By how much the outer end of each segment is behind the point of its ray nearest to the inner end [m], (2,)."""
     return np.einsum("ij,ij->i", np.diff(points[landmarks], axis=0), sight.rays[landmarks[1:]])
 
@@ -121,7 +121,13 @@ def test_no_solution_is_overlooked() -> None:
 
 
 def onto_pixels(
-    body: Body, sight: Sight, landmarks: np.ndarray, dofs: np.ndarray, x: np.ndarray, low: np.ndarray, high: np.ndarray
+    body: Body,
+    sight: PoseOnRays,
+    landmarks: np.ndarray,
+    dofs: np.ndarray,
+    x: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
 ) -> np.ndarray | None:
     """Places (2, 3) [m] of a limb's joints on their rays, by clamped Gauss-Newton steps from turns x, or None."""
     for _ in range(15):

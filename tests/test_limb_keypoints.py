@@ -15,9 +15,9 @@ from estimator.numerics.alignment import motions_onto, similarity_onto
 from estimator.search.cost_model import CostModel
 from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import Fits, turned_about
-from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointShoutSettings, keypoint_shouts
+from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointDetectorSettings, keypoint_proposals
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from humanoid.subject.landmarks import mirror_index
@@ -39,9 +39,9 @@ def seen(name: str, seed: int, views: int = 4) -> tuple[Observation, np.ndarray,
     return observe(body, q, CAMERAS[:views]), *limb_placements(limbs_of(name)[0], body, q)
 
 
-def shouts(name: str, observation: Observation, **settings: float) -> Shouts:
+def part_proposals(name: str, observation: Observation, **settings: float) -> AllPartProposals:
     graph, landmarks = limbs_of(name)
-    return keypoint_shouts(body_of(name), graph, observation, KeypointShoutSettings(**settings), landmarks)  # type: ignore[arg-type]
+    return keypoint_proposals(body_of(name), graph, observation, KeypointDetectorSettings(**settings), landmarks)  # type: ignore[arg-type]
 
 
 def evidence(name: str, observation: Observation, **settings: float) -> KeypointEvidence:
@@ -58,9 +58,9 @@ def told(name: str) -> list[int]:
     return [k for k, z in enumerate(heights) if len(z) and np.ptp(z) > 0.1 * graph.limbs[k].length]
 
 
-def nearest(shout: Shout, t: np.ndarray, R: np.ndarray) -> tuple[float, float, float]:
+def nearest(proposals: PartProposals, t: np.ndarray, R: np.ndarray) -> tuple[float, float, float]:
     """How far off the nearest candidate is: origin [m], axis and rotation [deg]."""
-    places, turns = placements_of(shout.points)
+    places, turns = placements_of(proposals.points)
     off = np.linalg.norm(places - t, axis=1)
     axis = np.degrees(np.arccos(np.clip(turns[:, :, 2] @ R[:, 2], -1.0, 1.0)))
     turn = np.degrees(np.arccos(np.clip(0.5 * (np.einsum("nij,ij->n", turns, R) - 1.0), -1.0, 1.0)))
@@ -102,10 +102,10 @@ def test_landmarks_of_a_limb_stay_in_its_frame_and_are_mirrored() -> None:
 def test_exact_keypoints_give_back_the_limbs(name: str, views: int) -> None:
     for seed in range(4):
         observation, t, R = seen(name, seed, views)
-        for k, shout in enumerate(shouts(name, observation)):
-            assert (shout.weights > 0.0).all()
-            assert len(shout.points) == len(shout.weights) > 0
-            off, axis, turn = nearest(shout, t[k], R[k])
+        for k, proposals in enumerate(part_proposals(name, observation)):
+            assert (proposals.weights > 0.0).all()
+            assert len(proposals.points) == len(proposals.weights) > 0
+            off, axis, turn = nearest(proposals, t[k], R[k])
             if k in told(name):
                 assert off < 3e-3
                 assert axis < 1.0
@@ -118,8 +118,8 @@ def test_exact_keypoints_give_back_the_limbs(name: str, views: int) -> None:
 def test_the_likeliest_candidate_is_the_limb_s_own() -> None:
     observation, t, R = seen("human34", 1)
     for k in told("human34"):
-        shout = shouts("human34", observation)[k]
-        best = Shout(shout.points[[shout.weights.argmax()]], np.ones(1))
+        proposals = part_proposals("human34", observation)[k]
+        best = PartProposals(proposals.points[[proposals.weights.argmax()]], np.ones(1))
         assert nearest(best, t[k], R[k])[0] < 3e-3
 
 
@@ -127,9 +127,9 @@ def test_neighbours_tell_how_a_limb_is_turned() -> None:
     off = []
     for seed in range(6):
         observation, t, R = seen("human34", seed)
-        made = shouts("human34", observation)
+        made = part_proposals("human34", observation)
         for k in told("human34"):
-            best = Shout(made[k].points[[made[k].weights.argmax()]], np.ones(1))
+            best = PartProposals(made[k].points[[made[k].weights.argmax()]], np.ones(1))
             off.append(nearest(best, t[k], R[k])[2])
     assert np.mean(np.array(off) < 30.0) > 0.85
 
@@ -140,13 +140,13 @@ def test_rays_that_miss_each_other_are_doubted_and_far_ones_are_not_of_one_landm
     pixels[0, :, 1] += 30.0  # all of a view alike, so that only the rays' distance tells
     view_off = replace(observation, pixels=pixels)
     for k in told("human34"):
-        shout = shouts("human34", view_off)[k]
-        away = np.linalg.norm(placements_of(shout.points)[0] - t[k], axis=1)
-        assert away[shout.weights.argmax()] < 3e-3
-        assert shout.weights[away > 0.02].max(initial=0.0) < 0.5 * shout.weights.max()
+        proposals = part_proposals("human34", view_off)[k]
+        away = np.linalg.norm(placements_of(proposals.points)[0] - t[k], axis=1)
+        assert away[proposals.weights.argmax()] < 3e-3
+        assert proposals.weights[away > 0.02].max(initial=0.0) < 0.5 * proposals.weights.max()
     pixels[0, :, 1] += 120.0
     two = replace(observation, cameras=CAMERAS[:2], pixels=pixels[:2], confidence=observation.confidence[:2])
-    assert all(not len(shout.weights) for shout in shouts("human34", two, alone=False))
+    assert all(not len(proposals.weights) for proposals in part_proposals("human34", two, alone=False))
 
 
 def test_turning_about_a_line_leaves_the_line() -> None:
@@ -167,10 +167,10 @@ def test_one_camera_knows_a_limb_by_its_length() -> None:
     good = []
     for seed in range(6):
         observation, t, R = seen("human34", seed, 1)
-        off = [nearest(shout, t[k], R[k]) for k, shout in enumerate(shouts("human34", observation))]
+        off = [nearest(proposals, t[k], R[k]) for k, proposals in enumerate(part_proposals("human34", observation))]
         good += [off[k][0] < 0.1 and off[k][1] < 30.0 for k in told("human34")]
     assert np.mean(good) > 0.95
-    assert all(not len(shout.weights) for shout in shouts("human34", observation, alone=False))
+    assert all(not len(proposals.weights) for proposals in part_proposals("human34", observation, alone=False))
 
 
 def test_exchanged_sides_are_covered_in_one_view_or_all() -> None:
@@ -180,10 +180,10 @@ def test_exchanged_sides_are_covered_in_one_view_or_all() -> None:
     pixels[0] = pixels[0, mirror]
     for other in (observation.exchanged(mirror), replace(observation, pixels=pixels)):
         for k in told("human34"):
-            assert nearest(shouts("human34", other)[k], t[k], R[k])[0] < 3e-3
+            assert nearest(part_proposals("human34", other)[k], t[k], R[k])[0] < 3e-3
     # in every view at the exchange's price in each of a pair, spread over its turns where nothing tells of them
-    graph, made = limbs_of("human34")[0], shouts("human34", observation)
-    price = 2.0 * KeypointShoutSettings().exchange
+    graph, made = limbs_of("human34")[0], part_proposals("human34", observation)
+    price = 2.0 * KeypointDetectorSettings().exchange
     for k in (k for k in told("human34") if graph.mirror[k] != k):
         places, weights = placements_of(made[k].points)[0], made[k].weights
         sums = [weights[np.linalg.norm(places - t[i], axis=1) < 3e-3].sum() for i in (k, graph.mirror[k])]
@@ -191,19 +191,22 @@ def test_exchanged_sides_are_covered_in_one_view_or_all() -> None:
     thigh = next(k for k in told("human34") if graph.mirror[k] != k)
     # two views, one of them exchanged: nothing but an exchange meets
     two = replace(observation, cameras=CAMERAS[:2], pixels=pixels[:2], confidence=observation.confidence[:2])
-    assert nearest(shouts("human34", two)[thigh], t[thigh], R[thigh])[0] < 3e-3
+    assert nearest(part_proposals("human34", two)[thigh], t[thigh], R[thigh])[0] < 3e-3
 
 
 def test_nothing_seen_says_nothing() -> None:
     observation, t, R = seen("human34", 3)
     shape = observation.confidence.shape
     missing = replace(observation, pixels=np.full((*shape, 2), np.nan), confidence=np.zeros(shape))
-    assert all(shout.points.shape == (0, 7) and shout.weights.shape == (0,) for shout in shouts("human34", missing))
+    assert all(
+        proposals.points.shape == (0, 7) and proposals.weights.shape == (0,)
+        for proposals in part_proposals("human34", missing)
+    )
     for k in range(len(t)):
         assert evidence("human34", missing).log_likelihood(k, t[[k]], R[[k]])[0] == 0.0
     pixels = observation.pixels.copy()
     pixels[1:, :, 0] = np.nan  # of confidence, but nowhere
-    alone = shouts("human34", replace(observation, pixels=pixels))
+    alone = part_proposals("human34", replace(observation, pixels=pixels))
     for k in told("human34"):
         assert nearest(alone[k], t[k], R[k])[0] < 0.15
 
@@ -266,7 +269,7 @@ def test_keypoints_of_two_limbs_count_once() -> None:
 def test_equal_input_equal_bits_and_wrong_input_is_told() -> None:
     observation = seen("human34", 8, 3)[0]
     body, (graph, landmarks) = body_of("human34"), limbs_of("human34")
-    for a, b in zip(shouts("human34", observation), keypoint_shouts(body, graph, observation), strict=True):
+    for a, b in zip(part_proposals("human34", observation), keypoint_proposals(body, graph, observation), strict=True):
         assert np.array_equal(a.points, b.points)
         assert np.array_equal(a.weights, b.weights)
     with pytest.raises(InputError, match="sigma"):

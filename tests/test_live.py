@@ -23,11 +23,11 @@ from estimator.data.media.clip import Clip
 from estimator.data.media.film import write_film
 from estimator.runs.run_file import RunWriter
 from estimator.trackers.frame_result import FrameResult
-from kinemode.detection.detectors import Wanted
+from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People
 from kinemode.rendering.files import RenderedClip
 from kinemode.streams import detecting
-from kinemode.streams.capture import FileCamera, Newest, Shot
+from kinemode.streams.capture import CapturedPicture, FileCamera, LatestFrameQueue
 from kinemode.streams.session import run_session
 from tests.waiting import DEADLINE, ended, kinemode_process, until
 from viz.preview.moving import Moment, MovingPreview
@@ -37,9 +37,9 @@ PICTURE = np.zeros((4, 6, 3), np.uint8)
 FRAMES, FPS = 5, 5.0  # of the fixture `clip`
 
 
-def shots(count: int) -> Iterator[Shot]:
+def shots(count: int) -> Iterator[CapturedPicture]:
     for i in range(count):
-        yield Shot(i, 0.1 * i, PICTURE)
+        yield CapturedPicture(i, 0.1 * i, PICTURE)
 
 
 class Steps:
@@ -72,7 +72,7 @@ class Turns(Steps):
         self.during, self.waits = iter(during), waits
         self.told, self.there = threading.Semaphore(1), threading.Semaphore(0)
 
-    def shots(self, count: int) -> Iterator[Shot]:
+    def shots(self, count: int) -> Iterator[CapturedPicture]:
         for shot in shots(count):
             assert self.told.acquire(timeout=DEADLINE)
             yield shot
@@ -90,7 +90,7 @@ def session_of(stepper: Any, pictures: Any, *, every: bool) -> tuple[Any, list[i
     """The session, and how many pictures were dropped by each step."""
     seen, lost = list[tuple[int, int]](), list[int]()
 
-    def show(step: Any, shot: Shot, dropped: int) -> None:
+    def show(step: Any, shot: CapturedPicture, dropped: int) -> None:
         seen.append((step.index, shot.number))
         lost.append(dropped)
 
@@ -121,7 +121,7 @@ def test_a_tracker_that_is_waited_for_gets_all() -> None:
     """No picture is taken before the step of the one before has ended."""
     steps = Steps()
 
-    def taken() -> Iterator[Shot]:
+    def taken() -> Iterator[CapturedPicture]:
         for shot in shots(4):
             assert len(steps.times) == shot.number
             yield shot
@@ -137,7 +137,7 @@ def test_ctrl_c_ends_it_and_what_was_tracked_stays() -> None:
 
 
 def test_what_goes_wrong_in_the_camera_is_told() -> None:
-    def broken() -> Iterator[Shot]:
+    def broken() -> Iterator[CapturedPicture]:
         yield from shots(2)
         raise km.InputError("camera 0", "was unplugged")
 
@@ -146,16 +146,16 @@ def test_what_goes_wrong_in_the_camera_is_told() -> None:
 
 
 def test_a_camera_is_left_at_its_next_picture_or_when_it_gives_none() -> None:
-    with Newest(shots(10**9), patience=DEADLINE) as newest:
+    with LatestFrameQueue(shots(10**9), patience=DEADLINE) as newest:
         next(iter(newest))
     assert not newest._thread.is_alive()
     goes_on = threading.Event()
 
-    def hanging() -> Iterator[Shot]:
+    def hanging() -> Iterator[CapturedPicture]:
         yield from shots(1)
         goes_on.wait(DEADLINE)
 
-    with Newest(hanging(), patience=0.0) as newest:
+    with LatestFrameQueue(hanging(), patience=0.0) as newest:
         next(iter(newest))
     assert newest._thread.is_alive()
     goes_on.set()
@@ -436,6 +436,6 @@ def test_the_person_who_was_largest_stays_the_one(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(detecting, "DetectorProcess", lambda wanted: None)
     monkeypatch.setattr(detecting, "People", Seen)
-    finds = detecting.Detecting(Wanted())
+    finds = detecting.Detecting(DetectorChoice())
     answers = [finds(np.zeros((2, 2, 3), np.uint8), 0.1 * t) for t in range(4)]
     assert [None if a is None else a is large for a in answers] == [True, False, None, True]

@@ -13,11 +13,11 @@ from benchmarks.papers_loose_limbed.loose_limbed_clips import LimbClip, Markers
 from benchmarks.papers_loose_limbed.loose_limbed_runs import true_state
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.graph import Belief
-from estimator.inference.beliefs.mixture import Box
+from estimator.inference.beliefs.mixture import UniformBox
 from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.loose_limbed.limbs.window import Instant, Past, window
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout
+from estimator.trackers.loose_limbed.limbs.window import Instant, PastBeliefs, window
+from estimator.trackers.loose_limbed.part_detectors.contract import PartProposals
 from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions
 from estimator.trackers.loose_limbed.state import LimbState
 from estimator.tracking.frame_by_frame import FrameByFrame
@@ -29,7 +29,7 @@ SMALL: dict[str, Any] = {
     "start_kernels": 30,
     "start_samples": 25,
     "start_iterations": 3,
-    "shout": {"hull": {"places": 500, "poses": 800, "kept": 50, "tries": 5}},
+    "part_detectors": {"hull": {"places": 500, "poses": 800, "kept": 50, "tries": 5}},
     "assembly": {"rounds": 2},
     "modes": 2,
 }
@@ -150,16 +150,16 @@ def test_a_known_pose_is_followed_more_closely_than_without_past() -> None:
 
 def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
     potentials, box = tracker().potentials, np.array([[-1.0] * 3, [1.0] * 3])
-    instants = [Instant(k / 30.0, None, (Box(PLACEMENTS, *box),) * 10, box) for k in (1, 2)]
+    instants = [Instant(k / 30.0, None, (UniformBox(PLACEMENTS, *box),) * 10, box) for k in (1, 2)]
     believed = tuple(Belief(PLACEMENTS, np.eye(7)[[6]], np.ones(1)) for _ in range(10))
-    graph = window(potentials, 0.01, instants, Past(0.0, believed))
+    graph = window(potentials, 0.01, instants, PastBeliefs(0.0, believed))
     assert len(graph.nodes) == 30
     # the paper's 94: three times 18, and 40 in time; what is believed of the past stays, and is told nothing
     assert len(graph.potentials) == 94 - 18 - 10
     assert sum(i // 10 == j // 10 for i, j in graph.potentials) == 2 * 18
     # with the frame before inferred again all of the 94, and what is believed of its own past
     instants = [replace(instants[0], time=k / 30.0) for k in (1, 2, 3)]
-    graph = window(potentials, 0.01, instants, Past(0.0, believed))
+    graph = window(potentials, 0.01, instants, PastBeliefs(0.0, believed))
     assert sum(max(edge) < 30 for edge in graph.potentials) == 94
     assert len(graph.potentials) == 94 + 10
     with pytest.raises(InputError, match="of 1 s"):
@@ -168,15 +168,17 @@ def test_three_frames_of_ten_limbs_have_the_paper_s_graph() -> None:
 
 def test_importance_functions_are_about_what_was_shouted_and_anywhere() -> None:
     box, rng = np.array([[-2.0] * 3, [2.0] * 3]), np.random.default_rng(1)
-    shout = Shout(np.array([[0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]), np.array([3.0]))
-    nothing = Shout(np.zeros((0, 7)), np.zeros(0))
+    proposals = PartProposals(np.array([[0.5, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]), np.array([3.0]))
+    nothing = PartProposals(np.zeros((0, 7)), np.zeros(0))
     settings = ImportanceSettings(anywhere=0.25)
-    heard, unheard = importance_functions([(shout, nothing), (nothing, nothing)], 2, box, settings)
-    places = heard.sample(rng, 4000)
-    near = np.linalg.norm(places[:, :3] - shout.points[0, :3], axis=1) < 4.0 * np.sqrt(3.0) * settings.place
+    received, without_any = importance_functions([(proposals, nothing), (nothing, nothing)], 2, box, settings)
+    places = received.sample(rng, 4000)
+    near = np.linalg.norm(places[:, :3] - proposals.points[0, :3], axis=1) < 4.0 * np.sqrt(3.0) * settings.place
     assert near.mean() == pytest.approx(0.75, abs=0.04)
-    assert np.isfinite(heard.log_density(places)).all()
-    np.testing.assert_allclose(unheard.log_density(places[:5]), Box(PLACEMENTS, *box).log_density(places[:5]))
+    assert np.isfinite(received.log_density(places)).all()
+    np.testing.assert_allclose(
+        without_any.log_density(places[:5]), UniformBox(PLACEMENTS, *box).log_density(places[:5])
+    )
 
 
 def test_nobody_and_no_common_place() -> None:

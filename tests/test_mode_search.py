@@ -20,7 +20,7 @@ from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.first_pose import random_configuration, start_modes
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
@@ -144,7 +144,7 @@ def test_a_modes_certificates_can_be_recomputed(search: ModeSearch) -> None:
     q_previous = walking(body, 0.25)
     kept = Origin(Family.KEPT, PreviousPose(q_previous))
     hypotheses = [Hypothesis(q_previous, k, kept, 2, -1.5) for k in range(2)]
-    mixture = search.best_modes(hypotheses, FrameCase(associations, 0.04), 2)
+    mixture = search.best_modes(hypotheses, FrameProblem(associations, 0.04), 2)
     assert search.self_collision is not None
     free = 0
     for mode, score in zip(mixture.modes, mixture.log_scores - mixture.log_scores[0], strict=True):
@@ -172,8 +172,10 @@ def test_a_swapped_frame_is_associated_exchanged(search: ModeSearch) -> None:
     cost = search.model.cost(search.associations(seen)[0].term).at(truth).value
     assert search.model.cost(exchanged.term).at(truth).value == pytest.approx(cost, rel=1e-12)
     start = [Hypothesis(truth, k, Origin(Family.KEPT, PreviousPose(truth)), 0) for k in range(2)]
-    assert search.best_modes(start, FrameCase((plain, exchanged), 0.04), 1).modes[0].association == "exchanged"
-    assert search.best_modes(start, FrameCase(search.associations(seen), 0.04), 1).modes[0].association == "as_detected"
+    assert search.best_modes(start, FrameProblem((plain, exchanged), 0.04), 1).modes[0].association == "exchanged"
+    assert (
+        search.best_modes(start, FrameProblem(search.associations(seen), 0.04), 1).modes[0].association == "as_detected"
+    )
     arm = body_of("arm8")
     one_sided = ModeSearch(CostModel(arm))
     assert len(one_sided.associations(observe(arm, arm.neutral, [CAMERA]))) == 1

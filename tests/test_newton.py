@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimator.energy.descent.newton import Damping, Descent, NewtonSettings, Problem, Step, minimise
+from estimator.energy.descent.newton import Damping, DescentResult, NewtonSettings, Problem, Step, minimise
 
 NIELSEN = Damping(first=0.5, least=1e-12, most=1e12, growth=2.0, by_ratio=True)
 
@@ -60,7 +60,7 @@ def rosenbrock(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return residual, np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
 
 
-def descend(problem: LeastSquares, x: list[float], settings: NewtonSettings) -> Descent[Point]:
+def descend(problem: LeastSquares, x: list[float], settings: NewtonSettings) -> DescentResult[Point]:
     return minimise(problem, problem.model(np.array(x)), settings)
 
 

@@ -31,7 +31,7 @@ def test_origins_survive_storing() -> None:
         if again.previous is not None and origin.previous is not None:
             assert again.previous.key == origin.previous.key
             assert again.previous.paid == origin.previous.paid
-    paid = [origin.q_paid for origin in map(read.of_mode, range(len(KINDS)))]
+    paid = [origin.transition_from for origin in map(read.of_mode, range(len(KINDS)))]
     assert paid[0] is None
     assert paid[3] is None
     assert np.array_equal(np.array([paid[1], paid[2], paid[4]]), [Q, Q, AHEAD])

@@ -30,8 +30,8 @@ REFUSED = {
     "no choice": (LAZY, "[lazy]\nbed = 'car'", "[lazy] bed: 'car' cannot work (one of sofa, floor)"),
     "no setting": (LAZY, "[lazy]\nnap = 1", "[lazy]: no setting 'nap' (did you mean naps? one of naps, depth, bed)"),
     "idle": (LAZY, "[lazy]\nnaps = 0\ndepth = 1.0", "[lazy] depth: has no effect: lazy.naps is 0"),
-    "another's": (LAZY, "[css]\nmodes = 3", "[css] modes: has no effect: the tracker lazy goes by [lazy]"),
-    "of no use": ([], "[lazy]\nnaps = 1", "[lazy] naps: has no effect: the tracker css goes by [css]"),
+    "another's": (LAZY, "[css]\nmodes = 3", "[css] modes: has no effect: the tracker lazy uses [lazy]"),
+    "of no use": ([], "[lazy]\nnaps = 1", "[lazy] naps: has no effect: the tracker css uses [css]"),
 }
 
 

@@ -18,7 +18,7 @@ from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
-from estimator.trackers.dual_chain.pose_chain import Crowd, Expected, PoseChain, PoseChainSettings
+from estimator.trackers.dual_chain.pose_chain import Expected, ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_elsewhere import anywhere
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.vision.likelihood.outline_values import OutlineLikelihood
@@ -47,14 +47,14 @@ def chain(rng: np.random.Generator, settings: PoseChainSettings = SETTINGS, *, p
     return PoseChain(rng, parts, camera(), None, std, settings, past)
 
 
-def crowd(body: Body, count: int = 40) -> Crowd:
+def crowd(body: Body, count: int = 40) -> ParticleSet:
     rng = np.random.default_rng(5)
     q = body.neutral.copy()
     for joint in ("left_elbow_flexion", "right_elbow_flexion"):
         q[body.place(joint).q] = 1.2
     spread = np.where(np.arange(body.nv) < 2, 0.02, 0.05)
     poses = body.integrated(np.tile(q, (count, 1)), spread * rng.standard_normal((count, body.nv)))
-    return Crowd(poses, np.full(count, 1.0 / count), q)
+    return ParticleSet(poses, np.full(count, 1.0 / count), q)
 
 
 def told(prior_of: PoseChain, shift: float = 12.0, spread: float = 6.0) -> Message:
@@ -260,7 +260,7 @@ def test_the_learned_prior_weighs_poses_by_its_density() -> None:
     def made(rng: np.random.Generator) -> PoseChain:
         return PoseChain(rng, parts_of("human34"), camera(), None, std, settings, pose_prior=pose_prior)
 
-    state = Crowd(body.neutral[None], np.ones(1), body.neutral)
+    state = ParticleSet(body.neutral[None], np.ones(1), body.neutral)
     prior = made(np.random.default_rng(6)).predict(state, 0.04)
     message = nothing_seen(parts_of("human34").features.names)
     x = prior.steps.moved(np.random.default_rng(7), np.tile(prior.centres[:1], (40_000, 1)))

@@ -12,7 +12,7 @@ from scipy.stats import chi2, norm
 from benchmarks.training import credible_levels
 from benchmarks.training.credible_levels import calibration_error, coverage
 from estimator.energy.priors import Stabilisers
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.marginals import Marginals
 from estimator.runs.posterior import Posterior
 from estimator.trackers.frame_result import FrameResult
@@ -20,7 +20,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from tests.builders import bent, body_of, inside, random_pose
 
-AS_IT_IS = Calibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0)
+AS_IT_IS = PosteriorCalibration(1.0, 0.0, 1.0, 1.0, 0.1, 0.0)
 
 
 def frame(q: Sequence[np.ndarray], covariance: Sequence[np.ndarray], weight: Sequence[float] = (1.0,)) -> FrameResult:
@@ -39,7 +39,7 @@ def random_covariance(nv: int, rng: np.random.Generator, std: float) -> np.ndarr
     return np.asarray(covariance * np.outer(scale, scale))
 
 
-def gaussian(body: Body, std: float = 0.01, seed: int = 0, calibration: Calibration = AS_IT_IS) -> Posterior:
+def gaussian(body: Body, std: float = 0.01, seed: int = 0, calibration: PosteriorCalibration = AS_IT_IS) -> Posterior:
     """One mode, far from all limits by its narrowness."""
     rng = np.random.default_rng(seed)
     q = random_pose(body, rng, share=0.6)
@@ -269,18 +269,18 @@ def test_the_error_of_a_perfect_calibration_is_zero_and_that_of_certainty_a_half
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="covariance_scale is 0"):
-        Calibration(covariance_scale=0.0)
+        PosteriorCalibration(covariance_scale=0.0)
     with pytest.raises(InputError, match="scale_spread is -1"):
-        Calibration(scale_spread=-1.0)
+        PosteriorCalibration(scale_spread=-1.0)
     with pytest.raises(InputError, match="prior_weight is"):
-        Calibration(prior_weight=0.5)
+        PosteriorCalibration(prior_weight=0.5)
     body = body_of("arm8")
     with pytest.raises(InputError, match="no hypotheses"):
         Posterior.of(body, frame([], [], ()))
 
 
 def test_the_fit_of_a_calibration_undoes_a_known_wrong_scale(monkeypatch: pytest.MonkeyPatch) -> None:
-    def loss(c: Calibration, cases: Sequence[object]) -> float:
+    def loss(c: PosteriorCalibration, cases: Sequence[object]) -> float:
         return float(np.log(c.covariance_scale / 0.6) ** 2 + np.log(c.weight_temperature / 16.0) ** 2)
 
     monkeypatch.setattr(credible_levels, "miscoverage", loss)

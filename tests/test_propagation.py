@@ -9,7 +9,7 @@ import pytest
 
 from estimator.inference.beliefs import strata
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Belief, Edge, Graph, LogLikelihood, Node
-from estimator.inference.beliefs.mixture import Box, mixture_of
+from estimator.inference.beliefs.mixture import UniformBox, mixture_of
 from estimator.inference.beliefs.potential import Potential, potential_of
 from estimator.inference.beliefs.products import ProductSettings, draw_products
 from estimator.inference.beliefs.propagation import BeliefSettings, propagate_batch, propagate_tree
@@ -20,8 +20,8 @@ from humanoid.support.errors import InputError
 LINE, PLANE = Space(1, False), Space(2, False)
 STAR, CHAIN, RING = ((0, 1), (0, 2), (0, 3)), ((0, 1), (1, 2), (2, 3), (3, 4)), ((0, 1), (1, 2), (2, 3), (0, 3))
 QUICK = ProductSettings(candidates=200, per_draw=4.0, rounds=1)
-PRINTED = replace(QUICK, sighted=False)
-WAYS = [pytest.param(PRINTED, id="as printed", marks=pytest.mark.paper), pytest.param(QUICK, id="sighted")]
+PRINTED = replace(QUICK, image_weighted=False)
+WAYS = [pytest.param(PRINTED, id="as printed", marks=pytest.mark.paper), pytest.param(QUICK, id="image_weighted")]
 
 
 def seen_at(place: np.ndarray, std: float) -> LogLikelihood:
@@ -156,15 +156,15 @@ def off_in_standard_errors(proposal: float, belief: float, product: ProductSetti
 
 
 @pytest.mark.parametrize(
-    ("shares", "sighted"),
+    ("shares", "image_weighted"),
     [
         *(("incoming", False), ("all", False), *((name, True) for name in SHARES if name != "little")),
         *(pytest.param(name, False, marks=pytest.mark.paper) for name in ("belief", "proposal", "little")),
         pytest.param("little", True, marks=pytest.mark.paper),
     ],
 )
-def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str, sighted: bool) -> None:
-    assert off_in_standard_errors(*SHARES[shares], replace(QUICK, sighted=sighted)) < 3.0
+def test_each_stratum_alone_and_any_shares_come_to_the_same(shares: str, image_weighted: bool) -> None:
+    assert off_in_standard_errors(*SHARES[shares], replace(QUICK, image_weighted=image_weighted)) < 3.0
 
 
 @pytest.mark.parametrize(
@@ -186,11 +186,11 @@ def test_a_wrong_weight_is_seen(monkeypatch: pytest.MonkeyPatch, name: str, wron
     ("name", "wrong", "shares"),
     [
         ("belief_weight", lambda log_phi, log_factors, to: log_phi, "belief"),
-        ("draw_products", lambda *given: [replace(d, sighted=False) for d in draw_products(*given)], "incoming"),
+        ("draw_products", lambda *given: [replace(d, image_weighted=False) for d in draw_products(*given)], "incoming"),
     ],
     ids=["B without 1 / m_ji", "phi twice"],
 )
-def test_a_wrong_weight_of_sighted_candidates_is_seen(
+def test_a_wrong_weight_of_image_weighted_candidates_is_seen(
     monkeypatch: pytest.MonkeyPatch, name: str, wrong: object, shares: str
 ) -> None:
     monkeypatch.setattr(strata, name, wrong)
@@ -211,11 +211,11 @@ def test_a_likelihood_sharper_than_the_messages_is_found_by_more_samples() -> No
     wide = mixture_of(LINE, np.zeros((1, 1)), np.ones((1, 1)))
     graph = Graph(LINE, (Node(seen_at(np.array([1.5]), 0.05), priors=(wide,)),))
     worth = {}
-    for sighted in (False, True):
-        settings = BeliefSettings(product=ProductSettings(sighted=sighted))
+    for image_weighted in (False, True):
+        settings = BeliefSettings(product=ProductSettings(image_weighted=image_weighted))
         beliefs = [propagate_batch(np.random.default_rng(s), graph, settings).beliefs[0] for s in range(6)]
         assert all(belief.status == OK for belief in beliefs)
-        worth[sighted] = np.mean([effective_count(distinct_weights(belief)) for belief in beliefs])
+        worth[image_weighted] = np.mean([effective_count(distinct_weights(belief)) for belief in beliefs])
     assert worth[True] > 4.0 * worth[False], worth
 
 
@@ -229,7 +229,7 @@ def limbs() -> Graph:
     """Three placements about each other, with loops, outliers and a node that is not seen."""
     rng = np.random.default_rng(6)
     origin = np.eye(7)[6]
-    box = Box(PLACEMENTS, np.full(3, -1.0), np.full(3, 1.0))
+    box = UniformBox(PLACEMENTS, np.full(3, -1.0), np.full(3, 1.0))
     room = mixture_of(PLACEMENTS, origin[None], np.array([[1.0, 1.0, 1.0, 4.0, 4.0, 4.0]]))
     potentials = {}
     for i, j in ((0, 1), (1, 2), (0, 2)):
@@ -301,7 +301,7 @@ def test_what_cannot_work_is_said() -> None:
         (lambda: Graph(LINE, nodes, {(0, 1): step}), "other direction"),
         (lambda: Graph(PLANE, nodes, both), "not of"),
         (lambda: Graph(LINE, (Node(),)), "proposal"),
-        (lambda: propagate_batch(rng, Graph(LINE, nodes, both), settings), "node 0: has heard nothing"),
+        (lambda: propagate_batch(rng, Graph(LINE, nodes, both), settings), "node 0: received no message"),
         (lambda: propagate_tree(rng, Graph(LINE, nodes, both), settings), "nothing to draw from"),
         (lambda: propagate_tree(rng, Gaussian(LINE, RING, 0).graph, settings), "loop"),
     ):

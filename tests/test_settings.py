@@ -100,7 +100,7 @@ IDLE = {
     ("css", "[css]\ntransition = false\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.transition is off"),
     ("css", "[css]\nshape = 'weakest'\ntail = 4.0\n"): ("[css] tail", "css.shape is weakest"),
     ("css", "[css]\njumps = 0\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.jumps is 0"),
-    ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css goes by [css]"),
+    ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css uses [css]"),
     ("css", "[smooth]\nlag = 3\n"): ("[smooth] lag", "live use"),
     ("css", "[cost]\npose_prior_weight = 0.0\npose_prior_file = 'a.json'\n"): (
         "[cost] pose_prior_file",
@@ -111,8 +111,8 @@ IDLE = {
     ("css", "[cues]\nuse_flow = false\n[cues.flow]\ntolerance = 1.0\n"): ("[cues.flow] tolerance", "use_flow is off"),
     ("css", "[css.budget]\ncalm = 1.0\nalarm = 3.0\n"): ("[css.budget] alarm", "css.budget.calm is 1"),
     ("css-paper", "[smooth]\nwindow = 9\n"): ("[smooth] window", "smooth.enabled is off"),
-    ("css-paper", "[css]\nother_readings = 3\n"): ("[css] other_readings", "search.exchange is off"),
-    ("single-mode", "[css]\nmodes = 3\n"): ("[css] modes", "single-mode goes by [single_mode]"),
+    ("css-paper", "[css]\nother_readings = 3\n"): ("[css] swapped_readings", "search.exchange is off"),
+    ("single-mode", "[css]\nmodes = 3\n"): ("[css] modes", "single-mode uses [single_mode]"),
     ("condensation", "[cost]\ntransition_nu = 3.0\n"): ("[cost] transition_nu", "dynamics alone"),
     ("robust-single-mode", "[search.contact]\nsteps = 3\n"): ("[search.contact] steps", "interpenetration_weight is 0"),
 }

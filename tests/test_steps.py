@@ -9,10 +9,12 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from estimator.inference.steps import Steps
+from estimator.inference.steps import TruncatedSteps
 
 GROUPS = (np.array([0]), np.array([2, 1]))
-STEPS = Steps(np.array([0.3, 0.2, 0.5]), np.array([-1.0, -np.inf, 0.0]), np.array([1.0, np.inf, 2.0]), GROUPS, 0.2, 4.0)
+STEPS = TruncatedSteps(
+    np.array([0.3, 0.2, 0.5]), np.array([-1.0, -np.inf, 0.0]), np.array([1.0, np.inf, 2.0]), GROUPS, 0.2, 4.0
+)
 CENTRES = np.array([[-1.5, 0.0, 0.1], [0.9, 0.3, 1.0], [0.0, -0.2, 2.0]])
 WEIGHTS = np.array([0.5, 0.3, 0.2])
 

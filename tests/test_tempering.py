@@ -11,7 +11,7 @@ import pytest
 
 from estimator.inference.particles import normalised, systematic
 from estimator.inference.tempering import TemperingSettings, tempered
-from estimator.inference.walk import Box, Walk
+from estimator.inference.walk import SampleBox, Walk
 
 GROUPS = (np.array([0, 1]), np.array([2]))
 WELLS = np.array([[1.2, -0.8, 0.5], [-1.0, 1.0, -1.5]])
@@ -62,8 +62,8 @@ def wells(x: np.ndarray) -> np.ndarray:
     return np.asarray(np.logaddexp(*each))
 
 
-def box(reach: float = np.inf) -> Box:
-    return Box(GROUPS, np.ones(3), np.full(3, -reach), np.full(3, reach))
+def box(reach: float = np.inf) -> SampleBox:
+    return SampleBox(GROUPS, np.ones(3), np.full(3, -reach), np.full(3, reach))
 
 
 @pytest.mark.parametrize("chosen_by", [0.0, 0.3])

@@ -35,7 +35,7 @@ FEW: dict[str, dict[str, object]] = {
         "start_kernels": 16,
         "start_samples": 12,
         "start_iterations": 2,
-        "shout": {"keypoints": {"depths": 3}},
+        "part_detectors": {"keypoints": {"depths": 3}},
     },
 }
 FEW["css_dual"] = FEW["css"]

@@ -15,8 +15,8 @@ from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
-from estimator.trackers.base import State, Tracker
-from estimator.trackers.capabilities import HasEnergy, LooksAhead, SharesWork
+from estimator.trackers.base import State, TrackerProtocol
+from estimator.trackers.capabilities import Parallel, SupportsSmoothing, UsesLookahead
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.trackers.particle_state import ParticleState
@@ -69,7 +69,7 @@ def small(name: str) -> Settings:
     return settings_for(name, modes=MODES if spec.keeps_several else None, changes=changes)
 
 
-def tracker(name: str) -> Tracker[Any]:
+def tracker(name: str) -> TrackerProtocol[Any]:
     return make_tracker(name, body_of("human34"), small(name))
 
 
@@ -159,9 +159,9 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
         assert begins.can_start(few) is enough
         pictures = tuple(ImageCues(camera) for camera in few.cameras)
         assert begins.can_start(replace(few, cues=pictures)) is enough
-    assert isinstance(begins, HasEnergy)
-    assert not isinstance(begins, LooksAhead)
-    assert isinstance(begins, SharesWork) == (TRACKERS[name].group in ("css", "css_dual", "multiple_hypothesis"))
+    assert isinstance(begins, SupportsSmoothing)
+    assert not isinstance(begins, UsesLookahead)
+    assert isinstance(begins, Parallel) == (TRACKERS[name].group in ("css", "css_dual", "multiple_hypothesis"))
 
 
 STEPS = ("steps_active_set", "steps_failed", "steps_free", "steps_proxqp")
@@ -205,7 +205,7 @@ def test_the_log_evidence_is_the_mean_likelihood_of_the_particles() -> None:
         changes = {"condensation": {"particles": 40, "temperature": temperature}}
         filtering = make_tracker("condensation", body, settings_for("condensation", changes=changes))
         (_, before), (result, after) = run(filtering, seen, SEED)
-        assert isinstance(filtering, HasEnergy)
+        assert isinstance(filtering, SupportsSmoothing)
         assert isinstance(before, ParticleState)
         assert isinstance(after, ParticleState)
         energy = FrameEnergy(filtering.search, seen[1], before.mixture)

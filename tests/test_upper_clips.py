@@ -11,7 +11,7 @@ from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, authored_motion, framing_cameras
 from estimator.synthesis.motion_keys import MOTIONS
-from estimator.synthesis.plate import Place, place_of
+from estimator.synthesis.plate import MotionArea, place_of
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import load_subject
@@ -26,7 +26,7 @@ def body() -> Body:
 
 
 @pytest.fixture(scope="module")
-def framed(body: Body) -> tuple[list[Camera], Place]:
+def framed(body: Body) -> tuple[list[Camera], MotionArea]:
     surface = surface_of(body, nodes=300)
     motion = MOTIONS["cross_arms"]
     q = authored_motion(body, np.arange(0.0, motion.seconds, 0.5), motion)
@@ -35,7 +35,7 @@ def framed(body: Body) -> tuple[list[Camera], Place]:
     return list(cameras), place_of(points, -1.1)
 
 
-def picture(body: Body, framed: tuple[list[Camera], Place], time: float = 0.0, **scene: object) -> tuple:
+def picture(body: Body, framed: tuple[list[Camera], MotionArea], time: float = 0.0, **scene: object) -> tuple:
     """The first pose of a motion at a time of the scene, without noise; and what rendered it."""
     cameras, place = framed
     renderer = Renderer(body, cameras, np.random.default_rng(0), SceneSettings(noise=0.0, **scene), place)
@@ -78,7 +78,7 @@ def test_hands_cross_each_other_and_the_face_and_come_towards_the_camera(body: B
             assert (hand[:, 0] > face[:, 0] + 0.1)[np.linalg.norm((hand - face)[:, 1:], axis=1) < FACE].all()
 
 
-def test_long_sleeves_cover_the_forearms_alone(body: Body, framed: tuple[list[Camera], Place]) -> None:
+def test_long_sleeves_cover_the_forearms_alone(body: Body, framed: tuple[list[Camera], MotionArea]) -> None:
     (short, maps, renderer), (long, _, _) = (picture(body, framed, sleeves=s) for s in ("short", "long"))
     parts = {link: maps.part == k for k, link in enumerate(renderer.parts)}
     inside = {link: cv2.erode(m.astype(np.uint8), np.ones((3, 3))) > 0 for link, m in parts.items()}
@@ -92,7 +92,7 @@ def test_long_sleeves_cover_the_forearms_alone(body: Body, framed: tuple[list[Ca
 
 
 def test_boards_are_part_of_the_empty_scene_and_swinging_ones_are_not(
-    body: Body, framed: tuple[list[Camera], Place]
+    body: Body, framed: tuple[list[Camera], MotionArea]
 ) -> None:
     plain, maps, renderer = picture(body, framed)
     boards, _, with_boards = picture(body, framed, boards=4)

@@ -19,7 +19,7 @@ from viz.palette import SIDES
 from viz.pictures.painter import BodyPainter, camera_view
 from viz.solids.body_solids import body_solids, drawing_notes
 from viz.solids.decimation import simplified
-from viz.solids.solid import Solid, merged
+from viz.solids.solid import DrawnMesh, merged
 from viz.solids.triangles import Triangles, creased, merged_vertices, oriented
 from viz.solids.visual_solids import COARSE, FINE
 
@@ -71,8 +71,8 @@ def box_stl(path: Path, extents: tuple[float, float, float] = (0.2, 0.4, 0.6)) -
     return path
 
 
-def drawn(urdf: Path, *, coarse: bool = False) -> dict[str, list[Solid]]:
-    by_name: dict[str, list[Solid]] = {}
+def drawn(urdf: Path, *, coarse: bool = False) -> dict[str, list[DrawnMesh]]:
+    by_name: dict[str, list[DrawnMesh]] = {}
     for solid in body_solids(Body(load_subject(urdf, base="fixed")), coarse=coarse):
         by_name.setdefault(solid.name, []).append(solid)
     return by_name

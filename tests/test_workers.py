@@ -19,11 +19,11 @@ from estimator.energy.descent.solution import StepCounts
 from estimator.numerics import pool
 from estimator.numerics.broadcast import SMALL, Broadcaster, Receiver
 from estimator.search.cost_model import CostModel
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
-from estimator.trackers.capabilities import HasEnergy, sharing
+from estimator.trackers.capabilities import SupportsSmoothing, sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -54,7 +54,7 @@ def tracked(
     seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
     cues = CueReader([clip.videos[name]], [cameras[name]], cue_settings(["edges", "flow"]))
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
-    assert isinstance(tracker, HasEnergy)
+    assert isinstance(tracker, SupportsSmoothing)
     results = []
     with sharing(tracker, processes):
         for result, _ in run(tracker, seen, 0, cues=cues):
@@ -101,8 +101,8 @@ def search() -> Iterator[ModeSearch]:
     assert active_children() == []
 
 
-def case_of(search: ModeSearch) -> FrameCase:
-    return FrameCase(search.associations(observe(search.body, search.body.neutral, [camera_at(20.0)])))
+def case_of(search: ModeSearch) -> FrameProblem:
+    return FrameProblem(search.associations(observe(search.body, search.body.neutral, [camera_at(20.0)])))
 
 
 def starts(search: ModeSearch, count: int) -> list[Hypothesis]:

@@ -48,8 +48,8 @@ class Table:
 
 
 class TableJob:
-    """Tables as the context of a pool (see `estimator.numerics.job.Job`). factor: of what is shown. meeting: of the
-    processes."""
+    """Tables as the context of a pool (see `estimator.numerics.job.WorkerJob`). factor: of what is shown. meeting: of
+    the processes."""
 
     def __init__(self, factor: float, meeting: Barrier) -> None:
         self.factor, self.meeting = factor, meeting

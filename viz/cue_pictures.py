@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from estimator.data.media.picture import write_picture
-from estimator.vision.cues.cue_picture import Area, Colour, CuePicture, Dots, Lines, dimmed
+from estimator.vision.cues.cue_picture import Area, Colour, CuePicture, Dots, PixelLines, dimmed
 from estimator.vision.prediction import Prediction
 from estimator.vision.visibility import BACK_FACING, OCCLUDED, OUTSIDE, VISIBLE
 from humanoid.support.errors import InputError
@@ -188,7 +188,7 @@ def _drawn(view: CueView, picture: CuePicture) -> np.ndarray:
             palette.tint(base, layer.strength, _COLOURS[layer.colour])
     sheet = _Sheet(view, base, picture.title, [(text, _COLOURS[colour]) for text, colour in picture.legend])
     for layer in picture.layers:
-        if isinstance(layer, Lines):
+        if isinstance(layer, PixelLines):
             sheet.lines(layer.start, layer.end, _COLOURS[layer.colour], layer.weight)
         elif isinstance(layer, Dots):
             sheet.dots(layer.at, _COLOURS[layer.colour], layer.radius)

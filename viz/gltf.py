@@ -22,7 +22,7 @@ from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
 from viz.links import link_names
 from viz.solids.body_solids import body_solids
-from viz.solids.solid import Solid, merged
+from viz.solids.solid import DrawnMesh, merged
 
 _WORLD, _GLTF = "kinemode world", "glTF world"
 _FLOAT = 5126  # glTF's componentType of single precision
@@ -99,7 +99,7 @@ def _accessor(buffers: Any, tree: dict[str, Any], name: str, values: np.ndarray,
     return len(tree["accessors"]) - 1
 
 
-def _mesh(solid: Solid) -> trimesh.Trimesh:
+def _mesh(solid: DrawnMesh) -> trimesh.Trimesh:
     material = PBRMaterial(
         baseColorFactor=[*solid.paint, 255], metallicFactor=0.0, roughnessFactor=0.7, doubleSided=not solid.closed
     )

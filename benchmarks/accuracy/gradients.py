@@ -16,21 +16,21 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.qp import StepSolver
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution
+from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.priors import Stabilisers, Transition
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
-from estimator.energy.upright import Upright, world_up
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_model import CostModel, image_extent
 from estimator.search.cost_settings import CostSettings
 from estimator.synthesis import authored_motion, keypoints, scene_cameras
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.runner import run
-from estimator.vision.cues.base import Past
+from estimator.vision.cues.base import PastPose
 from estimator.vision.cues.depth.matching import surface_precision
-from estimator.vision.depth_map import Points
+from estimator.vision.depth_map import DepthPoints
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageModel
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody, directions_in_world, points_in_world
@@ -99,7 +99,7 @@ def terms(body: Body, self_collision: SelfCollision, rng: np.random.Generator) -
         made[f"keypoints, one camera, {kind}"] = lambda k=kind: Reprojection(body, *observed(1), k)  # type: ignore[misc]
     made["keypoints, two cameras, lorentzian"] = lambda: Reprojection(body, *observed(2))
     made["stabilisers"] = lambda: Stabilisers(body)
-    made["upright"] = lambda: Upright(body, world_up(cameras))
+    made["upright"] = lambda: GravityPrior(body, world_up(cameras))
     for kind in ("gaussian", "lorentzian"):
         made[f"transition, {kind}"] = lambda k=kind: Transition(  # type: ignore[misc]
             body, random_pose(body, rng), rng.uniform(0.05, 0.5, body.nv), k
@@ -126,7 +126,7 @@ def _depth(
     eyes = np.repeat([camera.centre_world for camera in cameras], 60, axis=0)
     away = np.linalg.norm(places - eyes, axis=1)
     rays = (places - eyes) / away[:, None]
-    points = Points(places + rng.normal(0.0, 0.05, places.shape), rays, 0.005 * np.square(away), 0.003 * away)
+    points = DepthPoints(places + rng.normal(0.0, 0.05, places.shape), rays, 0.005 * np.square(away), 0.003 * away)
     normals = directions_in_world(posed, surface.joint[node], surface.normal[node])
     precision = surface_precision(points, normals, 0.02, 0.1)
     return PointTargets(
@@ -174,7 +174,7 @@ def image_terms(likelihood: CameraLikelihood, before: PosedBody, posed: PosedBod
     matches = likelihood.contours(prediction)
     made: dict[str, Term] = {m.label: likelihood.on_contours(prediction, [m.features]) for m in matches}
     made |= {term.name: term for term in likelihood.others(posed, prediction)}
-    for followed in likelihood.follow([Past(before, posed)]):
+    for followed in likelihood.follow([PastPose(before, posed)]):
         made |= {term.name: term for term in likelihood.since(followed)}
     made["all on contours"] = likelihood.assigned(posed)[0]
     return made

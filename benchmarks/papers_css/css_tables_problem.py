@@ -13,10 +13,10 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.covariance import free_directions, mode_covariance
 from estimator.energy.descent.seek import Seeker, SeekSettings
 from estimator.energy.descent.solution import Solution
+from estimator.energy.gravity_prior import GravityPrior
 from estimator.energy.priors import Stabilisers
 from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost, Term
-from estimator.energy.upright import Upright
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
 
@@ -96,7 +96,7 @@ def joint_image_problem(
     terms: list[Term] = [Reprojection(body, observation, sigma, regime.potential, NU)]
     terms.append(Stabilisers(body, potential="lorentzian" if own else "gaussian"))
     if body.subject.upright is not None:
-        terms.append(Upright(body, UP))
+        terms.append(GravityPrior(body, UP))
     cost = Cost(body, terms)
     return _solved(body, cost, q, camera)
 

@@ -37,17 +37,17 @@ class Walk:
     informed: bool = True
 
     def predict(self, state: Belief, dt: float) -> Belief:
-        """See `estimator.inference.chains.exchange.Chain`."""
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         return Belief(state.mean, state.variance + self.q * dt)
 
     def features(self, prior: Belief) -> FeatureDensity:
-        """See `estimator.inference.chains.exchange.Chain`."""
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         if not self.informed:
             return uniform(POINT)
         return gaussian(POINT, prior.mean[None], (prior.variance + self.r) * np.eye(2))
 
     def update(self, prior: Belief, message: Message) -> tuple[Belief, float]:
-        """See `estimator.inference.chains.exchange.Chain`."""
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         told = message.evidence.collapsed()
         if not told.known.any():
             return prior, float(told.log_weight[0])
@@ -83,18 +83,18 @@ class ParticleWalk:
         self._rng, self.q, self.r = rng, q, r
 
     def predict(self, state: Crowd, dt: float) -> Crowd:
-        """See `estimator.inference.chains.exchange.Chain`."""
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         rows = self._rng.choice(len(state.weights), size=len(state.weights), p=state.weights)
         moved = state.states[rows] + np.sqrt(self.q * dt) * self._rng.standard_normal(state.states.shape)
         return Crowd(moved, np.full(len(rows), 1.0 / len(rows)))
 
     def features(self, prior: Crowd) -> FeatureDensity:
-        """See `estimator.inference.chains.exchange.Chain`."""
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         off = prior.states - prior.mean
         return gaussian(POINT, prior.mean[None], (prior.weights[:, None] * off).T @ off + self.r * np.eye(2))
 
     def update(self, prior: Crowd, message: Message) -> tuple[Crowd, float]:
-        """See `estimator.inference.chains.exchange.Chain`."""
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         told = message.evidence
         if not told.known.any():
             return prior, float(told.log_weight[0])

@@ -32,7 +32,7 @@ from benchmarks.support.common import (
 from benchmarks.support.kept_runs import Figures, Kept, all_done, removed
 from benchmarks.support.tracking import timed_track
 from benchmarks.training.credible_levels import calibration_error, coverage
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.evaluation import procrustes
 from estimator.runs.pairs import paired
 from estimator.runs.posterior import Posterior
@@ -173,7 +173,7 @@ def _levels(run: Run, ours: Sequence[int], true: np.ndarray) -> np.ndarray:
         result = run.result(t)
         if not len(result.weight) or not np.isfinite(true[t]).all():
             continue
-        posterior = Posterior.of(run.body, result, Calibration(), camera.centre_world)
+        posterior = Posterior.of(run.body, result, PosteriorCalibration(), camera.centre_world)
         places = np.full((len(run.body.landmark_names), 3), np.nan)
         places[ours] = true[t]
         levels[t] = posterior.landmark_credible_levels(rng, places[None])[0][ours]

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 from benchmarks.support.common import Json, save
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.inference.chains.feature_density import gaussian
-from estimator.search.jumps.anatomy import Limb, anatomy_of
+from estimator.search.jumps.anatomy import TwoSegmentLimb, anatomy_of
 from estimator.search.point_features import skin_features
 from estimator.search.proposals.limb_ik import Arms, ImageProposal, LimbIK
 from humanoid.kinematics.body import Body, points_of_each
@@ -98,7 +98,7 @@ def cameras() -> dict[str, Camera]:
     return {"perspective": near, "parallel": replace(near, K=K, parallel=True)}
 
 
-def end_of(body: Body) -> tuple[Limb, int, np.ndarray]:
+def end_of(body: Body) -> tuple[TwoSegmentLimb, int, np.ndarray]:
     """The left arm, and its end: the joint and the place (3,) [m] in its frame."""
     anatomy = anatomy_of(body)
     names = [body.landmark_names[int(limb.landmarks[2])] for limb in anatomy.limbs]

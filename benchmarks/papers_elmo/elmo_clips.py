@@ -19,8 +19,8 @@ from estimator.synthesis.retarget import retarget
 from humanoid.kinematics.body import ROOT_Q, Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject
-from kinemode.rendering.files import RenderedClip, Wanted
-from kinemode.rendering.shot import Draws, Shot, write_shot
+from kinemode.rendering.files import RenderedClip, WantedFiles
+from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
 
 JOINTS = (
     "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "neck", "head_top",
@@ -31,7 +31,7 @@ FPS = 30.0
 DRIFT = 40.0  # degrees to either side that the heading drifts
 _DRIFT_SECONDS = 20.0  # of a swing to both sides
 _SEED = 7  # of room, clothes and noise, of the first clip of each
-_VIDEOS = Wanted()
+_VIDEOS = WantedFiles()
 _CLOSE = 1.35  # how much longer the lens of the sequence is from which arms leave the picture
 
 
@@ -91,7 +91,7 @@ def filmed(task: Filmed, subject: Subject | None = None) -> RenderedClip:
         body = Body(subject or person())
         q = there_and_back(body, task.data / "mocap" / f"{sequence.motion}.bvh", task.frames, task.fps)
         view = ViewSettings(azimuth=sequence.azimuth, image_size=task.size, baseline=task.baseline, fill=0.85)
-        wanted, seed = Wanted(depths=task.depths), _SEED + task.clip
+        wanted, seed = WantedFiles(depths=task.depths), _SEED + task.clip
         _write(folder, body, q, task.fps, view, close=sequence.close, hidden=task.hidden, seed=seed, wanted=wanted)
         tell(f"{task.name}: rendered")
 
@@ -117,7 +117,7 @@ def _write(
     close: bool = False,
     hidden: tuple[tuple[float, float], ...] = (),
     seed: int = _SEED,
-    wanted: Wanted = _VIDEOS,
+    wanted: WantedFiles = _VIDEOS,
 ) -> RenderedClip:
     """Render a motion (T, nq) before a textured room."""
     surface = surface_of(body, nodes=500)
@@ -125,11 +125,11 @@ def _write(
     cameras = framing_cameras(points, view)
     cameras = tuple(_nearer(camera) for camera in cameras) if close else cameras
     keypoints, room, *sensors = [np.random.default_rng((seed, k)) for k in range(2 + len(cameras))]
-    shot = Shot(
+    shot = FilmedMotion(
         body, q, np.arange(len(q)) / fps, fps, cameras, SceneSettings(background="textured", hidden=hidden),
         place_of(points, float(points[..., 2].min())),
     )  # fmt: skip
-    return write_shot(folder, shot, Draws(keypoints, room, sensors), DetectorSettings(), wanted=wanted)
+    return write_shot(folder, shot, RandomSources(keypoints, room, sensors), DetectorSettings(), wanted=wanted)
 
 
 def there_and_back(body: Body, motion: Path, frames: int, fps: float) -> np.ndarray:

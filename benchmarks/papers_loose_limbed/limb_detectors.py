@@ -22,8 +22,8 @@ from benchmarks.support.pose_prior_clips import captured_files, subject_of
 from benchmarks.training.limb_likelihood import FRAMES, HELD_OUT, NEVER, PAPER, person, spread
 from estimator.inference.beliefs.space import placements_of
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
-from estimator.trackers.loose_limbed.part_detectors.hull import hull_shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
+from estimator.trackers.loose_limbed.part_detectors.hull import hull_proposals
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
 from kinemode.terminal.report import console, table
@@ -43,12 +43,12 @@ class Instant(NamedTuple):
     likelihood: LimbLikelihood
 
 
-def hull(rng: np.random.Generator, instant: Instant) -> Shouts:
-    """`hull_shouts` as it is set."""
-    return hull_shouts(rng, instant.graph, instant.likelihood, instant.shown.views)
+def hull(rng: np.random.Generator, instant: Instant) -> AllPartProposals:
+    """`hull_proposals` as it is set."""
+    return hull_proposals(rng, instant.graph, instant.likelihood, instant.shown.views)
 
 
-DETECTORS: dict[str, Callable[[np.random.Generator, Instant], Shouts]] = {"hull": hull}
+DETECTORS: dict[str, Callable[[np.random.Generator, Instant], AllPartProposals]] = {"hull": hull}
 """By name. One more is a function here; what it needs beyond an `Instant` (a body, keypoints, templates of a rig) is to
 be made in `Instant` or by the function."""
 
@@ -133,27 +133,27 @@ def clip_rates(clip: Clip) -> dict[str, Rated]:
             if not k:
                 DETECTORS[name](np.random.default_rng(0), instant)  # compiled, or read from its cache
             began = time.process_time()
-            shouts = DETECTORS[name](np.random.default_rng((clip.seed, k)), instant)
+            part_proposals = DETECTORS[name](np.random.default_rng((clip.seed, k)), instant)
             spent[name] += time.process_time() - began
-            rates[name].append(instant_rates(shouts, shown.t[:PAPER], shown.R[:PAPER], graph.mirror))
+            rates[name].append(instant_rates(part_proposals, shown.t[:PAPER], shown.R[:PAPER], graph.mirror))
     return {name: Rated(np.array(rates[name]), spent[name] / FRAMES) for name in clip.detectors}
 
 
-def instant_rates(shouts: Shouts, t: np.ndarray, R: np.ndarray, mirror: Sequence[int]) -> np.ndarray:
+def instant_rates(part_proposals: AllPartProposals, t: np.ndarray, R: np.ndarray, mirror: Sequence[int]) -> np.ndarray:
     """`RATES` of every limb (L, 5), for true placements t (L, 3), R (L, 3, 3)."""
-    rates = np.full((len(shouts), len(RATES)), np.nan)
-    for i, shout in enumerate(shouts):
-        own = right(shout, t[i], R[i])
-        either = own | right(shout, t[mirror[i]], R[mirror[i]])
+    rates = np.full((len(part_proposals), len(RATES)), np.nan)
+    for i, proposals in enumerate(part_proposals):
+        own = right(proposals, t[i], R[i])
+        either = own | right(proposals, t[mirror[i]], R[mirror[i]])
         rates[i, [0, 1, 4]] = own.any(), either.any(), len(own)
         if len(own):
-            rates[i, 2:4] = either.mean(), np.average(either, weights=shout.weights)
+            rates[i, 2:4] = either.mean(), np.average(either, weights=proposals.weights)
     return rates
 
 
-def right(shout: Shout, t: np.ndarray, R: np.ndarray) -> np.ndarray:
+def right(proposals: PartProposals, t: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Which candidates are right (K,) for one true placement t (3,), R (3, 3)."""
-    at, turned = placements_of(shout.points)
+    at, turned = placements_of(proposals.points)
     near = np.linalg.norm(at - t, axis=1) <= NEAR
     return np.asarray(near & (turned[:, :, 2] @ R[:, 2] >= np.cos(TURNED)))
 

@@ -18,8 +18,8 @@ from estimator.inference.beliefs.space import placements_of
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout
-from estimator.trackers.loose_limbed.part_detectors.keypoints import keypoint_shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import PartProposals
+from estimator.trackers.loose_limbed.part_detectors.keypoints import keypoint_proposals
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
 from humanoid.subject.landmarks import mirror_index
@@ -66,10 +66,12 @@ def measured(run: Run, reference: Reference, views: Sequence[str]) -> dict[str, 
         before, counts, values = time.process_time(), [], []
         for i, points in enumerate(truth):
             seen = of_cameras(run.observation(i), CAMERAS if view == TOGETHER else [view])
-            shouts = keypoint_shouts(body, graph, seen, None, landmarks)
-            counts.append(np.mean([len(shout.weights) for shout in shouts]))
+            part_proposals = keypoint_proposals(body, graph, seen, None, landmarks)
+            counts.append(np.mean([len(proposals.weights) for proposals in part_proposals]))
             names = body.landmark_names
-            values.append([shares(graph, landmarks, k, shout, points, names) for k, shout in enumerate(shouts)])
+            values.append(
+                [shares(graph, landmarks, k, proposals, points, names) for k, proposals in enumerate(part_proposals)]
+            )
         each = 1e3 * (time.process_time() - before) / len(truth)
         tell(f"{view}: {each:.0f} ms a frame, measures included, {np.mean(counts):.0f} candidates of a limb")
         figures[view] = show(graph, view, np.array(values))
@@ -124,7 +126,7 @@ def shares(
     graph: LimbGraph,
     landmarks: Sequence[LimbLandmarks],
     k: int,
-    shout: Shout,
+    proposals: PartProposals,
     points: np.ndarray,
     names: tuple[str, ...],
 ) -> np.ndarray:
@@ -134,15 +136,15 @@ def shares(
     truth = [ends(graph, landmarks, i, points, mirror) for i in (k, graph.mirror[k])]
     if truth[0] is None or truth[1] is None:
         return np.full(6, np.nan)
-    if not len(shout.weights):
+    if not len(proposals.weights):
         return np.array([0.0, 0.0, *[np.nan] * 4])
-    t, R = placements_of(shout.points)
+    t, R = placements_of(proposals.points)
     right = [
         (np.linalg.norm(t - start, axis=1) <= NEAR) & (R[:, :, 2] @ axis >= np.cos(np.radians(TURNED)))
         for start, axis in (each for each in truth if each is not None)
     ]
     sides = right[0] | right[1], right[0]
-    weights = shout.weights / shout.weights.sum()
+    weights = proposals.weights / proposals.weights.sum()
     return np.array([*(s.any() for s in sides), *(s.mean() for s in sides), *(weights[s].sum() for s in sides)])
 
 

@@ -19,8 +19,8 @@ from estimator.data.cameras.camera import Camera
 from estimator.inference.beliefs.space import placements_of
 from estimator.synthesis.examples.limb_templates import train_templates
 from estimator.trackers.loose_limbed.limbs.features import PERSON
-from estimator.trackers.loose_limbed.part_detectors.contract import Shouts
-from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, TemplateSettings, template_shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals
+from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, TemplateSettings, template_proposals
 from estimator.vision.patches import PatchView, patch_view
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph
@@ -77,9 +77,11 @@ def main(
         trained = time.process_time() - before
         detect(shown[0])
         before = time.process_time()
-        shouts = [detect(of) for of in shown]
+        part_proposals = [detect(of) for of in shown]
         each = (time.process_time() - before) / frames
-        rows.append(np.array([found(graph, said, of) for said, of in zip(shouts, shown, strict=True)]).mean(axis=0))
+        rows.append(
+            np.array([found(graph, said, of) for said, of in zip(part_proposals, shown, strict=True)]).mean(axis=0)
+        )
         tell(f"{path.stem}: trained {trained:.0f} s, {each:.2f} s a frame, {sum_up(graph, rows[-1])}")
     total = np.mean(rows, axis=0)
     shown_as = table("limbs found", "", "either side", "its own", "its own, roll too", "precision, either side")
@@ -91,10 +93,10 @@ def main(
 
 def template_detector(
     subject: Subject, cameras: Sequence[Camera], settings: TemplateSettings, poses: int = 1500
-) -> tuple[Callable[[Shown], Shouts], LimbTemplates]:
+) -> tuple[Callable[[Shown], AllPartProposals], LimbTemplates]:
     """What looks for the limbs of a subject's graph in instants that these cameras show, and its templates."""
     graph, templates = limb_graph(subject), train_templates(subject, cameras, poses=poses)
-    return lambda shown: template_shouts(templates, graph, views_of(shown), settings), templates
+    return lambda shown: template_proposals(templates, graph, views_of(shown), settings), templates
 
 
 def views_of(shown: Shown) -> list[PatchView]:
@@ -103,12 +105,12 @@ def views_of(shown: Shown) -> list[PatchView]:
     return [patch_view(view.camera, picture, view.foreground == PERSON) for view, picture in pairs]
 
 
-def found(graph: LimbGraph, shouts: Shouts, shown: Shown) -> np.ndarray:
-    """Of each limb (L, 4): whether a shout of its own is at it or the other side's; at it; at it and not turned about
-    its axis either; and the share of its shouts that are at it or the other side's."""
+def found(graph: LimbGraph, part_proposals: AllPartProposals, shown: Shown) -> np.ndarray:
+    """Of each limb (L, 4): whether a proposal of its own is at it or the other side's; at it; at it and not turned
+    about its axis either; and the share of its proposals that are at it or the other side's."""
     values = np.zeros((len(graph.limbs), 4))
-    for k, shout in enumerate(shouts):
-        at = [_at(shout.points, shown.t[i], shown.R[i]) for i in (k, graph.mirror[k])]
+    for k, proposals in enumerate(part_proposals):
+        at = [_at(proposals.points, shown.t[i], shown.R[i]) for i in (k, graph.mirror[k])]
         either = at[0][0] | at[1][0]
         values[k] = either.any(), at[0][0].any(), at[0][1].any(), either.mean() if len(either) else 0.0
     return values

@@ -28,13 +28,13 @@ WALK, TURN, PUNCH = "walk_straight_07_01", "walk_turn_26_01", "punch_02_05"
 BEGIN, END = 11, 70  # frames of the walk that are tracked
 LOST = 250.0  # mm
 NOTHING_LEFT: dict[str, Any] = {"assembly": {"left_over": 0.0}}
-ALONE: dict[str, Any] = {"shout": {"by_hull": False}, **NOTHING_LEFT}
-AS_PRINTED: dict[str, Any] = {"propagation": {"product": {"sighted": False}}, "tied": 0.0, **ALONE}
+ALONE: dict[str, Any] = {"part_detectors": {"by_hull": False}, **NOTHING_LEFT}
+AS_PRINTED: dict[str, Any] = {"propagation": {"product": {"image_weighted": False}}, "tied": 0.0, **ALONE}
 WALKS: dict[str, dict[str, Any]] = {
-    "shouters": {},
+    "part detectors": {},
     "nothing looked for in what is left over": NOTHING_LEFT,
-    "no shouters": ALONE,
-    "no shouters, smoothing": ALONE | {"smoothing": True},
+    "no part detectors": ALONE,
+    "no part detectors, smoothing": ALONE | {"smoothing": True},
     "as printed, past fixed": AS_PRINTED,
     "as printed, smoothing": AS_PRINTED | {"smoothing": True},
 }
@@ -64,8 +64,8 @@ def main(
     Parameters
     ----------
     walk
-        Track walk_straight_07_01 from its true first pose, pictures alone: with shouters, without, and as printed, the
-        frame before fixed or inferred again.
+        Track walk_straight_07_01 from its true first pose, pictures alone: with part detectors, without, and as
+        printed, the frame before fixed or inferred again.
     annealed
         The annealed particle filter on the same likelihood from the same pose, also in as much time, and both with
         clothes of the wall's colour.
@@ -111,7 +111,7 @@ def main(
             show_recovery(figures["recovery"])
     save(json, {"measure": "loose-limbed", **figures})
     if figure is not None:
-        loose = {"loose-limbed, normal contrast": figures["walk"]["shouters"]} if walk else {}
+        loose = {"loose-limbed, normal contrast": figures["walk"]["part detectors"]} if walk else {}
         write_duel(figure, loose | figures.get("annealed", {}))
 
 
@@ -147,13 +147,13 @@ def starts(files: Mapping[str, str]) -> dict[str, list[LimbRun]]:
 
 
 def recoveries(path: str, noise: str, seeds: Sequence[int]) -> dict[str, list[LimbRun]]:
-    """With and without shouters, and the annealed filter."""
+    """With and without part detectors, and the annealed filter."""
     runs = {
         label: [
             LimbRun(path, BEGIN, RECOVERY_END, s, label, blank=BLANK, settings=json_module.dumps(changes))
             for s in seeds
         ]
-        for label, changes in (("recovery, shouters", {}), ("recovery, no shouters", ALONE))
+        for label, changes in (("recovery, part detectors", {}), ("recovery, no part detectors", ALONE))
     }
     label = f"recovery, annealed {LAYERS} x {PARTICLES}"
     runs[label] = [

@@ -2,7 +2,7 @@
 
     python -m benchmarks loose_limbed_figures [--figures messages start tracking iterations] [--seeds 0 1 2]
 
-Figure 4: messages to the trunk, and what their product with the likelihood becomes. Figure 6: from what is shouted of
+Figure 4: messages to the trunk, and what their product with the likelihood becomes. Figure 6: from what is proposed for
 limbs to what is believed. Figure 7: tracking after that. Figure 8, left: error of the first frame by iteration.
 """
 
@@ -32,7 +32,7 @@ from humanoid.limbs.limb import LimbGraph
 from viz.pictures.limb_layer import draw_beliefs
 from viz.pictures.limb_picture import draw_limbs
 from viz.pictures.overlay import reduced
-from viz.pictures.painter import CameraView, camera_view
+from viz.pictures.painter import CameraProjection, camera_view
 
 Tile = tuple[str, np.ndarray]
 """A caption and an RGB picture (H, W, 3)."""
@@ -135,7 +135,7 @@ class Stage:
         true = markers.of_poses(clip.graph, clip.body, clip.q[frame])
         return markers.expected_error(true, t, R, np.stack([belief.weights for belief in beliefs], axis=1))
 
-    def picture(self, frame: int, camera: int) -> tuple[np.ndarray, CameraView]:
+    def picture(self, frame: int, camera: int) -> tuple[np.ndarray, CameraProjection]:
         """A camera's picture (H, W, 3) uint8 BGR to draw on, grey and darker than it is, and its view."""
         cues = self.seen(frame).cues[camera]
         view = camera_view(cues.camera, _LONGEST)
@@ -143,7 +143,7 @@ class Stage:
         grey = 0.55 * image.mean(axis=2, keepdims=True)
         return np.repeat(grey.astype(np.uint8), 3, axis=2), view
 
-    def around(self, frame: int, view: CameraView) -> tuple[slice, slice]:
+    def around(self, frame: int, view: CameraProjection) -> tuple[slice, slice]:
         """Rows and columns about where the person truly is."""
         clip = self.clip
         places = Markers.of(clip.graph).of_poses(clip.graph, clip.body, clip.q[frame])
@@ -172,7 +172,7 @@ class Stage:
         return np.ascontiguousarray(image[rows, columns, ::-1])
 
 
-def draw_samples(image: np.ndarray, view: CameraView, graph: LimbGraph, points: np.ndarray) -> None:
+def draw_samples(image: np.ndarray, view: CameraProjection, graph: LimbGraph, points: np.ndarray) -> None:
     """Outlines of samples (L, N, 7), all alike, in place; NaN are left out."""
     t, R = placements_of(np.nan_to_num(points.reshape(-1, PLACEMENTS.size), nan=0.5))
     t = np.where(np.isfinite(points.reshape(-1, PLACEMENTS.size)[:, :1]), t, np.nan)
@@ -201,7 +201,7 @@ def write_messages(path: Path, stage: Stage, beginning: Beginning) -> None:
 
 
 def write_start(path: Path, stage: Stage, beginning: Beginning) -> None:
-    """Figure 6: what is shouted, Q with limbs of which nothing is, beliefs, likeliest limbs, in two views."""
+    """Figure 6: what is proposed, Q with limbs of which nothing is, beliefs, likeliest limbs, in two views."""
     beliefs = beginning.result.beliefs[: len(stage.clip.graph.limbs)]
     points, weights = np.array([b.points for b in beliefs]), np.array([b.weights for b in beliefs])
     rows = []

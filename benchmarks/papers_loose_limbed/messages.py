@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 
 from benchmarks.support.common import Several, check_known, save, tell
-from estimator.inference.beliefs.mixture import Mixture, mixture_of
+from estimator.inference.beliefs.mixture import KernelMixture, mixture_of
 from estimator.inference.beliefs.potential import potential_of
 from estimator.inference.beliefs.products import METHODS, ProductSettings, candidates, draw_products
 from estimator.inference.beliefs.space import PLACEMENTS, Space
@@ -149,7 +149,7 @@ def _placement_rows(
     return rows
 
 
-def placement_messages(rng: np.random.Generator, count: int, kernels: int, agree: bool) -> list[Mixture]:
+def placement_messages(rng: np.random.Generator, count: int, kernels: int, agree: bool) -> list[KernelMixture]:
     """Messages of a third as many points as kernels each, by potentials of three kernels and an outlier process."""
     scale = np.repeat(SPREAD, 3)
     here = np.array([0.3, -0.2, 1.0, 0.1, -0.5, 0.7, 0.5])
@@ -172,7 +172,7 @@ def placement_messages(rng: np.random.Generator, count: int, kernels: int, agree
 
 
 def _true_moments(
-    rng: np.random.Generator, factors: Sequence[Mixture], reference: int
+    rng: np.random.Generator, factors: Sequence[KernelMixture], reference: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of a product."""
     pool = candidates(rng, factors, [range(len(factors))], reference, rounds=4)
@@ -184,7 +184,7 @@ def _true_moments(
 
 
 def _called(
-    rng: np.random.Generator, factors: Sequence[Mixture], settings: ProductSettings, calls: int
+    rng: np.random.Generator, factors: Sequence[KernelMixture], settings: ProductSettings, calls: int
 ) -> tuple[np.ndarray, float]:
     """Draws of every call (calls, DRAWS, size) and the median of their processor time [ms]."""
     target = [range(len(factors))]

@@ -32,8 +32,8 @@ SMALL = (320, 240)
 INPUT = ("pictures", "keypoints", "confidence")
 RESULT = ("q", "mode_q", "mode_weight", "mode_energy", "covariance")
 WITH_CUES = ("css", "condensation", "annealed", "multiple-hypothesis")
-PICTURES_ALONE = ("elmo", "psh", "icp")
-"""Trackers that keypoints do not suffice for, with an index that takes longer to train than all cases together."""
+PICTURES_ALONE = ("elmo", "psh", "icp", "dual-chain", "likelihood-sampling")
+"""Trackers that keypoints alone do not suffice for."""
 Given = dict[str, Any]
 """Arguments of `kinemode.track`."""
 

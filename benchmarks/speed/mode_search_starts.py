@@ -12,7 +12,7 @@ from estimator import synthesis
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
 from estimator.inference.origin import Family
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.synthesis.motion_keys import motion_named
@@ -36,14 +36,14 @@ class Recorder(ModeSearch):
         super().__init__(search.model, search.settings)
         self.starts: list[Start] = []
 
-    def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
+    def explored(self, hypotheses: Iterable[Hypothesis], case: FrameProblem) -> list[Candidate]:
         """See `ModeSearch.explored`."""
         hypotheses = list(hypotheses)
         for h in hypotheses:
             if h.parent >= 0:
                 observation = case.associations[h.association].term.observation
                 kind = KIND_OF[h.origin.family]
-                self.starts.append(Start(kind, self.body.clamp(h.q), observation, h.origin.q_paid, case.dt))
+                self.starts.append(Start(kind, self.body.clamp(h.q), observation, h.origin.transition_from, case.dt))
         return super().explored(hypotheses, case)
 
 

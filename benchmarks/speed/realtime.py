@@ -20,7 +20,7 @@ from estimator.data.formats.keypoints import load_keypoints
 from estimator.data.observation import Observation
 from estimator.data.sequence import assemble
 from estimator.search.frame_search import FrameSearch
-from estimator.trackers.base import Tracker
+from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import sharing
 from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -65,7 +65,7 @@ class Job:
         finally:
             opened.close()
 
-    def tracker(self) -> Tracker[Any]:
+    def tracker(self) -> TrackerProtocol[Any]:
         return make_tracker("css", self.body, self.settings)
 
 

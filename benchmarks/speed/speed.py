@@ -21,7 +21,7 @@ from estimator.data.observation import Observation
 from estimator.energy.descent.seek import Seeker
 from estimator.energy.descent.solution import Solution, StepCounts
 from estimator.energy.term import Cost
-from estimator.trackers.base import Tracker
+from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import energy_of
 from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.registry import make_tracker, settings_for
@@ -111,7 +111,7 @@ def make_job(data: Path | None, camera: str, folder: Path, seed: int) -> Job:
     return Job(f"{name} {camera}", files, cameras, subject, observations)
 
 
-def track_all(tracker: Tracker[Any], job: Job, seed: int) -> list[np.ndarray]:
+def track_all(tracker: TrackerProtocol[Any], job: Job, seed: int) -> list[np.ndarray]:
     """Poses of every mode of every frame; as a side effect everything compiled is warm."""
     return [q for result, _ in run(tracker, job.observations, seed) for q in result.q]
 
@@ -141,8 +141,8 @@ def _each(call: Callable[[np.ndarray], object], poses: list[np.ndarray], rounds:
 
 
 def speeds(
-    job: Job, make: Callable[[], Tracker[Any]], name: str, changes: dict[str, Any], modes: int | None, seed: int,
-    repeats: int, out: Path,
+    job: Job, make: Callable[[], TrackerProtocol[Any]], name: str, changes: dict[str, Any], modes: int | None, seed:
+    int, repeats: int, out: Path,
 ) -> dict[str, Any]:  # fmt: skip
     """Frames per second of the tracker alone, by the wall's clock and the processor's, and with the run file."""
     count = len(job.observations)
@@ -185,7 +185,7 @@ def tallied(tally: Tally) -> Iterator[None]:
         Seeker.seek = seek  # type: ignore[method-assign]
 
 
-def searched(job: Job, make: Callable[[], Tracker[Any]], seed: int) -> dict[str, Any]:
+def searched(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int) -> dict[str, Any]:
     """Searches a frame and steps a search, and who settled the steps; the first frame, a start, is counted apart."""
     tracker, tally = make(), Tally()
     results = run(tracker, job.observations, seed)
@@ -207,7 +207,7 @@ def searched(job: Job, make: Callable[[], Tracker[Any]], seed: int) -> dict[str,
     }
 
 
-def shares(job: Job, make: Callable[[], Tracker[Any]], seed: int, repeats: int) -> dict[str, Any]:
+def shares(job: Job, make: Callable[[], TrackerProtocol[Any]], seed: int, repeats: int) -> dict[str, Any]:
     """Share of the time inside each library, without what measuring cost."""
     plain, metered, kinds = [], [], []
     meter = Meter()

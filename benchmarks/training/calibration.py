@@ -34,10 +34,10 @@ from benchmarks.training.credible_levels import (
     together,
 )
 from benchmarks.training.pose_prior import PriorChoice, prior_settings
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from kinemode.terminal import report
 
-PLAIN = Calibration(
+PLAIN = PosteriorCalibration(
     covariance_scale=1.0, scale_spread=0.0, weight_temperature=1.0, prior_weight=1.0, limit_lean=1e-3, size_std=0.0
 )
 SEEN, NOT_SEEN = "held out, but they set the stabilisers", "held out, seen by nothing (authored)"
@@ -78,7 +78,7 @@ def main(
     known_noise
         Give it the true standard deviations of the keypoints.
     fit
-        Fit the calibration on the training motions first; prints what belongs into `Calibration`.
+        Fit the calibration on the training motions first; prints what belongs into `PosteriorCalibration`.
     unseen
         Also measure on motions of people that nothing was set by, where the data has mocap_more; on its own.
     ablate
@@ -102,7 +102,7 @@ def main(
     make = partial(known, seconds=seconds, every=every, tracker=tracker)
     with work_folder(None) as folder:
         clips = partial(_clips, data, make, prior=prior, changes=nested(changes), folder=folder, jobs=jobs)
-        calibration = _fitted(clips(TRAINING, 1000 + 100 * seed), jobs) if fit else Calibration()
+        calibration = _fitted(clips(TRAINING, 1000 + 100 * seed), jobs) if fit else PosteriorCalibration()
         held_out = clips(HELD_OUT, 2000 + 100 * seed)
         strange = unseen and here is not None and (here / "mocap_more").is_dir()
         strangers = clips(UNSEEN, 3000 + 100 * seed) if strange else []
@@ -119,14 +119,14 @@ def main(
     save(json, _figures_of_all(calibration, levels) | {"by what set the stabilisers": apart_figures})
 
 
-def _fitted(training: Sequence[Tracked], jobs: int) -> Calibration:
+def _fitted(training: Sequence[Tracked], jobs: int) -> PosteriorCalibration:
     """The calibration that the training motions ask for."""
     calibration = fitted_calibration(training, jobs, tell)
     print(f"fitted: {calibration}")
     return calibration
 
 
-def _figures_of_all(calibration: Calibration, levels: Mapping[str, Sequence[Levels]]) -> dict[str, Any]:
+def _figures_of_all(calibration: PosteriorCalibration, levels: Mapping[str, Sequence[Levels]]) -> dict[str, Any]:
     """What is saved, besides what it was measured on."""
     return {
         "measure": "calibration",
@@ -136,7 +136,7 @@ def _figures_of_all(calibration: Calibration, levels: Mapping[str, Sequence[Leve
     }
 
 
-def _variants(calibration: Calibration, ablate: bool) -> dict[str, Calibration]:
+def _variants(calibration: PosteriorCalibration, ablate: bool) -> dict[str, PosteriorCalibration]:
     """The calibrations that are measured, by name."""
     variants = {"as tracked": PLAIN, "calibrated": calibration}
     if ablate:
@@ -166,7 +166,7 @@ def _clips(
     return in_processes(tracked, tasks, jobs)
 
 
-def measured(cases: Sequence[Tracked], calibration: Calibration, jobs: int) -> list[Levels]:
+def measured(cases: Sequence[Tracked], calibration: PosteriorCalibration, jobs: int) -> list[Levels]:
     """Levels of every clip under a calibration."""
     return in_processes(partial(credible_levels_of, calibration=calibration), cases, jobs)
 

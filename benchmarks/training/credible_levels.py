@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.support.common import in_processes
 from benchmarks.training.calibration_clips import Tracked
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.posterior import Posterior
 
 GRID = np.linspace(0.05, 0.95, 19)
@@ -36,7 +36,7 @@ class Levels:
     pose: np.ndarray
 
 
-def credible_levels_of(case: Tracked, calibration: Calibration, seed: int = 0) -> Levels:
+def credible_levels_of(case: Tracked, calibration: PosteriorCalibration, seed: int = 0) -> Levels:
     """Levels of the truth in the frames of a clip; seed: of the samples that regions are found with."""
     rng = np.random.default_rng(seed)
     body = case.tracked_body()
@@ -67,13 +67,13 @@ def calibration_error(levels: np.ndarray) -> float:
     return float(np.mean(np.abs(coverage(levels, GRID) - GRID)))
 
 
-def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str], None]) -> Calibration:
+def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str], None]) -> PosteriorCalibration:
     """The calibration of least mean squared distance between coverage and level on tracked clips.
 
     All three kinds of regions count alike. From round to round the one change of one number to a neighbour in `TRIED`
     is made that gains most, until none does; the distance from limits is the mean of the true ones.
     """
-    best = Calibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.02)
+    best = PosteriorCalibration(1.0, 0.4, 4.0, 2.0, _mean_lean(cases), 0.02)
     known = {best: miscoverage(best, cases)}
     while True:
         tried = [c for c in _neighbours(best) if c not in known]
@@ -85,7 +85,7 @@ def fitted_calibration(cases: Sequence[Tracked], jobs: int, tell: Callable[[str]
         best = nearest
 
 
-def _neighbours(calibration: Calibration) -> list[Calibration]:
+def _neighbours(calibration: PosteriorCalibration) -> list[PosteriorCalibration]:
     neighbours = []
     for name, values in TRIED.items():
         at = values.index(getattr(calibration, name))
@@ -95,7 +95,7 @@ def _neighbours(calibration: Calibration) -> list[Calibration]:
     return neighbours
 
 
-def miscoverage(calibration: Calibration, cases: Sequence[Tracked]) -> float:
+def miscoverage(calibration: PosteriorCalibration, cases: Sequence[Tracked]) -> float:
     """Mean square of coverage less level on `GRID`, summed over the kinds of regions."""
     pooled = together(credible_levels_of(case, calibration) for case in cases)
     return sum(float(np.mean(np.square(coverage(getattr(pooled, k), GRID) - GRID))) for k in KINDS)
@@ -111,4 +111,4 @@ def _mean_lean(cases: Sequence[Tracked]) -> float:
             held = np.diagonal(result.covariance[0])[v] <= 0.0
             gaps.append(np.abs(truth[i] - result.q[0][i])[held])
     every = np.concatenate(gaps)
-    return max(0.01, float(round(every.mean(), 2))) if every.size else Calibration().limit_lean
+    return max(0.01, float(round(every.mean(), 2))) if every.size else PosteriorCalibration().limit_lean

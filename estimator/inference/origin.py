@@ -83,7 +83,7 @@ class Origin(NamedTuple):
     extent: tuple[float, ...] = ()
 
     @property
-    def q_paid(self) -> np.ndarray | None:
+    def transition_from(self) -> np.ndarray | None:
         """The configuration (nq,) from which the transition's penalty counts, None where it is not paid."""
         return self.previous.q if self.previous is not None and self.previous.paid else None
 

@@ -16,7 +16,7 @@ _COUNTS = 20.0  # nats: what is lower than the highest kernel by more than this 
 
 
 @dataclass(frozen=True)
-class Steps:
+class TruncatedSteps:
     """Independent normal steps of each dimension (D), cut off at the walls of a box.
 
     The dimensions are in groups, and each group by itself now and then takes a step that is `wide` times as long, in
@@ -75,13 +75,13 @@ class Steps:
 class Reach:
     """The density after a step from one of the centres (N, D), inside of the box, chosen by weights (N,)."""
 
-    steps: Steps
+    steps: TruncatedSteps
     centres: np.ndarray
     weights: np.ndarray
 
     @cached_property
     def _of_groups(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Of each group the centres (G, N) in standard deviations, and `Steps.log_norms` (2, N)."""
+        """Of each group the centres (G, N) in standard deviations, and `TruncatedSteps.log_norms` (2, N)."""
         steps = self.steps
         return tuple(
             (

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.inference.particles import effective_count, normalised, systematic
-from estimator.inference.walk import Box, Samples, Target, Walk
+from estimator.inference.walk import SampleBox, Samples, SampleTarget, Walk
 from humanoid.support.settings import check, setting
 
 _BISECTIONS = 30
@@ -49,8 +49,8 @@ def tempered(
     rng: np.random.Generator,
     x: np.ndarray,
     log_weight: np.ndarray,
-    target: Target[Any],
-    box: Box,
+    target: SampleTarget[Any],
+    box: SampleBox,
     settings: TemperingSettings,
     begun: float = 0.0,
 ) -> Tempered | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 _SHORTEST, _LONGEST = 0.2, 1.2  # of a step along the difference of two others; 2.4 / sqrt(2 D) is best for normal ones
 _WHOLE = 0.1  # share of steps that are the whole difference: from one mode to another
-_NOISE = 0.05  # of a step, in `Box.std`
+_NOISE = 0.05  # of a step, in `SampleBox.std`
 
 
 P = TypeVar("P", bound="Prepared")
@@ -24,7 +24,7 @@ class Prepared(Protocol):
         ...
 
 
-class Target(Protocol[P]):
+class SampleTarget(Protocol[P]):
     """A density of samples x (N, D), as logarithms: what is expected of each group of dimensions by itself, what is
     told of whole samples, which counts from the start, and the likelihood that is let in by powers."""
 
@@ -46,7 +46,7 @@ class Target(Protocol[P]):
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class SampleBox:
     """Where samples of D dimensions can be moved. groups: dimensions that are moved at once. std (D,): the size of what
     is added for samples that are equal. lower, upper (D,): of the box they stay in."""
 
@@ -79,8 +79,8 @@ class Walk:
     """
 
     rng: np.random.Generator
-    target: Target[Any]
-    box: Box
+    target: SampleTarget[Any]
+    box: SampleBox
 
     def begun(self, x: np.ndarray, likelihood: np.ndarray) -> Samples:
         """Samples x (N, D) whose likelihood (N,) is known."""

@@ -17,7 +17,7 @@ NUMBER = 2  # bytes of the number of a piece
 Context = TypeVar("Context")
 
 
-class Job(Protocol[Context]):
+class WorkerJob(Protocol[Context]):
     """What a pool's work is about: pieces of work are functions of a context, which every process has for itself, and
     of an item. Contexts follow each other, as the frames of a clip do.
 
@@ -35,7 +35,7 @@ class Job(Protocol[Context]):
         ...
 
 
-class Shown(NamedTuple):
+class NewContext(NamedTuple):
     """A new context: where its message is. It is not answered; the memory's descriptor follows if it has moved."""
 
     notice: Notice
@@ -48,7 +48,7 @@ class Everywhere(NamedTuple):
     item: Any
 
 
-class Shared(NamedTuple):
+class SharedItems(NamedTuple):
     """Work of which each process takes what it can. The answer is a list of numbers and results."""
 
     work: Callable[[Any, Any], Any]
@@ -70,7 +70,7 @@ def taken(
         yield k, work(context, items[k])
 
 
-def serve(connection: Connection, numbers: Connection, job: Job[Any]) -> None:
+def serve(connection: Connection, numbers: Connection, job: WorkerJob[Any]) -> None:
     """What a worker process runs: do what the messages say until the other side is gone."""
     receiver = Receiver()
     with suppress(EOFError):
@@ -78,12 +78,12 @@ def serve(connection: Connection, numbers: Connection, job: Job[Any]) -> None:
     receiver.close()  # now that nothing looks at its memory
 
 
-def _serve(connection: Connection, numbers: Connection, job: Job[Any], receiver: Receiver) -> None:
+def _serve(connection: Connection, numbers: Connection, job: WorkerJob[Any], receiver: Receiver) -> None:
     opened = job.opener()
     context: Any = None
     while True:
         message = connection.recv()
-        if isinstance(message, Shown):
+        if isinstance(message, NewContext):
             context = None  # it looks at the memory
             context = opened(receiver.read(message.notice, partial(recv_handle, connection)))
         elif isinstance(message, Everywhere):

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any, Generic, Protocol, TypeVar
 
 from estimator.numerics.broadcast import Broadcaster
-from estimator.numerics.job import NUMBER, Everywhere, Job, Shared, Shown, serve, taken
+from estimator.numerics.job import NUMBER, Everywhere, NewContext, SharedItems, WorkerJob, serve, taken
 from estimator.numerics.worker import Worker, check_not_imported_again
 from humanoid.support.errors import InputError
 
@@ -22,7 +22,8 @@ Result = TypeVar("Result")
 
 
 class Workers(Protocol[Context]):
-    """Who does pieces of work, functions of a context (see `Job`) and of an item. size: how many processes they are."""
+    """Who does pieces of work, functions of a context (see `WorkerJob`) and of an item. size: how many processes they
+    are."""
 
     size: int
 
@@ -73,7 +74,7 @@ class WorkerPool(OneProcess[Context]):
     with the last. So all are done at the same time, and a process that dies leaves nothing locked.
     """
 
-    def __init__(self, job: Job[Context], processes: int) -> None:
+    def __init__(self, job: WorkerJob[Context], processes: int) -> None:
         super().__init__()
         self.size = processes
         self._job = job
@@ -102,7 +103,7 @@ class WorkerPool(OneProcess[Context]):
         try:
             self._let_know()
             os.write(self._more.fileno(), b"".join(k.to_bytes(NUMBER, "little") for k in range(len(items))))
-            self._tell(Shared(work, items))
+            self._tell(SharedItems(work, items))
             results: dict[int, Result] = dict(taken(self._numbers, self._shown, work, items))
             for worker in self._workers:
                 results.update(worker.receive())
@@ -135,7 +136,7 @@ class WorkerPool(OneProcess[Context]):
         if self._known is not self._shown:
             notice = self._broadcaster.show(self._job.message(self._shown))
             for worker in self._workers:
-                worker.send(Shown(notice))
+                worker.send(NewContext(notice))
                 if notice.moved:
                     worker.hand_over(self._broadcaster.descriptor)
             self._known = self._shown
@@ -146,7 +147,7 @@ class WorkerPool(OneProcess[Context]):
 
 
 @contextmanager
-def worker_pool(job: Job[Context], processes: int) -> Iterator[Workers[Context]]:
+def worker_pool(job: WorkerJob[Context], processes: int) -> Iterator[Workers[Context]]:
     """So many processes, this one among them, that share the work of a job within the block; one is this process alone.
 
     The others end with the block and with this process, however these end. They are spawned: a script that uses them

@@ -28,7 +28,7 @@ _SHORTEST = 1e-3  # [m] of a bone that is drawn
 _STUB = 0.05  # [m] of one of which nothing is known
 
 
-class Skeleton(NamedTuple):
+class BvhSkeleton(NamedTuple):
     """The nodes of a BVH file, in the order of its hierarchy.
 
     joints (N,): the body's joint that each stands for, 0 the trunk of a fixed body. names (N). parents (N,): nodes, -1
@@ -78,7 +78,7 @@ def bvh_motion(body: Body, q: np.ndarray, time: np.ndarray) -> BvhMotion:
     )  # fmt: skip
 
 
-def skeleton_of(body: Body) -> Skeleton:
+def skeleton_of(body: Body) -> BvhSkeleton:
     """The nodes a body's joints become."""
     model = body.model
     slides = [j == 0 or _slides(body, j) for j in _joints(body)]
@@ -95,7 +95,7 @@ def skeleton_of(body: Body) -> Skeleton:
         parents.append(parent)
         rows += [(child, len(joints) - 1) for child in reversed(children[joint])]
     ends = np.array([np.full(3, np.nan) if children[j] else _end(body, j) for j in joints])
-    return Skeleton(np.array(joints), _names(body, joints), np.array(parents), np.array(sliding), ends)
+    return BvhSkeleton(np.array(joints), _names(body, joints), np.array(parents), np.array(sliding), ends)
 
 
 def _joints(body: Body) -> range:
@@ -133,13 +133,13 @@ def _end(body: Body, joint: int) -> np.ndarray:
     return np.asarray(before if float(np.linalg.norm(before)) > _SHORTEST else np.array([_STUB, 0.0, 0.0]))
 
 
-def _aligned(body: Body, skeleton: Skeleton) -> np.ndarray:
+def _aligned(body: Body, skeleton: BvhSkeleton) -> np.ndarray:
     """Rotations R_joint_node (N, 3, 3): the node's frame, y up and parallel to the root's at zero, in its joint's."""
     R_world_joint = body.at(pin.neutral(body.model)).rotations[skeleton.joints]
     return np.asarray(R_world_joint.transpose(0, 2, 1) @ R_OPENSIM_WORLD.T)
 
 
-def _local(body: Body, skeleton: Skeleton, aligned: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _local(body: Body, skeleton: BvhSkeleton, aligned: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Each node's place in its parent's frame (T, N, 3) [m] and its turns about z, x, y (T, N, 3) [deg]."""
     placements = body.placed(q).placements[:, skeleton.joints]
     R_world_node = placements[..., :9].reshape(*placements.shape[:2], 3, 3).swapaxes(2, 3) @ aligned

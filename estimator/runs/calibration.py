@@ -12,7 +12,7 @@ _LOWEST = {"scale_spread": 0.0, "size_std": 0.0, "prior_weight": 1.0}
 
 
 @dataclass(frozen=True)
-class Calibration:
+class PosteriorCalibration:
     """Numbers between what a tracker says of a frame and its posterior.
 
     covariance_scale: factor on the covariances. scale_spread: how noisy a clip's keypoints are is not known well, so

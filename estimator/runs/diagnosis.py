@@ -29,7 +29,7 @@ _STILL = 1e-6  # m per rad: landmarks that a joint moves less say nothing of it
 _NAMED = 4  # joints or landmarks that a sentence names
 
 
-class Resting(NamedTuple):
+class JointAtLimit(NamedTuple):
     """A joint on a limit: its name, which limit ("lower", "upper"), the limit [rad or m], the share of the frames."""
 
     joint: str
@@ -57,7 +57,7 @@ class Diagnosis:
     """
 
     frame: int | None
-    resting: tuple[Resting, ...]
+    resting: tuple[JointAtLimit, ...]
     far: tuple[Far, ...]
     cameras: tuple[tuple[str, float], ...]
     exchanged: float
@@ -119,7 +119,7 @@ def _associations(run: Run) -> np.ndarray:
     return np.asarray(run.mode_association[np.arange(len(run)), run.path])
 
 
-def _resting(run: Run, rows: np.ndarray) -> tuple[Resting, ...]:
+def _resting(run: Run, rows: np.ndarray) -> tuple[JointAtLimit, ...]:
     """Joints that move a landmark and rest on a limit in most of the rows."""
     body = run.body
     moved = np.linalg.norm(body.landmark_jacobians(body.at(run.q[rows[len(rows) // 2]])), axis=1).max(axis=0) > _STILL
@@ -131,7 +131,7 @@ def _resting(run: Run, rows: np.ndarray) -> tuple[Resting, ...]:
         q = run.q[rows, i]
         for side, limit, on in (("lower", lower, q <= lower + _ON), ("upper", upper, q >= upper - _ON)):
             if on.mean() > MOST:
-                resting.append(Resting(body.q_names[i], side, limit, float(on.mean())))
+                resting.append(JointAtLimit(body.q_names[i], side, limit, float(on.mean())))
     return tuple(sorted(resting, key=lambda r: -r.share))
 
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from estimator.numerics.alignment import similarity_onto
 from estimator.runs.coordinate_errors import JointScore, coordinate_errors, joint_coordinates
-from estimator.runs.pairs import Pairs, match_frames, paired
+from estimator.runs.pairs import ComparedFrames, match_frames, paired
 from estimator.runs.reference_motion import Reference
-from estimator.runs.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, Shared, shared_landmarks
+from estimator.runs.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, SharedLandmarks, shared_landmarks
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -26,7 +26,8 @@ from humanoid.support.summary import Facts, Summarised, table_html
 if TYPE_CHECKING:
     from estimator.runs.run_file import Run
 
-__all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "Shared", "best_of_k", "evaluate", "evaluate_points",
+__all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "SharedLandmarks", "best_of_k", "evaluate",
+"evaluate_points",
     "joint_errors", "largest_penetration", "limit_violations", "match_frames", "mpjpe", "nothing_shared", "pa_mpjpe",
     "procrustes", "shared_landmarks"]  # fmt: skip
 
@@ -215,7 +216,7 @@ def evaluate_points(
 
 
 def _point_scores(
-    pairs: Pairs, landmarks: np.ndarray, mode_landmarks: np.ndarray, reference: Reference
+    pairs: ComparedFrames, landmarks: np.ndarray, mode_landmarks: np.ndarray, reference: Reference
 ) -> dict[str, Any]:
     shared, truth = pairs.shared, pairs.truth
     root, points, modes = shared.root, pairs.of(landmarks), pairs.of(mode_landmarks)

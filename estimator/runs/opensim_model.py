@@ -21,9 +21,9 @@ from estimator.data.formats.osim import (
     Joint,
     Marker,
     Model,
-    Place,
+    OsimPlacement,
+    OsimShape,
     Segment,
-    Shape,
     component_name,
 )
 from estimator.runs.coordinates import JointEntry, joint_entries, opensim_names
@@ -183,11 +183,11 @@ def _segment(body: Body, joint: int, name: str, mass: Mass) -> Segment:
     for flesh, placed in flesh_of(body, joint):
         a, b, c = flesh.size  # OpenSim's y is our z, which is also the long axis of its cylinder
         size = (a, 0.5 * b) if flesh.shape == "capsule" else (a, c, b)
-        shapes.append(Shape(size, _place(placed)))
+        shapes.append(OsimShape(size, _place(placed)))
     R = R_OPENSIM_WORLD
     return Segment(name, mass.mass, R @ mass.centre, R @ mass.inertia @ R.T, tuple(shapes))
 
 
-def _place(placed: pin.SE3) -> Place:
+def _place(placed: pin.SE3) -> OsimPlacement:
     """A frame in another, both with OpenSim's axes instead of ours."""
-    return Place(R_OPENSIM_WORLD @ placed.rotation @ R_OPENSIM_WORLD.T, R_OPENSIM_WORLD @ placed.translation)
+    return OsimPlacement(R_OPENSIM_WORLD @ placed.rotation @ R_OPENSIM_WORLD.T, R_OPENSIM_WORLD @ placed.translation)

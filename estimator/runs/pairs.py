@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.runs.reference_motion import Reference
-from estimator.runs.shared_landmarks import Shared, shared_landmarks
+from estimator.runs.shared_landmarks import SharedLandmarks, shared_landmarks
 
 
-class Pairs(NamedTuple):
+class ComparedFrames(NamedTuple):
     """A run's frames that a reference has too, P of them, and the L landmarks that both have.
 
     shared: the landmarks. frame (P,): the run's frames. truth (P, L, 3): where the landmarks were [m], NaN if unknown.
     """
 
-    shared: Shared
+    shared: SharedLandmarks
     frame: np.ndarray
     truth: np.ndarray
 
@@ -32,12 +32,14 @@ class Pairs(NamedTuple):
         return truth
 
 
-def paired(names: Sequence[str], time: np.ndarray, reference: Reference, joints: Sequence[str] | None = None) -> Pairs:
+def paired(
+    names: Sequence[str], time: np.ndarray, reference: Reference, joints: Sequence[str] | None = None
+) -> ComparedFrames:
     """What can be compared of a run with landmarks `names` at `time` (T,) [s]; joints: see `shared_landmarks`."""
     shared = shared_landmarks(names, reference.names, joints)
     frame = match_frames(time, reference.time, len(reference.points))
     there = frame >= 0
-    return Pairs(shared, frame[there], reference.points[there][:, shared.theirs])
+    return ComparedFrames(shared, frame[there], reference.points[there][:, shared.theirs])
 
 
 def match_frames(time: np.ndarray, reference_time: np.ndarray | None, count: int) -> np.ndarray:

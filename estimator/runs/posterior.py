@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.special import logsumexp
 
 from estimator.energy.priors import Stabilisers
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.marginals import Marginals
 from estimator.runs.mode_density import JITTER, draw_around_mode, log_around_mode, points_density
 from estimator.trackers.frame_result import FrameResult
@@ -42,7 +42,10 @@ class Posterior:
 
     @staticmethod
     def of(
-        body: Body, result: FrameResult, calibration: Calibration | None = None, seen_from: np.ndarray | None = None
+        body: Body,
+        result: FrameResult,
+        calibration: PosteriorCalibration | None = None,
+        seen_from: np.ndarray | None = None,
     ) -> Posterior:
         """The posterior of a frame.
 
@@ -53,7 +56,7 @@ class Posterior:
         ------
         InputError: the frame has no hypotheses.
         """
-        c = calibration or Calibration()
+        c = calibration or PosteriorCalibration()
         if len(result.weight) == 0:
             raise InputError(f"frame {result.index}", "has no hypotheses", remedy="ask for a later frame")
         with np.errstate(divide="ignore"):

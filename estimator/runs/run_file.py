@@ -49,7 +49,7 @@ class RunWriter:
         """
         path = Path(path)
         if path.exists() and not overwrite:
-            raise InputError(path, "exists already", remedy="--resume goes on with it, --overwrite replaces it")
+            raise InputError(path, "exists already", remedy="--resume continues it, --overwrite replaces it")
         with replacing(path) as temporary:
             run_store.create_store(temporary, header.to_json(), path)
             for suffix in ("-wal", "-shm"):  # a killed run's log must not be taken for the new run's

@@ -14,7 +14,7 @@ from estimator.data.formats.packing import unpack
 from estimator.data.observation import Observation, PoseEstimate
 from estimator.inference.origin import Origins, families
 from estimator.runs import run_store
-from estimator.runs.calibration import Calibration
+from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.coordinates import joint_entries
 from estimator.runs.filtering import Filtering, filtered
 from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
@@ -325,7 +325,7 @@ class Run(Summarised):
                 out[t] = _symmetric(frame["covariance"][k : k + 1], nv)[0]
         return out
 
-    def posterior(self, i: int, calibration: Calibration | None = None) -> Posterior:
+    def posterior(self, i: int, calibration: PosteriorCalibration | None = None) -> Posterior:
         """What is known of the pose after frame `i` from this and the frames before it, all hypotheses together.
 
         Raises InputError where the frame has no hypotheses.

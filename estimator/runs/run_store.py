@@ -139,4 +139,4 @@ def _refused(path: Path, why: str, kept: bool) -> InputError:
         return InputError(path, f"cannot be used: {why}")
     if not kept:
         return InputError(path, f"cannot be written: {full}", remedy="make room, or name a file on another disk")
-    return InputError(path, f"{full}; what was tracked is kept", remedy="make room, --resume then goes on with it")
+    return InputError(path, f"{full}; what was tracked is kept", remedy="make room, --resume then continues it")

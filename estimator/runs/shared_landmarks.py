@@ -12,7 +12,7 @@ FEWEST = 3  # fewer points do not fix a rotation
 HIPS_ALIGNED, CENTRED, UNALIGNED = "hips aligned", "centred", "nothing aligned"
 
 
-class Shared(NamedTuple):
+class SharedLandmarks(NamedTuple):
     """Landmarks that are compared. ours, theirs (L): their places on either side. root: places among the L of those
     whose midpoint is moved to the origin, None for none. aligned: the same in words."""
 
@@ -23,7 +23,9 @@ class Shared(NamedTuple):
     aligned: str
 
 
-def shared_landmarks(ours: Sequence[str], theirs: Sequence[str], joints: Sequence[str] | None = None) -> Shared:
+def shared_landmarks(
+    ours: Sequence[str], theirs: Sequence[str], joints: Sequence[str] | None = None
+) -> SharedLandmarks:
     """The landmarks that are compared of those that both sides have: a person's twelve limb joints, so that figures of
     people are comparable, or all of them where fewer than three are limb joints. joints: these instead.
 
@@ -34,7 +36,7 @@ def shared_landmarks(ours: Sequence[str], theirs: Sequence[str], joints: Sequenc
     names = tuple(limbs if joints is not None or len(limbs) >= FEWEST else both)
     at_ours, at_theirs = ([list(have).index(name) for name in names] for have in (ours, theirs))
     root, aligned = _root(names)
-    return Shared(names, at_ours, at_theirs, root, aligned)
+    return SharedLandmarks(names, at_ours, at_theirs, root, aligned)
 
 
 def _root(names: Sequence[str]) -> tuple[list[int] | None, str]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from estimator.energy.gravity_prior import GravityPrior, world_up
 from estimator.energy.interpenetration import Interpenetration
 from estimator.energy.pose_mixture import load_mixture, shipped_mixture
 from estimator.energy.pose_prior import PosePrior, misfit
 from estimator.energy.priors import Stabilisers
 from estimator.energy.term import Term
-from estimator.energy.upright import Upright, world_up
 from estimator.search.term_source import TermContext, TermSource
 from humanoid.kinematics.body import Body
 from humanoid.support.plugins import Registry
@@ -57,7 +57,7 @@ def _upright(context: TermContext, _: None) -> list[Term]:
     body, weight = context.body, context.cost.stabiliser_weight * context.cost.upright_weight
     if context.cameras is None or weight <= 0.0 or not body.has_free_root or body.subject.upright is None:
         return []
-    return [Upright(body, world_up(context.cameras), weight)]
+    return [GravityPrior(body, world_up(context.cameras), weight)]
 
 
 TERMS: Registry[TermSource] = Registry(
@@ -66,7 +66,7 @@ TERMS: Registry[TermSource] = Registry(
         TermSource(Stabilisers.name, _stabilisers),
         TermSource(PosePrior.name, _pose_prior),
         TermSource(Interpenetration.name, _interpenetration),
-        TermSource(Upright.name, _upright, by_cameras=True),
+        TermSource(GravityPrior.name, _upright, by_cameras=True),
     ),
 )
 """All kinds by name, in the order in which their energies are summed."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.inference.mixture import Mixture
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import example_modes
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
@@ -33,7 +33,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     if search.settings.start == BY_INDEX:
         return example_modes(search, rng, observation, count)
     associations = search.associations(observation)
-    case = FrameCase(associations)
+    case = FrameProblem(associations)
     starts = [Hypothesis(q, k) for q in _starts(search.body, rng, observation) for k in range(len(associations))]
     modes = search.best_modes(starts, case, count)
     likelihood = search.likelihood(observation, modes.modes[0].q)
@@ -62,7 +62,7 @@ def _starts(body: Body, rng: np.random.Generator, observation: Observation) -> l
 
 
 def _samples(
-    search: ModeSearch, rng: np.random.Generator, observation: Observation, modes: Mixture, case: FrameCase
+    search: ModeSearch, rng: np.random.Generator, observation: Observation, modes: Mixture, case: FrameProblem
 ) -> list[Hypothesis]:
     """Drawn by the covariance of the fit's pose, in the association that it explains better; without a fit by those of
     the modes, chosen by their weights."""

@@ -21,11 +21,11 @@ from estimator.search.cost_model import CostModel
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
-from estimator.vision.cues.base import Past
+from estimator.vision.cues.base import PastPose
 from estimator.vision.likelihood.image_likelihood import Followed, ImageLikelihood
 
 
-class FrameCase(NamedTuple):
+class FrameProblem(NamedTuple):
     """What the hypotheses of one frame are searched in: the associations of its keypoints, the seconds since the
     parents, and what the pictures say; their features are assigned anew to every hypothesis, several times during its
     search. pulls: where limbs are drawn to; a hypothesis says which of these it is searched under."""
@@ -40,7 +40,7 @@ class FrameSearch:
     """One frame's searches: every method that is a piece of work takes one thing and returns one, and gives the same
     bits regardless of what was done before."""
 
-    def __init__(self, model: CostModel, seeker: Seeker, settings: ModeSearchSettings, case: FrameCase) -> None:
+    def __init__(self, model: CostModel, seeker: Seeker, settings: ModeSearchSettings, case: FrameProblem) -> None:
         self.case = case
         self.flows: dict[PoseKey, list[Followed]] = {}
         self._model, self._body, self._seeker, self._settings = model, model.body, seeker, settings
@@ -54,7 +54,7 @@ class FrameSearch:
         lies at the predicted one if that is known."""
         assert self.case.likelihood is not None
         at = self._body.at
-        pasts = [Past(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in previous]
+        pasts = [PastPose(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in previous]
         return self.case.likelihood.follow(pasts)
 
     def learn(self, followed: Mapping[PoseKey, list[Followed]]) -> None:
@@ -65,7 +65,7 @@ class FrameSearch:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
         return self._looked(h, self._assigned(h.q, brief=True))
 
-    def look_at_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
+    def score_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
         """Log-weights of hypotheses as they are, pictures left out; all are placed at once."""
         if not hypotheses:
             return []
@@ -75,8 +75,8 @@ class FrameSearch:
             cost = self._model.cost(self.case.associations[k].term, image_terms=self._pulled(pull))
             energies[own] = cost.values(placed.of(own))
         for n, h in enumerate(hypotheses):
-            if h.origin.q_paid is not None:
-                change = self._model.transition(h.origin.q_paid, self.case.dt)
+            if h.origin.transition_from is not None:
+                change = self._model.transition(h.origin.transition_from, self.case.dt)
                 energies[n] += change.values(placed.of(slice(n, n + 1)))[0]
         penalties = (self.case.associations[h.association].penalty for h in hypotheses)
         return [h.prior_score - float(e) - p for h, e, p in zip(hypotheses, energies, penalties, strict=True)]
@@ -114,12 +114,14 @@ class FrameSearch:
 
     def _base(self, h: Hypothesis) -> Cost:
         """The energy without the pictures' assigned features."""
-        previous, q_paid = h.origin.previous, h.origin.q_paid
+        previous, transition_from = h.origin.previous, h.origin.transition_from
         pose = None if previous is None else previous.key
-        key = h.association, h.pull, q_paid is not None, pose
+        key = h.association, h.pull, transition_from is not None, pose
         if key not in self._bases:
             term = self.case.associations[h.association].term
-            self._bases[key] = self._model.cost(term, q_paid, self.case.dt, [*self._flow(h), *self._pulled(h.pull)])
+            self._bases[key] = self._model.cost(
+                term, transition_from, self.case.dt, [*self._flow(h), *self._pulled(h.pull)]
+            )
         return self._bases[key]
 
     def _pulled(self, pull: int) -> list[Term]:
@@ -146,7 +148,7 @@ class FrameSearch:
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
         terms = [*assigned, *self._pulled(h.pull)]
-        cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, terms)
+        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, terms)
         return h.prior_score - cost.value_at(h.q) - association.penalty
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
@@ -154,9 +156,9 @@ class FrameSearch:
         it has the body in the frame before is led from there; one about that pose moves along. Besides, the steps that
         it took."""
         previous = h.origin.previous
-        if previous is None or not (h.origin.family.at_previous or h.moves_along):
+        if previous is None or not (h.origin.family.at_previous or h.relative_to_previous):
             return h.q, StepCounts()
-        key = h.association, h.origin.q_paid is not None, previous.key
+        key = h.association, h.origin.transition_from is not None, previous.key
         if key not in self._led:
             self._led[key] = self._lead(h, previous)
         led = self._led[key]
@@ -172,7 +174,7 @@ class FrameSearch:
         followed = self.flows.get(previous.key)
         flow = [] if followed is None else self.case.likelihood.leading(followed)
         association = self.case.associations[h.association]
-        cost = self._model.cost(association.term, h.origin.q_paid, self.case.dt, flow)
+        cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, flow)
         start = previous.q
         if previous.q_predicted is not None and cost.value_at(previous.q_predicted) < cost.value_at(start):
             start = previous.q_predicted

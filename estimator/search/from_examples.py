@@ -14,14 +14,14 @@ from estimator.inference.origin import Family, Origin
 from estimator.search.examples.limbs import SeenPoints, seen_points
 from estimator.search.examples.lookup import Looked
 from estimator.search.examples.votes import turned_away
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.vision.cues.silhouette.cue import Outline
 from humanoid.kinematics.body import Body
 
 
-class Descent(NamedTuple):
+class ExampleSearch(NamedTuple):
     """How modes are searched from examples, see `estimator.trackers.elmo.settings.ElmoSettings`."""
 
     neighbours: int = 50
@@ -41,12 +41,12 @@ def example_modes(search: ModeSearch, rng: np.random.Generator, observation: Obs
 
     Raises InputError where no index is named, or the one that is cannot be read or is for other cameras.
     """
-    how = Descent()
+    how = ExampleSearch()
     search.examples.check(observation)
-    looks = search.examples.looked_anew(observation, how.neighbours)
+    looks = search.examples.lookup_without_prior(observation, how.neighbours)
     associations = search.associations(observation)
     starts = [h for k in range(len(associations)) for h in example_starts(search.body, looks, how.away, k)]
-    case = FrameCase(associations, 0.0, search.likelihood(observation, starts[0].q))
+    case = FrameProblem(associations, 0.0, search.likelihood(observation, starts[0].q))
     return best_reached(search, sides(search.body, starts, looks), looks, observation, case, how, count, rng)
 
 
@@ -79,8 +79,8 @@ def best_reached(
     groups: Sequence[Sequence[Hypothesis]],
     looks: Sequence[Looked],
     observation: Observation,
-    case: FrameCase,
-    how: Descent,
+    case: FrameProblem,
+    how: ExampleSearch,
     count: int,
     rng: np.random.Generator | None = None,
 ) -> Mixture:
@@ -100,7 +100,7 @@ def best_reached(
     return search.best_of(candidates, case, count, rng)
 
 
-def without_silhouette(search: ModeSearch, observation: Observation, case: FrameCase, q: np.ndarray) -> FrameCase:
+def without_silhouette(search: ModeSearch, observation: Observation, case: FrameProblem, q: np.ndarray) -> FrameProblem:
     """What examples are searched in: the case without the silhouette where depth shows the person too, since from poses
     far off it leads astray. q (nq,): about where the body is."""
     if search.sight.cue == Outline.name or not shows_silhouette(observation):
@@ -119,8 +119,8 @@ def descended(
     starts: Sequence[Hypothesis],
     looks: Sequence[Looked],
     observation: Observation,
-    case: FrameCase,
-    how: Descent,
+    case: FrameProblem,
+    how: ExampleSearch,
 ) -> list[Candidate]:
     """Where short searches lead from the starts: how many reach a mode does not count. What the pictures say is asked
     anew in every round, as in ICP, and only the best go on."""
@@ -136,7 +136,7 @@ def descended(
 
 
 def _seen_for_limbs(
-    search: ModeSearch, observation: Observation, looks: Sequence[Looked], how: Descent
+    search: ModeSearch, observation: Observation, looks: Sequence[Looked], how: ExampleSearch
 ) -> SeenPoints | None:
     """What limbs of examples are ranked by; None where none are tried."""
     image = search.model.settings.image
@@ -144,7 +144,7 @@ def _seen_for_limbs(
 
 
 def _recombined(
-    search: ModeSearch, poses: Sequence[Candidate], looks: Sequence[Looked], seen: SeenPoints | None, how: Descent
+    search: ModeSearch, poses: Sequence[Candidate], looks: Sequence[Looked], seen: SeenPoints | None, how: ExampleSearch
 ) -> list[Hypothesis]:
     """Poses with one of their limbs as one of the examples has it; none where nothing is seen of limbs."""
     if seen is None:

@@ -19,8 +19,8 @@ from estimator.search.association import AS_DETECTED, EXCHANGED, Association
 from estimator.search.cost_model import CostModel
 from estimator.search.examples.index import REMEDY, load_index
 from estimator.search.examples.known import Examples
-from estimator.search.examples.person_seen import CUES, Sight
-from estimator.search.frame_search import FrameCase, FrameSearch
+from estimator.search.examples.person_seen import CUES, PersonEvidence
+from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
@@ -56,10 +56,10 @@ class ModeSearch:
         self._frame: FrameSearch | None = None
 
     @cached_property
-    def sight(self) -> Sight:
+    def sight(self) -> PersonEvidence:
         """What a person is looked up by: depth where that is used; the height is that of the landmarks at rest."""
         cue = next((name for name in CUES if name in self.model.cues.used), CUES[0])
-        return Sight(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
+        return PersonEvidence(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
 
     @cached_property
     def examples(self) -> Examples:
@@ -92,7 +92,7 @@ class ModeSearch:
     def best_modes(
         self,
         hypotheses: Iterable[Hypothesis],
-        case: FrameCase,
+        case: FrameProblem,
         count: int,
         rng: np.random.Generator | None = None,
         *,
@@ -101,7 +101,7 @@ class ModeSearch:
         """The `count` best distinct modes reached from the hypotheses, as a mixture, see `best_of`."""
         return self.best_of(self.explored(hypotheses, case), case, count, rng, every=every)
 
-    def explored(self, hypotheses: Iterable[Hypothesis], case: FrameCase) -> list[Candidate]:
+    def explored(self, hypotheses: Iterable[Hypothesis], case: FrameProblem) -> list[Candidate]:
         """Every hypothesis after a short search."""
         frame, hypotheses = self.frame(case), list(hypotheses)
         self._learn_flows(frame, hypotheses)
@@ -110,7 +110,7 @@ class ModeSearch:
     def best_of(
         self,
         explored: Sequence[Candidate],
-        case: FrameCase,
+        case: FrameProblem,
         count: int,
         rng: np.random.Generator | None = None,
         *,
@@ -127,22 +127,22 @@ class ModeSearch:
         scores = np.array([r.score for r in best]) + self.log_volumes(best, case, rng)
         return mixture_of(tuple(r.mode for r in best), scores)
 
-    def refined(self, candidates: Sequence[Candidate], case: FrameCase) -> list[Refined]:
+    def refined(self, candidates: Sequence[Candidate], case: FrameProblem) -> list[Refined]:
         """Every candidate after a search to convergence."""
         self.frame(case)
         return self._counted(self.workers.each(FrameSearch.refine, candidates))
 
     def screened(
-        self, hypotheses: Sequence[Hypothesis], case: FrameCase, count: int, pictures: bool = True
+        self, hypotheses: Sequence[Hypothesis], case: FrameProblem, count: int, pictures: bool = True
     ) -> list[Hypothesis]:
         """The `count` hypotheses of lowest energy as they are, the pictures' included or not: many cheap looks before a
         few searches."""
         frame = self.frame(case)
         # without pictures sharing it would take longer
-        scores = self.workers.each(FrameSearch.look, hypotheses) if pictures else frame.look_at_keypoints(hypotheses)
+        scores = self.workers.each(FrameSearch.look, hypotheses) if pictures else frame.score_keypoints(hypotheses)
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
 
-    def frame(self, case: FrameCase) -> FrameSearch:
+    def frame(self, case: FrameProblem) -> FrameSearch:
         """The searches of a case; what they share is kept until the next one."""
         if self._frame is None or self._frame.case is not case:
             self._frame = FrameSearch(self.model, self.seeker, self.settings, case)
@@ -163,7 +163,7 @@ class ModeSearch:
             self.workers.everywhere(FrameSearch.learn, dict(zip(share, followed, strict=True)))
 
     def log_volumes(
-        self, best: Sequence[Refined], case: FrameCase, rng: np.random.Generator | None = None
+        self, best: Sequence[Refined], case: FrameProblem, rng: np.random.Generator | None = None
     ) -> np.ndarray:
         """What each mode's weight gains by the probability around it, (K,); see `ModeSearchSettings.weigh`."""
         frame = self.frame(case)

@@ -14,7 +14,7 @@ from estimator.numerics.pool import checked_count, worker_pool
 from estimator.search.association import Association
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.search.frame_search import FrameCase, FrameSearch
+from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.vision.likelihood.settings import CueSettings
@@ -41,8 +41,8 @@ def search_pool(search: ModeSearch, processes: int) -> Iterator[None]:
 
 
 class SearchRecipe(NamedTuple):
-    """Makes an equal `ModeSearch` in another process, and its frames' searches (see `estimator.numerics.job.Job`).
-    urdf, source, base: of the subject."""
+    """Makes an equal `ModeSearch` in another process, and its frames' searches (see
+    `estimator.numerics.job.WorkerJob`). urdf, source, base: of the subject."""
 
     urdf: str
     source: str
@@ -84,8 +84,8 @@ class SearchRecipe(NamedTuple):
 
 
 class CaseMessage(NamedTuple):
-    """A `FrameCase` in plain data. associations: name, keypoints and penalty of each. cues, extents: of each camera
-    whose pictures are looked at; detected: see `ImageModel.likelihood`. pulls: see `FrameCase`."""
+    """A `FrameProblem` in plain data. associations: name, keypoints and penalty of each. cues, extents: of each camera
+    whose pictures are looked at; detected: see `ImageModel.likelihood`. pulls: see `FrameProblem`."""
 
     associations: tuple[tuple[str, Observation, float], ...]
     dt: float
@@ -95,7 +95,7 @@ class CaseMessage(NamedTuple):
     pulls: tuple[LimbPull, ...] = ()
 
     @staticmethod
-    def of(case: FrameCase) -> CaseMessage:
+    def of(case: FrameProblem) -> CaseMessage:
         """The message that tells of a case."""
         associations = tuple((a.name, a.term.observation, a.penalty) for a in case.associations)
         cameras = () if case.likelihood is None else case.likelihood.cameras
@@ -104,8 +104,8 @@ class CaseMessage(NamedTuple):
         extents = tuple(c.extent for c in cameras)
         return CaseMessage(associations, case.dt, cues, extents, detected, tuple(case.pulls))
 
-    def case(self, model: CostModel) -> FrameCase:
+    def case(self, model: CostModel) -> FrameProblem:
         """The case, for the same body and cost."""
         terms = [(name, model.observation_term(o), penalty) for name, o, penalty in self.associations]
         likelihood = model.image.likelihood(self.cues, self.extents, self.detected) if self.cues else None
-        return FrameCase(tuple(Association(*each) for each in terms), self.dt, likelihood, self.pulls)
+        return FrameProblem(tuple(Association(*each) for each in terms), self.dt, likelihood, self.pulls)

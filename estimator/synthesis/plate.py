@@ -22,7 +22,7 @@ _SWING_SECONDS, _SHAKE_HERTZ = 2.5, (3.1, 4.7)  # of the moving background
 
 
 @dataclass(frozen=True)
-class Place:
+class MotionArea:
     """Where the motion takes place [m]: convex outline (M, 2) from above, height of the floor and of the person."""
 
     outline: np.ndarray
@@ -40,15 +40,15 @@ class Place:
         return float(np.linalg.norm(self.outline - self.centre, axis=1).max())
 
 
-ORIGIN = Place(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), 0.0, 1.7)  # of the demonstration
+ORIGIN = MotionArea(np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]), 0.0, 1.7)  # of the demonstration
 
 
-def place_of(points: np.ndarray, floor: float | None = None) -> Place:
+def place_of(points: np.ndarray, floor: float | None = None) -> MotionArea:
     """The place that points (T, N, 3) [m] of a body need; the floor is under the lowest of them unless given."""
     flat = points.reshape(-1, 3)
     low, high = flat[:, 2].min(), flat[:, 2].max()
     outline = cv2.convexHull(flat[:, :2].astype(np.float32))[:, 0].astype(float)
-    return Place(outline, float(low) if floor is None else floor, float(high - low))
+    return MotionArea(outline, float(low) if floor is None else floor, float(high - low))
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Plate:
 
 
 def built_scene(
-    settings: SceneSettings, cameras: Sequence[Camera], place: Place, rng: np.random.Generator
+    settings: SceneSettings, cameras: Sequence[Camera], place: MotionArea, rng: np.random.Generator
 ) -> tuple[scene.Quads, scene.Quads]:
     """Background and occluders as rectangles in the world."""
     shift = np.array([*place.centre, place.floor])
@@ -96,7 +96,7 @@ def built_scene(
     return behind, scene.moved(made, np.array([0.0, 0.0, place.floor]))
 
 
-def _in_the_way(box: scene.Quads, camera: Camera, place: Place) -> bool:
+def _in_the_way(box: scene.Quads, camera: Camera, place: MotionArea) -> bool:
     """Whether a box may hide the person from a camera: it is nearer, and both overlap as seen from above."""
     centre = camera.origin_world[:2]
     towards = place.centre - centre
@@ -120,7 +120,7 @@ def _across(flat: np.ndarray, towards: np.ndarray) -> np.ndarray:
     return np.asarray(flat[..., 1] * towards[0] - flat[..., 0] * towards[1])
 
 
-def azimuth_of(camera: Camera, place: Place) -> float:
+def azimuth_of(camera: Camera, place: MotionArea) -> float:
     """Where a camera looks at a place from [rad], seen from above."""
     x, y = -camera.R_camera_world[2, :2] if camera.parallel else camera.centre_world[:2] - place.centre
     return float(np.arctan2(y, x))

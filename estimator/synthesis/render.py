@@ -16,7 +16,7 @@ from estimator.synthesis.clothing import LONG_SLEEVES, SKIN, Clothes, dressed
 from estimator.synthesis.plate import (
     FINE,
     ORIGIN,
-    Place,
+    MotionArea,
     Plate,
     azimuth_of,
     built_scene,
@@ -77,7 +77,7 @@ class Renderer:
         cameras: Sequence[Camera],
         rng: np.random.Generator,
         settings: SceneSettings | None = None,
-        place: Place = ORIGIN,
+        place: MotionArea = ORIGIN,
         dress: Callable[..., Clothes] = dressed,
     ) -> None:
         settings = settings or SceneSettings()

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.synthesis import scene
-from estimator.synthesis.plate import Place
+from estimator.synthesis.plate import MotionArea
 
 _SHARE = 0.5  # of the way to the nearest that the person may be
 _SPECKLE = 0.012  # of the distance: a few pixels
@@ -16,7 +16,7 @@ _MARGIN = 1.05  # on the sides that just fill the pictures
 _BORDER = 9  # places along each side of a picture, which the lens bends
 
 
-def screens(cameras: Sequence[Camera], place: Place, rng: np.random.Generator) -> list[scene.Quads]:
+def screens(cameras: Sequence[Camera], place: MotionArea, rng: np.random.Generator) -> list[scene.Quads]:
     """By camera, a speckled rectangle across its axis, nearer than all of the place and larger than what it sees.
 
     Cameras that look the same way stand side by side and have one screen, so that stereo finds its depth.
@@ -30,7 +30,7 @@ def screens(cameras: Sequence[Camera], place: Place, rng: np.random.Generator) -
     return [made[camera.R_camera_world.round(9).tobytes()] for camera in cameras]
 
 
-def _screen(cameras: Sequence[Camera], place: Place, rng: np.random.Generator) -> scene.Quads:
+def _screen(cameras: Sequence[Camera], place: MotionArea, rng: np.random.Generator) -> scene.Quads:
     """One before cameras (at least one) that look the same way."""
     R = cameras[0].R_camera_world
     heights = np.array([place.floor, place.floor + place.height])

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.synthesis import scene
-from estimator.synthesis.plate import Place
+from estimator.synthesis.plate import MotionArea
 
 _BEHIND = 0.35  # m from the place to the nearest board
 _APART = 0.05  # m between two boards' planes
 
 
 @dataclass(frozen=True, eq=False)
-class Swinging:
+class SwingingDistractor:
     """A board: quads where it hangs in the middle of its swing; way (3,) [m]: from there to where it turns. seconds: of
     a whole swing. phase [rad]: at time 0."""
 
@@ -29,8 +29,8 @@ class Swinging:
 
 
 def swinging_boards(
-    rng: np.random.Generator, count: int, colour: np.ndarray, place: Place, azimuth: float
-) -> list[Swinging]:
+    rng: np.random.Generator, count: int, colour: np.ndarray, place: MotionArea, azimuth: float
+) -> list[SwingingDistractor]:
     """Boards (count) of about a colour (3,) BGR, behind a place as seen from `azimuth` [rad], as high as chest and
     head of who stands there."""
     made = []
@@ -41,5 +41,7 @@ def swinging_boards(
         board = scene.turned(scene.moved(board, np.array([back, rng.uniform(-0.3, 0.3), 0.0])), azimuth)
         way = rng.uniform(0.3, 0.8) * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         shift = np.array([*place.centre, place.floor])
-        made.append(Swinging(scene.moved(board, shift), way, rng.uniform(2.0, 4.0), rng.uniform(0.0, 2.0 * np.pi)))
+        made.append(
+            SwingingDistractor(scene.moved(board, shift), way, rng.uniform(2.0, 4.0), rng.uniform(0.0, 2.0 * np.pi))
+        )
     return made

@@ -24,15 +24,15 @@ class State(Protocol):
         ...
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything as plain arrays (numbers, booleans, text), exact to the last bit; `Tracker.state_from` is the
-        inverse. Names that begin with "last_" are the runner's."""
+        """Everything as plain arrays (numbers, booleans, text), exact to the last bit; `TrackerProtocol.state_from` is
+        the inverse. Names that begin with "last_" are the runner's."""
         ...
 
 
 S = TypeVar("S", bound=State)
 
 
-class Tracker(Protocol[S]):
+class TrackerProtocol(Protocol[S]):
     """The family of trackers. Equal random generators give equal tracks; a hard frame is flagged, never raised.
 
     body: what is tracked.

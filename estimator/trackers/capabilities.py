@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.base import State, Tracker
+from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.frame_result import FrameResult
 from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.support.errors import InputError
@@ -20,7 +20,7 @@ S = TypeVar("S", bound=State)
 
 
 @runtime_checkable
-class HasEnergy(Protocol):
+class SupportsSmoothing(Protocol):
     """Its hypotheses have the energy of a mode search, frame by frame: what `estimator.tracking.smoothing` ties
     together and what `explain` takes apart."""
 
@@ -31,7 +31,7 @@ class HasEnergy(Protocol):
 
 
 @runtime_checkable
-class SharesWork(Protocol):
+class Parallel(Protocol):
     """Several processes can share the work on a frame."""
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
@@ -45,7 +45,7 @@ class SharesWork(Protocol):
 
 
 @runtime_checkable
-class GoesByCue(Protocol):
+class RequiresCues(Protocol):
     """May be able to do nothing without the pictures' cues. needed_cues: the names of those of which one is enough,
     none where it needs none."""
 
@@ -65,7 +65,7 @@ class SeesOtherwise(Protocol):
 
 
 @runtime_checkable
-class ShowsMore(Protocol):
+class HasDiagnosticImages(Protocol):
     """Has pictures of its own for an explanation of a frame."""
 
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
@@ -74,7 +74,7 @@ class ShowsMore(Protocol):
 
 
 @runtime_checkable
-class LooksAhead(Protocol[S]):
+class UsesLookahead(Protocol[S]):
     """Is shown the frames that follow. frames_ahead: how many, fewer at the end of the clip."""
 
     frames_ahead: int
@@ -82,7 +82,7 @@ class LooksAhead(Protocol[S]):
     def init(
         self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
     ) -> tuple[S, FrameResult]:
-        """As `Tracker.init`; following: the next frames in order, with their pictures' cues."""
+        """As `TrackerProtocol.init`; following: the next frames in order, with their pictures' cues."""
         ...
 
     def step(
@@ -92,12 +92,12 @@ class LooksAhead(Protocol[S]):
         observation: Observation,
         following: Sequence[Observation] = (),
     ) -> tuple[S, FrameResult]:
-        """As `Tracker.step`; following: see `init`."""
+        """As `TrackerProtocol.step`; following: see `init`."""
         ...
 
 
 @runtime_checkable
-class LooksBack(LooksAhead[S], Protocol[S]):
+class UsesLookback(UsesLookahead[S], Protocol[S]):
     """Is shown the frames before, too. frames_behind: how many, fewer at the beginning of a clip."""
 
     @property
@@ -113,35 +113,35 @@ class LooksBack(LooksAhead[S], Protocol[S]):
         following: Sequence[Observation] = (),
         before: Sequence[Observation] = (),
     ) -> tuple[S, FrameResult]:
-        """As `LooksAhead.step`; before: the last frames in order, with their pictures' cues."""
+        """As `UsesLookahead.step`; before: the last frames in order, with their pictures' cues."""
         ...
 
 
-def energy_of(tracker: Tracker[Any], name: str) -> ModeSearch:
+def energy_of(tracker: TrackerProtocol[Any], name: str) -> ModeSearch:
     """The search whose energy the hypotheses of a tracker of some name have; raises InputError where they have none."""
-    if not isinstance(tracker, HasEnergy):
+    if not isinstance(tracker, SupportsSmoothing):
         raise InputError("tracker", f"the hypotheses of {name} have no energy", remedy="choose another tracker")
     return tracker.search
 
 
-def frames_ahead(tracker: Tracker[Any]) -> int:
+def frames_ahead(tracker: TrackerProtocol[Any]) -> int:
     """How many of the following frames a tracker is shown."""
-    return tracker.frames_ahead if isinstance(tracker, LooksAhead) else 0
+    return tracker.frames_ahead if isinstance(tracker, UsesLookahead) else 0
 
 
-def frames_behind(tracker: Tracker[Any]) -> int:
+def frames_behind(tracker: TrackerProtocol[Any]) -> int:
     """How many of the frames before a tracker is shown."""
-    return tracker.frames_behind if isinstance(tracker, LooksBack) else 0
+    return tracker.frames_behind if isinstance(tracker, UsesLookback) else 0
 
 
-def sharing(tracker: Tracker[Any], processes: int) -> AbstractContextManager[None]:
+def sharing(tracker: TrackerProtocol[Any], processes: int) -> AbstractContextManager[None]:
     """Within it so many processes share a tracker's work; one is this process alone.
 
     Raises
     ------
-    InputError: several, of a tracker that works in one; and as `SharesWork.shared`.
+    InputError: several, of a tracker that works in one; and as `Parallel.shared`.
     """
-    if isinstance(tracker, SharesWork):
+    if isinstance(tracker, Parallel):
         return tracker.shared(processes)
     if processes != 1:
         raise InputError("workers", "this tracker works in one process", remedy="leave it out")

@@ -100,16 +100,16 @@ class MixtureState:
 
 
 class CarriesMixture:
-    """What is carried by trackers whose state is a `MixtureState` (see `estimator.trackers.base.Tracker`)."""
+    """What is carried by trackers whose state is a `MixtureState` (see `estimator.trackers.base.TrackerProtocol`)."""
 
     body: Body
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> MixtureState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return MixtureState.from_arrays(arrays, self.body)
 
 
-def carried(
+def predict_unobserved(
     search: ModeSearch, before: Mixture, elapsed: float, observation: Observation
 ) -> tuple[MixtureState, FrameResult]:
     """An unobserved frame, `elapsed` [s] after the one before: the hypotheses stay where they are and their uncertainty
@@ -134,7 +134,7 @@ def agreement(search: ModeSearch, observation: Observation, q: np.ndarray, assoc
     return min(shares, default=0.0)
 
 
-def judged(
+def classify_frame(
     search: ModeSearch, observation: Observation, mixture: Mixture, extra: Mapping[str, np.ndarray] | None = None
 ) -> tuple[MixtureState, FrameResult]:
     """State and result of a searched frame; "hard" where the best mode leaves half of the keypoints unexplained,
@@ -169,7 +169,7 @@ def result_of(
     )
 
 
-def searches_told(families: Mapping[Family, int], steps: StepCounts) -> dict[str, np.ndarray]:
+def search_counts(families: Mapping[Family, int], steps: StepCounts) -> dict[str, np.ndarray]:
     """Extra arrays `searches` and `searches_FAMILY`: how many hypotheses a frame was searched from, in all and of each
     family (see `Origin`); `steps_free`, `steps_active_set`, `steps_proxqp`, `steps_failed`: how many steps of all its
     searches were solved by whom (see `StepCounts`)."""

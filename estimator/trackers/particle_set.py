@@ -18,9 +18,9 @@ from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import carried, judged
+from estimator.trackers.mixture_state import classify_frame, predict_unobserved
 from estimator.trackers.particle_state import ParticleState
-from estimator.vision.cues.base import Past
+from estimator.vision.cues.base import PastPose
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.support.idle import idle_where
 
@@ -47,7 +47,7 @@ class FrameEnergy:
         self._flows: list[list[Term]] = [[] for _ in before.modes]
         self._last: PlacedBodies | None = None
         if self._likelihood is not None:
-            self._flows = self._likelihood.followed_each([Past(self.body.at(m.q)) for m in before.modes])
+            self._flows = self._likelihood.followed_each([PastPose(self.body.at(m.q)) for m in before.modes])
 
     def at(self, q: np.ndarray, owner: int) -> QuadraticModel:
         """The energy at q (nq,), for a particle that came from hypothesis `owner`."""
@@ -99,7 +99,7 @@ def first_particle_set(
 
     The start is every tracker's: the best `modes` modes, found by search. Particles are drawn from these Gaussians.
     """
-    state, result = judged(search, observation, start_modes(search, rng, observation, modes))
+    state, result = classify_frame(search, observation, start_modes(search, rng, observation, modes))
     mixture, body = state.mixture, search.body
     owner = np.sort(rng.choice(len(mixture.modes), size=count, p=mixture.weights))
     factors = [np.linalg.cholesky(m.covariance + 1e-12 * np.eye(body.nv)) for m in mixture.modes]
@@ -184,6 +184,6 @@ def unseen(
     search: ModeSearch, state: ParticleState, observation: Observation, states: np.ndarray
 ) -> tuple[ParticleState, FrameResult]:
     """An unobserved frame: the hypotheses are carried, the particles go where their dynamics took them, (N, S)."""
-    after, result = carried(search, state.mixture, observation.time - state.time, observation)
+    after, result = predict_unobserved(search, state.mixture, observation.time - state.time, observation)
     kept = state.particles
     return ParticleState(after.mixture, after.time, Particles(states, kept.weights, kept.owner)), result

@@ -10,7 +10,7 @@ from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_KEYPOINTS, ModeSearchSettings
-from estimator.trackers.base import Tracker
+from estimator.trackers.base import TrackerProtocol
 from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
@@ -67,7 +67,7 @@ class Spec:
 
     name: str
     sentence: str
-    make: Callable[[Body, TrackerSettings], Tracker]
+    make: Callable[[Body, TrackerSettings], TrackerProtocol]
     group: str = ""
     settings: Any = None
     defaults: Mapping[str, Any] = field(default_factory=dict)
@@ -93,6 +93,8 @@ def mode_search(body: Body, settings: TrackerSettings) -> ModeSearch:
     return ModeSearch(CostModel(body, settings.cost, self_collision, settings.cues), settings.search)
 
 
-def by_search(recipe: Callable[[ModeSearch, Any], Tracker]) -> Callable[[Body, TrackerSettings], Tracker]:
+def by_search(
+    recipe: Callable[[ModeSearch, Any], TrackerProtocol],
+) -> Callable[[Body, TrackerSettings], TrackerProtocol]:
     """The `Spec.make` of a tracker that is made from a search for modes and its own settings."""
     return lambda body, settings: recipe(mode_search(body, settings), settings.own)

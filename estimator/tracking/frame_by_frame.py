@@ -10,8 +10,8 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.trackers.base import State, Tracker
-from estimator.trackers.capabilities import LooksAhead, LooksBack, frames_ahead, frames_behind
+from estimator.trackers.base import State, TrackerProtocol
+from estimator.trackers.capabilities import UsesLookahead, UsesLookback, frames_ahead, frames_behind
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.leaps import LastFrame, LeapCheck
 
@@ -38,7 +38,7 @@ class FrameByFrame(Generic[S]):
 
     def __init__(
         self,
-        tracker: Tracker[S],
+        tracker: TrackerProtocol[S],
         seed: int,
         *,
         state: S | None = None,
@@ -80,14 +80,14 @@ class FrameByFrame(Generic[S]):
         if self.state is None:
             if not tracker.can_start(observation):
                 return _empty(observation, tracker.body.nq, tracker.body.nv)
-            if isinstance(tracker, LooksAhead):
+            if isinstance(tracker, UsesLookahead):
                 self.state, result = tracker.init(rng, observation, following)
             else:
                 self.state, result = tracker.init(rng, observation)
             return result
-        if isinstance(tracker, LooksBack):
+        if isinstance(tracker, UsesLookback):
             self.state, result = tracker.step(rng, self.state, observation, following, tuple(self._before))
-        elif isinstance(tracker, LooksAhead):
+        elif isinstance(tracker, UsesLookahead):
             self.state, result = tracker.step(rng, self.state, observation, following)
         else:
             self.state, result = tracker.step(rng, self.state, observation)

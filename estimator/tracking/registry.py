@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimator.trackers.base import Tracker
+from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.baselines import annealed, condensation, multiple_hypothesis, single_mode
 from estimator.trackers.css import css_dual
 from estimator.trackers.css import tracker as css
@@ -130,7 +130,7 @@ def shares_work(name: str, settings: Settings) -> bool:
     return TRACKERS[name].shares_work(settings.own)
 
 
-def make_tracker(name: str, body: Body, settings: Settings | None = None) -> Tracker[Any]:
+def make_tracker(name: str, body: Body, settings: Settings | None = None) -> TrackerProtocol[Any]:
     """A tracker for a body; one object serves one clip.
 
     Raises
@@ -149,4 +149,4 @@ def _defaults(spec: Spec) -> Settings:
 
 
 def _goes_by(spec: Spec) -> str:
-    return f"the tracker {spec.name} " + (f"goes by [{spec.group}]" if spec.group else "has no settings of its own")
+    return f"the tracker {spec.name} " + (f"uses [{spec.group}]" if spec.group else "has no settings of its own")

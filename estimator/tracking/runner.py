@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.data.source import Cues, Progress
-from estimator.trackers.base import State, Tracker
+from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.capabilities import frames_behind
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.frame_by_frame import FrameByFrame
@@ -30,7 +30,7 @@ class Writer(Protocol):
 
 
 def run(
-    tracker: Tracker[S],
+    tracker: TrackerProtocol[S],
     observations: Sequence[Observation],
     seed: int,
     *,
@@ -59,7 +59,7 @@ def _results(frames: FrameByFrame[S], observations: Iterable[Observation], cues:
     yield from frames.rest()
 
 
-def _before(tracker: Tracker[S], done: Sequence[Observation], cues: Cues | None) -> list[Observation]:
+def _before(tracker: TrackerProtocol[S], done: Sequence[Observation], cues: Cues | None) -> list[Observation]:
     """Of the frames that are done those that the tracker looks back at."""
     return [_seen(observation, cues) for observation in done[max(0, len(done) - frames_behind(tracker)) :]]
 
@@ -70,7 +70,7 @@ def _seen(observation: Observation, cues: Cues | None) -> Observation:
 
 def run_into(
     writer: Writer,
-    tracker: Tracker[S],
+    tracker: TrackerProtocol[S],
     observations: Sequence[Observation],
     seed: int,
     *,
@@ -89,7 +89,7 @@ def run_into(
 
 
 def stored_state(
-    tracker: Tracker[S], arrays: Mapping[str, np.ndarray] | None, source: Path
+    tracker: TrackerProtocol[S], arrays: Mapping[str, np.ndarray] | None, source: Path
 ) -> tuple[S | None, LastFrame | None]:
     """State, and what tells leaps, from the arrays that `run_into` stored after a frame; None before the first state.
 

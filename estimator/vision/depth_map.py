@@ -17,17 +17,17 @@ class DepthMap(NamedTuple):
     depth: np.ndarray
     noise: float
 
-    def points(self, rows: np.ndarray, columns: np.ndarray, directions: np.ndarray) -> Points:
+    def points(self, rows: np.ndarray, columns: np.ndarray, directions: np.ndarray) -> DepthPoints:
         """The places that some pixels (P,) show, whose rays have these directions (P, 3), see `Camera.directions`."""
         depth = self.depth[rows, columns].astype(float)
         to_world = self.camera.R_camera_world
         length = np.linalg.norm(directions, axis=1)
         places = self.camera.centre_world + (directions * depth[:, None]) @ to_world
         rays = (directions / length[:, None]) @ to_world
-        return Points(places, rays, self.noise * np.square(depth) * length, depth / self.camera.K[0, 0])
+        return DepthPoints(places, rays, self.noise * np.square(depth) * length, depth / self.camera.K[0, 0])
 
 
-class Points(NamedTuple):
+class DepthPoints(NamedTuple):
     """Points in the world (P, 3) [m] that a camera sees along unit rays (P, 3), with standard deviations along the ray
     and across it (P,) [m]."""
 
@@ -39,6 +39,6 @@ class Points(NamedTuple):
     def __len__(self) -> int:
         return len(self.places)
 
-    def some(self, chosen: np.ndarray) -> Points:
+    def some(self, chosen: np.ndarray) -> DepthPoints:
         """Those of an index or a mask."""
-        return Points(*(array[chosen] for array in self))
+        return DepthPoints(*(array[chosen] for array in self))

@@ -21,7 +21,7 @@ _FARTHEST, _THICKEST = 1e5, 32767  # px: what can be drawn
 _SHIFT = 4  # bits of a pixel's fraction that shapes are drawn with
 
 
-class Part(NamedTuple):
+class FleshPart(NamedTuple):
     """Flesh between joints: its landmarks, and how far it reaches from the lines between them [m]."""
 
     landmarks: tuple[int, ...]
@@ -36,7 +36,7 @@ class Limbs:
     lengths (L, L) [m]: between the landmarks of a part, NaN for others.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[FleshPart, ...]
     ends: np.ndarray
     lengths: np.ndarray
 
@@ -98,7 +98,7 @@ def limbs_of(body: Body) -> Limbs:
         lengths[np.ix_(index, index)] = np.linalg.norm(landmarks[index, None] - landmarks[index], axis=-1)
         side, width = _widths(nodes[part_of == joint], landmarks[index])
         np.maximum.at(ends, index, side)
-        parts.append(Part(tuple(index.tolist()), width))
+        parts.append(FleshPart(tuple(index.tolist()), width))
     return Limbs(tuple(parts), ends, lengths)
 
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from humanoid.collision import broad_phase, curvature, witness
 from humanoid.kinematics.body import Body, PlacedBodies, PosedBody
-from humanoid.shape.solids import Geometry, Solid, solids_of
+from humanoid.shape.solids import ConvexSolid, Geometry, solids_of
 from humanoid.support.errors import InputError
 
 LinkPair = tuple[str, str]
@@ -302,7 +302,7 @@ def _sharpen(solids: tuple[np.ndarray, ...], pairs: np.ndarray, contacts: _Buffe
         failed = witness.sharpen(*[*listed, failed, True])
 
 
-def _kind(solid: Solid) -> int:
+def _kind(solid: ConvexSolid) -> int:
     """Whose curvature is known, see `curvature`."""
     if isinstance(solid.geometry, coal.Ellipsoid):
         return curvature.ELLIPSOID
@@ -319,7 +319,7 @@ def _request(gjk_tolerance: float, epa_tolerance: float) -> coal.DistanceRequest
     return request
 
 
-def _check_count(source: str, solids: tuple[Solid, ...]) -> None:
+def _check_count(source: str, solids: tuple[ConvexSolid, ...]) -> None:
     in_joint = Counter(solid.joint for solid in solids).values()
     pairs = math.comb(len(solids), 2) - sum(math.comb(count, 2) for count in in_joint)
     if pairs > MOST_PAIRS:
@@ -328,13 +328,13 @@ def _check_count(source: str, solids: tuple[Solid, ...]) -> None:
         raise InputError(source, problem, place="collision geometry", remedy=remedy)
 
 
-def _movable_pairs(solids: tuple[Solid, ...]) -> list[tuple[int, int]]:
+def _movable_pairs(solids: tuple[ConvexSolid, ...]) -> list[tuple[int, int]]:
     """Every two solids that a joint parts."""
     n = len(solids)
     return [(i, j) for i in range(n) for j in range(i + 1, n) if solids[i].joint != solids[j].joint]
 
 
-def _tree_pairs(model: pin.Model, solids: tuple[Solid, ...]) -> list[tuple[int, int]]:
+def _tree_pairs(model: pin.Model, solids: tuple[ConvexSolid, ...]) -> list[tuple[int, int]]:
     """Movable pairs of links that are not adjacent once links without solids are contracted away."""
     solid_links = {s.link for s in solids}
     above = {link: _link_above(model, link, solid_links) for link in solid_links}

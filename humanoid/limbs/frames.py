@@ -16,7 +16,7 @@ _STEEP = 0.7  # cosine; where z is nearer to a direction than this, the section 
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class LimbFrame:
     """A limb's frame in the world, with the body at rest. t (3,) [m], R (3, 3). length [m]: to the distal joint."""
 
     t: np.ndarray
@@ -35,7 +35,7 @@ def frame_of(
     nodes: np.ndarray,
     proximal: np.ndarray | None = None,
     distal: np.ndarray | None = None,
-) -> Frame:
+) -> LimbFrame:
     """The frame of a group of bodies whose surface has the nodes (N, 3) [m].
 
     Its origin is the joint that the group hangs on, of the root that of its link. z goes to the farthest joint that
@@ -52,7 +52,7 @@ def frame_of(
         length = float(((nodes - t) @ z).max(initial=0.0))
     else:
         z, length = (end - t) / np.linalg.norm(end - t), float(np.linalg.norm(end - t))
-    return Frame(t, _turned(z, nodes - t, bodies.posed.rotations[bodies.root]), length)
+    return LimbFrame(t, _turned(z, nodes - t, bodies.posed.rotations[bodies.root]), length)
 
 
 def _end(bodies: Bodies, group: Group, others: list[Group], t: np.ndarray) -> np.ndarray | None:

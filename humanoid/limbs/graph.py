@@ -10,7 +10,7 @@ import pinocchio as pin
 from humanoid.kinematics.body import Body
 from humanoid.limbs.bodies import Bodies, bodies_of
 from humanoid.limbs.cones import fitted_cone
-from humanoid.limbs.frames import Frame, axis_through, frame_of
+from humanoid.limbs.frames import LimbFrame, axis_through, frame_of
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.limbs.merging import RULES, Detail, Group, merged, topmost_first
 from humanoid.limbs.override_file import Change, Overrides, read_overrides
@@ -98,7 +98,7 @@ def _name(bodies: Bodies, group: Group) -> str:
 
 def _limb(
     body: Body, bodies: Bodies, group: Group, groups: list[Group], name: str, change: Change
-) -> tuple[Frame, Limb]:
+) -> tuple[LimbFrame, Limb]:
     proximal, distal = change.joints(body, bodies, group, name)
     nodes = outer_nodes(bodies, list(group.members))
     frame = frame_of(bodies, group, [g for g in groups if g is not group], nodes, proximal, distal)
@@ -147,7 +147,7 @@ def _edges(bodies: Bodies, groups: list[Group]) -> tuple[tuple[int, int], ...]:
     return tuple(sorted((min(pair), max(pair)) for pair in pairs))
 
 
-def _mirror(bodies: Bodies, limbs: list[Limb], frames: list[Frame]) -> tuple[int, ...]:
+def _mirror(bodies: Bodies, limbs: list[Limb], frames: list[LimbFrame]) -> tuple[int, ...]:
     """Pairs by the links' names; limbs without one by where they are at rest."""
     mirror = mirror_parts([limb.name for limb in limbs])
     R, t = bodies.posed.rotations[bodies.root], bodies.posed.translations[bodies.root]

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.kinematics.body import Body
-from humanoid.shape.solids import Geometry, Solid, farthest, solids_of
+from humanoid.shape.solids import ConvexSolid, Geometry, farthest, solids_of
 from humanoid.subject.landmarks import COCO17
 from humanoid.subject.subject import Subject
 from humanoid.subject.urdf_document import elements, read_document
@@ -33,7 +33,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 @dataclass(frozen=True)
-class Candidate:
+class LandmarkCandidate:
     """A landmark that could be: `xyz` [m] in the frame of `link`.
 
     active: whether the file gives it, or only mentions it. about: what a reader should know of it. kind: what it is.
@@ -80,14 +80,14 @@ def landmark_start(subject: Subject) -> str:
     return "\n".join(lines) + "\n"
 
 
-def candidates(body: Body) -> list[Candidate]:
+def candidates(body: Body) -> list[LandmarkCandidate]:
     """All landmarks that the file names: those of a person first, then of the links, then the ends of the chains."""
     links = [(link, joint) for link, joint in _moving_links(body) if link.isprintable() and link.strip()]
     named = _of_a_person(links)
     person = len(named) >= FEWEST_NAMED
-    coco = [Candidate(name, link, (0.0, 0.0, 0.0), True) for name, link in named.items()] if person else []
+    coco = [LandmarkCandidate(name, link, (0.0, 0.0, 0.0), True) for name, link in named.items()] if person else []
     taken = {landmark.link for landmark in coco}
-    own = [Candidate(link, link, (0.0, 0.0, 0.0), not person) for link, _ in links if link not in taken]
+    own = [LandmarkCandidate(link, link, (0.0, 0.0, 0.0), not person) for link, _ in links if link not in taken]
     return [*coco, *own, *_ends(body, dict(links), active=not person), *_fixed_ends(body)]
 
 
@@ -121,7 +121,7 @@ def body_part(name: str) -> str | None:
     return f"{sides.pop()}_{parts[0]}" if len(sides) == 1 and len(parts) == 1 else None
 
 
-def _ends(body: Body, links: dict[str, str], *, active: bool) -> Iterator[Candidate]:
+def _ends(body: Body, links: dict[str, str], *, active: bool) -> Iterator[LandmarkCandidate]:
     """The tips of links that carry no joint: how far their geometry reaches along the line to its middle."""
     model = body.model
     parents = set(list(model.parents)[1:])
@@ -131,12 +131,12 @@ def _ends(body: Body, links: dict[str, str], *, active: bool) -> Iterator[Candid
         tip = next((tip for solids in shapes if (tip := _tip([s for s in solids if s.joint == j])) is not None), None)
         if tip is None:
             about = trouble or "it has no geometry: set its place"
-            yield Candidate(link + "_tip", link, (0.0, 0.0, 0.1), False, about, _TIPS)
+            yield LandmarkCandidate(link + "_tip", link, (0.0, 0.0, 0.1), False, about, _TIPS)
         else:
-            yield Candidate(link + "_tip", link, tip, active, "", _TIPS)
+            yield LandmarkCandidate(link + "_tip", link, tip, active, "", _TIPS)
 
 
-def _geometry(subject: Subject, joints: set[int]) -> tuple[list[tuple[Solid, ...]], str]:
+def _geometry(subject: Subject, joints: set[int]) -> tuple[list[tuple[ConvexSolid, ...]], str]:
     """What is seen of some joints' links, and their collision shapes; what is wrong with those that cannot be read."""
     body, trouble = Body(_with_shapes_on(subject, joints)), ""
     shapes = []
@@ -159,7 +159,7 @@ def _with_shapes_on(subject: Subject, joints: set[int]) -> Subject:
     return replace(subject, urdf=document.text())
 
 
-def _tip(solids: list[Solid]) -> tuple[float, float, float] | None:
+def _tip(solids: list[ConvexSolid]) -> tuple[float, float, float] | None:
     """Where the line from a joint through the middle of its solids leaves them, in the joint's frame [m]."""
     if not solids:
         return None
@@ -173,7 +173,7 @@ def _tip(solids: list[Solid]) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-def _fixed_ends(body: Body) -> Iterator[Candidate]:
+def _fixed_ends(body: Body) -> Iterator[LandmarkCandidate]:
     """Links that are fixed to others and carry nothing: tools, soles, cameras."""
     model = body.model
     carrying = {frame.parentFrame for frame in model.frames if frame.name != "universe"}
@@ -181,7 +181,7 @@ def _fixed_ends(body: Body) -> Iterator[Candidate]:
         parent = model.frames[frame.parentFrame]
         fixed = frame.type == pin.FrameType.BODY and parent.type == pin.FrameType.FIXED_JOINT
         if fixed and i not in carrying and frame.name.isprintable() and frame.name.strip():
-            yield Candidate(frame.name, frame.name, (0.0, 0.0, 0.0), False, "", "links fixed to others")
+            yield LandmarkCandidate(frame.name, frame.name, (0.0, 0.0, 0.0), False, "", "links fixed to others")
 
 
 def _joints(body: Body) -> Iterator[tuple[str, float | None, bool]]:
@@ -204,7 +204,7 @@ def _stabiliser_lines(body: Body) -> Iterator[str]:
         yield f"# {_key(name)} = {{rest = {rest:.4g}, std = {std:.3g}}}"
 
 
-def _landmark_lines(landmarks: list[Candidate]) -> Iterator[str]:
+def _landmark_lines(landmarks: list[LandmarkCandidate]) -> Iterator[str]:
     kind = landmarks[0].kind
     for landmark in landmarks:
         if landmark.kind != kind:
@@ -213,7 +213,7 @@ def _landmark_lines(landmarks: list[Candidate]) -> Iterator[str]:
         yield _landmark_line(landmark)
 
 
-def _landmark_line(landmark: Candidate) -> str:
+def _landmark_line(landmark: LandmarkCandidate) -> str:
     place = ", ".join(f"{v:g}" for v in landmark.xyz)
     line = f"{_key(landmark.name)} = {{link = {_quoted(landmark.link)}, xyz = [{place}]}}"
     about = f"  # {landmark.about}" if landmark.about else ""

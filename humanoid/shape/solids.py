@@ -33,7 +33,7 @@ _FLAT = 1e-6  # thickness over length
 
 
 @dataclass(frozen=True)
-class Solid:
+class ConvexSolid:
     """A convex solid fixed to a joint, and a capsule around it.
 
     link: the link that carries it. joint: the joint that moves it.
@@ -55,7 +55,7 @@ class Solid:
     radii: np.ndarray
 
 
-def solids_of(body: Body, geometry: Geometry = "auto") -> tuple[Solid, ...]:
+def solids_of(body: Body, geometry: Geometry = "auto") -> tuple[ConvexSolid, ...]:
     """Solids of a body.
 
     geometry: "flesh" (the URDF's flesh elements), "collision" or "visual" (the URDF's own geometry, meshes as their
@@ -75,7 +75,7 @@ def solids_of(body: Body, geometry: Geometry = "auto") -> tuple[Solid, ...]:
     return _urdf_solids(body, kind)
 
 
-def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
+def _flesh_solid(model: pin.Model, flesh: Flesh) -> ConvexSolid:
     frame = model.frames[model.getFrameId(flesh.link, pin.FrameType.BODY)]
     placement = frame.placement * pin.SE3(pin.rpy.rpyToMatrix(*flesh.rpy), np.array(flesh.xyz))
     capsule = flesh.size[:2] if flesh.shape == "capsule" else limb_capsule(flesh)
@@ -86,7 +86,7 @@ def _flesh_solid(model: pin.Model, flesh: Flesh) -> Solid:
     return _solid(flesh.link, frame.parentJoint, shape, placement)
 
 
-def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[Solid, ...]:
+def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[ConvexSolid, ...]:
     subject, model = body.subject, body.model
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
     for mesh in collada_meshes(subject.urdf, tag):
@@ -148,7 +148,7 @@ def _check_vertices(mesh: Any, fault: Callable[[str, str], InputError]) -> None:
         raise fault("it has no convex hull, because it is flat", "give it some thickness")
 
 
-def _solid(link: str, joint: int, shape: Any, placement: pin.SE3) -> Solid:
+def _solid(link: str, joint: int, shape: Any, placement: pin.SE3) -> ConvexSolid:
     radii = np.zeros(3)
     if isinstance(shape, coal.Ellipsoid):
         radii = np.array(shape.radii)
@@ -160,10 +160,10 @@ def _solid(link: str, joint: int, shape: Any, placement: pin.SE3) -> Solid:
     else:
         centre, half, radius = _capsule_around_points(_hull_points(shape))
     rotation, translation = np.array(placement.rotation), np.array(placement.translation)
-    return Solid(link, int(joint), shape, rotation, translation, centre, half, radius, radii)
+    return ConvexSolid(link, int(joint), shape, rotation, translation, centre, half, radius, radii)
 
 
-def farthest(solid: Solid, direction: np.ndarray) -> float:
+def farthest(solid: ConvexSolid, direction: np.ndarray) -> float:
     """How far a solid reaches along a unit vector (3,) from its joint's origin, in the joint's frame [m]."""
     along = solid.rotation.T @ direction
     offset = float(solid.translation @ direction)

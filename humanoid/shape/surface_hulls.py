@@ -14,7 +14,7 @@ import numpy as np
 
 from humanoid.kinematics.body import Body
 from humanoid.shape.flesh_nodes import even_nodes, flesh_points
-from humanoid.shape.solids import Geometry, Solid, solids_of
+from humanoid.shape.solids import ConvexSolid, Geometry, solids_of
 from humanoid.subject.subject import Flesh
 from humanoid.support.errors import InputError
 
@@ -57,7 +57,7 @@ def hull_parts(body: Body, geometry: Geometry) -> list[HullPart]:
     return [_part(solid) for solid in solids]
 
 
-def _solids(body: Body, geometry: Geometry) -> tuple[Solid, ...]:
+def _solids(body: Body, geometry: Geometry) -> tuple[ConvexSolid, ...]:
     if geometry != "auto":
         return solids_of(body, geometry)
     try:
@@ -70,7 +70,7 @@ def _solids(body: Body, geometry: Geometry) -> tuple[Solid, ...]:
     return visual or solids_of(body, "collision")
 
 
-def _part(solid: Solid) -> HullPart:
+def _part(solid: ConvexSolid) -> HullPart:
     import trimesh  # slow to import, and only needed for URDFs without flesh
 
     hull = trimesh.Trimesh(_corners(solid.geometry), process=False).convex_hull

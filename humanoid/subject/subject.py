@@ -17,7 +17,7 @@ from humanoid.subject.mimic_settling import settle_mimics
 from humanoid.subject.urdf_check import check_urdf, natural_base
 from humanoid.subject.urdf_document import Document, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
-from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, Upright
+from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, UprightElement
 from humanoid.subject.urdf_flesh import Flesh
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
@@ -36,7 +36,7 @@ __all__ = [
     "Stabiliser",
     "Subject",
     "SubjectName",
-    "Upright",
+    "UprightElement",
     "load_subject",
     "subject_from_text",
     "subject_names",
@@ -81,7 +81,7 @@ class Subject(Summarised):
     flesh: tuple[Flesh, ...] = ()
     stabilisers: tuple[Stabiliser, ...] = ()
     proportions: tuple[Proportion, ...] = ()
-    upright: Upright | None = None
+    upright: UprightElement | None = None
     notes: tuple[str, ...] = ()
     mimics: tuple[Mimic, ...] = ()
 

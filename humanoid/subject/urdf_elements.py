@@ -56,7 +56,7 @@ class Landmark:
 
 
 @dataclass(frozen=True)
-class Upright:
+class UprightElement:
     """Equilibrium of a free root's tilt: the unit vector `axis` of the root link points up; `std` of the tilt [rad]."""
 
     link: str
@@ -100,7 +100,7 @@ class Elements:
     flesh: tuple[Flesh, ...]
     stabilisers: tuple[Stabiliser, ...]
     proportions: tuple[Proportion, ...]
-    upright: Upright | None
+    upright: UprightElement | None
     mimics: tuple[Mimic, ...] = ()
 
 
@@ -137,7 +137,7 @@ def read_elements(document: Document) -> Elements:
     )
 
 
-def _upright(document: Document, roots: set[str]) -> Upright | None:
+def _upright(document: Document, roots: set[str]) -> UprightElement | None:
     given = _each(document, "upright", "link", lambda e: e)
     if not given:
         return None
@@ -154,7 +154,7 @@ def _upright(document: Document, roots: set[str]) -> Upright | None:
     if not np.any(axis) or std < LEAST_STD:
         raise document.fault(e, f"no direction, or std below {LEAST_STD:g}", 'such as xyz="0 0 1" std="0.35"')
     x, y, z = (axis / np.linalg.norm(axis)).tolist()
-    return Upright(link, (x, y, z), std)
+    return UprightElement(link, (x, y, z), std)
 
 
 def _each(document: Document, tag: str, key: str, read: Callable[[ET.Element], T]) -> tuple[T, ...]:

@@ -24,7 +24,7 @@ def quiet() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def overheard() -> Iterator[list[str]]:
+def captured_output() -> Iterator[list[str]]:
     """Collect what is printed to descriptor 2 for a while; the list has it, if anything, when the block has ended."""
     said: list[str] = []
     reading, writing = os.pipe()

@@ -90,6 +90,11 @@ def setting(
     return field(default=default, metadata={_DECLARED: valid})
 
 
+def formerly(*names: str) -> dict[str, Valid]:
+    """Metadata of a dataclass field that is a group of settings of its own: names that the group once had."""
+    return {_DECLARED: Valid(formerly=names)}
+
+
 def declared(group: Any) -> dict[str, Valid]:
     """What the fields of a group declare, by name; nothing of a setting that declares nothing."""
     named = fields(group) if is_dataclass(group) else ()
@@ -101,7 +106,7 @@ def check(group: Any) -> None:
     valid = declared(group)
     for f in fields(group):
         value = getattr(group, f.name)
-        if f.name in valid and (wanted := valid[f.name].wanted(value, type(f.default))):
+        if f.name in valid and not is_group(value) and (wanted := valid[f.name].wanted(value, type(f.default))):
             words = "".join(f" {c.lower()}" if c.isupper() else c for c in type(group).__name__).strip()
             raise InputError(words, f"{f.name} is {value!r}", remedy=wanted)
 

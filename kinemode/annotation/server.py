@@ -15,7 +15,7 @@ from viz.local_server import LocalHandler, LocalServer
 _FRAME = re.compile(r"frame/([0-9]{1,9})\.png")
 
 
-class Session(Protocol):
+class AnnotationSession(Protocol):
     """What is served: all that the page shows, and what it saves."""
 
     largest_post: int
@@ -34,7 +34,7 @@ class Session(Protocol):
 class AnnotationServer(LocalServer):
     """Serves a session until the page closes it; `closed` says whether the page did."""
 
-    def __init__(self, session: Session, port: int = 0) -> None:
+    def __init__(self, session: AnnotationSession, port: int = 0) -> None:
         super().__init__(_Handler, port)
         self.session = session
         self.closed = False

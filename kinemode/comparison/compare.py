@@ -69,7 +69,7 @@ def compare_trackers(
     compared_by = common_settings(*loaded_changes(wanted.settings))
     truth = Reference.load(reference) if isinstance(reference, (str, Path)) else reference
     made_folder(out)
-    remedy = "--resume goes on with the runs that are there, --overwrite replaces them"
+    remedy = "--resume continues the runs that are there, --overwrite replaces them"
     check_absent(list(runs_at.values()), wanted.resume, wanted.overwrite, remedy)
     times = TimeFile(out / "times.json")
     runs: dict[str, Run] = {}

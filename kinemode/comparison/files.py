@@ -14,7 +14,7 @@ import numpy as np
 from estimator.runs.trajectory_errors import FAR
 from humanoid.support.atomic import replacing
 from kinemode.comparison.scores import Course, TrackerScore
-from viz.pictures.plot import Curve, Panel, Plot, write_plot
+from viz.pictures.plot import Curve, MeasurePanel, Plot, write_plot
 
 UNITS = {"fps": "1/s", "residual": "px"} | dict.fromkeys(("mpjpe", "pa_mpjpe", "best_of_k", "final_mpjpe"), "m")
 ENOUGH = 0.5  # share of frames with keypoints from which the distance to them is worth a plot
@@ -61,7 +61,7 @@ def plotted(scores: Sequence[TrackerScore], courses: Mapping[str, Course]) -> Pl
 
 def _panel(
     label: str, courses: Mapping[str, Course], value: Callable[[Course], np.ndarray], limit: float | None = None
-) -> Panel:
+) -> MeasurePanel:
     """One measure of all trackers. A frame is lost by this one where its value is beyond the limit, or where it is lost
     and has no value."""
     curves = []
@@ -70,7 +70,7 @@ def _panel(
         lost = np.zeros(len(values), dtype=bool) if limit is None else course.lost & ~(values <= limit)
         starts = lost & ~np.concatenate([[False], lost[:-1]])
         curves.append(Curve(name, course.time, values, tuple(course.time[starts].tolist())))
-    return Panel(label, curves, limit)
+    return MeasurePanel(label, curves, limit)
 
 
 def _unknown(value: object) -> bool:

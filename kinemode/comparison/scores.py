@@ -15,7 +15,7 @@ from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
 from estimator.runs.trajectory_errors import far_px, trajectory_errors
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import observable
+from estimator.trackers.initialisation import observable
 from estimator.trackers.spec import mode_search
 from estimator.tracking.settings import Settings
 from kinemode.comparison.times import TrackTime

@@ -17,7 +17,7 @@ from estimator.data.media.clip import Clip
 from humanoid.subject.landmarks import FORMATS
 from humanoid.support.atomic import unwritable
 from humanoid.support.errors import InputError
-from kinemode.detection.detectors import Wanted
+from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People
 from kinemode.detection.process import DetectorProcess
 from kinemode.terminal.progress import Progress
@@ -36,7 +36,7 @@ class _Done:
     end: int = 0
 
 
-def detect_clip(path: Path, out: Path, wanted: Wanted, progress: Progress) -> Path:
+def detect_clip(path: Path, out: Path, wanted: DetectorChoice, progress: Progress) -> Path:
     """The keypoints of all people in a clip, into a file in MediaPipe's layout or that of the model's keypoints.
 
     What is done stands in OUT.part, from which the same call goes on.
@@ -67,7 +67,7 @@ def detector_of(file: Path) -> str | None:
     return None
 
 
-def _frames(clip: Clip, part: Path, wanted: Wanted, detector: Asked, progress: Progress) -> list[Frame]:
+def _frames(clip: Clip, part: Path, wanted: DetectorChoice, detector: Asked, progress: Progress) -> list[Frame]:
     """The people of every frame, each written to the part file at once."""
     key = {"detector": wanted.identity, "clip": _state_of(clip.path), "image_size": list(clip.image_size)}
     done = _begun(part, key, wanted.most) or _Done([], People(wanted.most))

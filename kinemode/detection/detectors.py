@@ -29,7 +29,7 @@ class Patience:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class DetectorChoice:
     """A detector as the user asks for it.
 
     name: one of `DETECTORS`. model: the file that the detector works by, where it brings none. boxes: a second model,

@@ -15,7 +15,7 @@ from typing import IO, Any, cast
 import numpy as np
 
 from humanoid.support.errors import InputError
-from kinemode.detection.detectors import Wanted
+from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.environment import python_for
 from kinemode.detection.people import Search, State
 from kinemode.detection.pythons import alone, clean_environment
@@ -27,7 +27,7 @@ class DetectorProcess:
     layout: of its keypoints, None where only their count is known. names (K): of its keypoints, or None.
     """
 
-    def __init__(self, wanted: Wanted) -> None:
+    def __init__(self, wanted: DetectorChoice) -> None:
         self._name, self._patience = wanted.name, wanted.patience
         self._said = tempfile.TemporaryFile()  # noqa: SIM115, closed by `close`
         python = python_for(wanted.name, wanted.script, wanted.python, self._patience)

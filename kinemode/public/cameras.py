@@ -13,7 +13,7 @@ from kinemode.target import check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
-    from estimator.data.boards.calibrate import Calibration
+    from estimator.data.boards.calibrate import BoardCalibration
 
 PICTURES = "pictures of a board"
 BOARDS, LENSES = ("chessboard", "charuco"), ("brown", "rational", "fisheye")
@@ -33,7 +33,7 @@ def calibrate(
     out: PathLike | None = None,
     picture: PathLike | None = None,
     progress: Reporter | None = None,
-) -> Calibration:
+) -> BoardCalibration:
     """Calibrate cameras from pictures of a board: their lenses, and of several where they stand.
 
     Picture number i of every camera has to be of the same instant where there are several cameras. Up to 120 pictures
@@ -55,7 +55,7 @@ def calibrate(
     out: camera file to write. picture: picture to write, with corners and how far they are from where they should be.
     progress: opens a progress report, such as `kinemode.reported`; none by default.
 
-    Returns the cameras, the errors of every view, and notes (`estimator.data.boards.calibrate.Calibration`).
+    Returns the cameras, the errors of every view, and notes (`estimator.data.boards.calibrate.BoardCalibration`).
 
     Raises
     ------

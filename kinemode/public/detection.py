@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from humanoid.support.errors import InputError
-from kinemode.detection.detectors import DETECTORS, Wanted
+from kinemode.detection.detectors import DETECTORS, DetectorChoice
 from kinemode.inputs.files import CLIP, KEYPOINTS, InputFiles
 from kinemode.inputs.named import Named, PathLike, named_paths
 from kinemode.notices import InputWarning
@@ -108,14 +108,14 @@ def wanted_detector(
     boxes: PathLike | None = None,
     people: int = 6,
     python: PathLike | None = None,
-) -> Wanted:
+) -> DetectorChoice:
     """A detector by the arguments of `detect`. Raises InputError for what they cannot be."""
     check_as("tracker", detector=detector)
     check_as("keypoint file", model=model, boxes=boxes, python=python)
     if detector not in DETECTORS:
         raise InputError("detector", f"{detector!r} is unknown", remedy=f"one of {', '.join(DETECTORS)}")
     paths = [None if path is None else Path(path) for path in (model, boxes, python)]
-    wanted = Wanted(detector, paths[0], paths[1], whole("people", people, 1), paths[2])
+    wanted = DetectorChoice(detector, paths[0], paths[1], whole("people", people, 1), paths[2])
     wanted.check()
     return wanted
 
@@ -129,14 +129,14 @@ def _files(clips: Mapping[str, Path], out: Path) -> dict[str, Path]:
     return {name: folder / f"{name}.json" for name in clips}
 
 
-def _detect(name: str, clip: Path, file: Path, wanted: Wanted, progress: Reporter) -> None:
+def _detect(name: str, clip: Path, file: Path, wanted: DetectorChoice, progress: Reporter) -> None:
     from kinemode.detection.clip import detect_clip
 
     with progress(f"detecting {name}") as report:
         detect_clip(clip, file, wanted, report)
 
 
-def _still_good(file: Path, clip: Path, wanted: Wanted) -> bool:
+def _still_good(file: Path, clip: Path, wanted: DetectorChoice) -> bool:
     """Whether a keypoint file was made from the clip as it is, by the same detector."""
     if not file.is_file() or file.stat().st_mtime < clip.stat().st_mtime:
         return False

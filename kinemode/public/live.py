@@ -11,7 +11,7 @@ from kinemode.inputs.named import PathLike
 from kinemode.public.arguments import check_arguments, check_as, whole
 from kinemode.public.detection import wanted_detector
 from kinemode.public.tracking import loaded_subject
-from kinemode.target import Target
+from kinemode.target import RunTarget
 
 if TYPE_CHECKING:
     from kinemode.inputs.files import Cameras
@@ -86,7 +86,7 @@ def live(
         if isinstance(path, (str, Path)):
             check_exists(path)
     if out is not None:
-        Target(Path(out), False, overwrite).check()
+        RunTarget(Path(out), False, overwrite).check()
     loaded = loaded_subject(subject)
     from kinemode.streams.job import LiveOptions, track_live
     from kinemode.streams.stepper import StepOptions

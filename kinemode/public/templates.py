@@ -1,4 +1,4 @@
-"""`train_templates`: what limbs look like to all cameras of a rig, painted into a file that shouters go by."""
+"""`train_templates`: what limbs look like to all cameras of a rig, painted into a file that part detectors go by."""
 
 from __future__ import annotations
 

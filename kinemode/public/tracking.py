@@ -12,7 +12,7 @@ from kinemode.inputs.files import InputFiles, check_exists
 from kinemode.inputs.named import Named, PathLike
 from kinemode.public.arguments import check_arguments, check_as, choice, whole
 from kinemode.public.detection import with_detected
-from kinemode.target import Target, check_folder
+from kinemode.target import RunTarget, check_folder
 from kinemode.terminal.progress import Reporter, unreported
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def track(
     begin, start_by = moment(start)
     told = _declared(keypoint_size, fps, offset, begin, end, sync)
     if out is not None and not wants_all(person):
-        Target(Path(out), resume, overwrite).check()
+        RunTarget(Path(out), resume, overwrite).check()
     spool = Spool(clips, keypoints, layout)
     files = InputFiles(spool.clips, spool.keypoints, cameras, masks, background, person, told, depth, stereo)
     files.check()

@@ -13,16 +13,16 @@ from estimator.data.cameras.camera import Camera
 from estimator.synthesis import DetectorSettings, SceneSettings, ViewSettings
 from estimator.synthesis.keyed_motion import KeyedMotion
 from estimator.synthesis.motion_keys import motion_named
-from estimator.synthesis.plate import Place, place_of
+from estimator.synthesis.plate import MotionArea, place_of
 from estimator.synthesis.settings import in_range
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.shape.surface import surface_of
 from humanoid.subject.subject import Subject, load_subject
 from humanoid.subject.urdf_flesh import limb_capsule
 from humanoid.subject.urdf_reshape import mirror_parts
-from kinemode.rendering.files import RenderedClip, Wanted
+from kinemode.rendering.files import RenderedClip, WantedFiles
 from kinemode.rendering.motions import configurations, is_authored
-from kinemode.rendering.shot import Draws, Shot, write_shot
+from kinemode.rendering.shot import FilmedMotion, RandomSources, write_shot
 from kinemode.terminal.progress import Reporter, unreported
 
 _FIXED_FLOOR = -1.1  # [m] of the floor under a body with a fixed trunk
@@ -61,14 +61,19 @@ def render_clip(
     if keyed and view.azimuth is None:
         view = replace(view, azimuth=keyed.azimuth)
     cameras, place = _framed(body, q, fps, view)
-    draws = Draws(
+    draws = RandomSources(
         np.random.default_rng((seed, 0)),
         np.random.default_rng((seed, 1)),
         [np.random.default_rng((seed, 2, c)) for c in range(len(cameras))],
     )
-    shot = Shot(body, q, times, fps, cameras, scene, place)
+    shot = FilmedMotion(body, q, times, fps, cameras, scene, place)
     return write_shot(
-        folder, shot, draws, detector or DetectorSettings(), wanted=Wanted(videos, masks, depths), progress=progress
+        folder,
+        shot,
+        draws,
+        detector or DetectorSettings(),
+        wanted=WantedFiles(videos, masks, depths),
+        progress=progress,
     )
 
 
@@ -102,7 +107,7 @@ def _with_girth(subject: Subject, girth: float) -> Subject:
     return subject.reshaped({k: subject.flesh[k].widened(girth) for k in limbs})
 
 
-def _framed(body: Body, q: np.ndarray, fps: float, view: ViewSettings) -> tuple[tuple[Camera, ...], Place]:
+def _framed(body: Body, q: np.ndarray, fps: float, view: ViewSettings) -> tuple[tuple[Camera, ...], MotionArea]:
     """Cameras that see all of the motion, and the place it needs."""
     surface = surface_of(body, nodes=500)
     shown = q[:: max(1, round(_FRAMING_STEP * fps))]

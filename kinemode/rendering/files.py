@@ -33,7 +33,7 @@ class RenderedClip:
     depths: dict[str, Path] = field(default_factory=dict)
 
 
-class Wanted(NamedTuple):
+class WantedFiles(NamedTuple):
     """Which files of a clip are asked for beside those that every clip has."""
 
     videos: bool = True
@@ -41,7 +41,7 @@ class Wanted(NamedTuple):
     depths: bool = False
 
 
-def clip_files(folder: Path, names: list[str], scene: SceneSettings, wanted: Wanted) -> RenderedClip:
+def clip_files(folder: Path, names: list[str], scene: SceneSettings, wanted: WantedFiles) -> RenderedClip:
     """The paths of a clip in a folder; makes its folders, and removes plates, masks and depths of an earlier clip."""
     for stale in (*folder.glob("plate_*.png"), *folder.glob("masks/*/*.png"), *folder.glob("depths/*/*.png")):
         stale.unlink()

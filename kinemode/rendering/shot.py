@@ -16,17 +16,17 @@ from estimator.data.media.film import write_film
 from estimator.data.media.picture import write_picture
 from estimator.synthesis import DetectorSettings, SceneSettings
 from estimator.synthesis.detector import without
-from estimator.synthesis.plate import ORIGIN, Place
+from estimator.synthesis.plate import ORIGIN, MotionArea
 from estimator.synthesis.render import Maps
 from humanoid.kinematics.body import Body, PosedBody
-from kinemode.rendering.files import RenderedClip, Wanted, clip_files
+from kinemode.rendering.files import RenderedClip, WantedFiles, clip_files
 from kinemode.target import made_folder
 from kinemode.terminal.progress import Progress, Reporter, unreported
 
 _FARTHEST = 65536.0  # mm, beyond what 16 bits hold
 
 
-class Shot(NamedTuple):
+class FilmedMotion(NamedTuple):
     """What is filmed: q (T, nq) of a body at times (T,) [s], `fps` frames per second, by cameras in a place."""
 
     body: Body
@@ -35,10 +35,10 @@ class Shot(NamedTuple):
     fps: float
     cameras: tuple[Camera, ...]
     scene: SceneSettings
-    place: Place = ORIGIN
+    place: MotionArea = ORIGIN
 
 
-class Draws(NamedTuple):
+class RandomSources(NamedTuple):
     """Where the random numbers are from: of the keypoints' errors, of room and clothes, of each camera's sensor."""
 
     keypoints: np.random.Generator
@@ -48,11 +48,11 @@ class Draws(NamedTuple):
 
 def write_shot(
     folder: str | Path,
-    shot: Shot,
-    draws: Draws,
+    shot: FilmedMotion,
+    draws: RandomSources,
     detector: DetectorSettings,
     *,
-    wanted: Wanted = Wanted(),  # noqa: B008, it cannot change
+    wanted: WantedFiles = WantedFiles(),  # noqa: B008, it cannot change
     progress: Reporter = unreported,
 ) -> RenderedClip:
     """Write cameras, truth, body, keypoints, and the pictures as far as they are asked for; see `kinemode.render`.
@@ -72,7 +72,9 @@ def write_shot(
     return clip
 
 
-def _write_keypoints(clip: RenderedClip, shot: Shot, detector: DetectorSettings, rng: np.random.Generator) -> None:
+def _write_keypoints(
+    clip: RenderedClip, shot: FilmedMotion, detector: DetectorSettings, rng: np.random.Generator
+) -> None:
     """The detector's keypoints with errors drawn from `rng`, and the exact first frame."""
     noisy = synthesis.keypoints(
         shot.body, shot.q, shot.cameras, rng, noise_px=detector.noise_px, outlier_fraction=detector.outlier_fraction,
@@ -88,7 +90,7 @@ def _write_keypoints(clip: RenderedClip, shot: Shot, detector: DetectorSettings,
 def _write_pictures(
     clip: RenderedClip,
     renderer: synthesis.Renderer,
-    shot: Shot,
+    shot: FilmedMotion,
     sensors: Sequence[np.random.Generator],
     progress: Progress,
 ) -> None:

@@ -23,7 +23,7 @@ _AGAIN = 0.2  # s, how often a reader who waits looks whether it was interrupted
 
 
 @dataclass(frozen=True)
-class Shot:
+class CapturedPicture:
     """A picture (H, W, 3) uint8 BGR, its number among those that were taken, and when [s], the first at 0."""
 
     number: int
@@ -31,14 +31,14 @@ class Shot:
     picture: np.ndarray
 
 
-class Camera(Protocol):
+class CaptureDevice(Protocol):
     """What takes pictures. name: what its camera is called. image_size: width, height [px]. rate: frames per second."""
 
     name: str
     image_size: tuple[int, int]
     rate: float
 
-    def shots(self) -> Iterator[Shot]:
+    def shots(self) -> Iterator[CapturedPicture]:
         """The pictures, each when it is taken."""
         ...
 
@@ -55,15 +55,15 @@ class FileCamera:
             self.image_size, self.rate = clip.image_size, clip.fps
         self.name = path.name if path.is_dir() else path.stem
 
-    def shots(self) -> Iterator[Shot]:
-        """See `Camera`."""
+    def shots(self) -> Iterator[CapturedPicture]:
+        """See `CaptureDevice`."""
         begun = self._clock()
         with closing(Clip.open(self.path)) as clip:
             for i, picture in enumerate(clip.frames()):
                 at = i / self.rate
                 if self._paced:
                     self._pause(max(0.0, begun + at - self._clock()))
-                yield Shot(i, at, picture)
+                yield CapturedPicture(i, at, picture)
 
 
 class DeviceCamera:
@@ -79,21 +79,21 @@ class DeviceCamera:
         self.image_size = (picture.shape[1], picture.shape[0])
         self.rate = float(self._capture.get(cv2.CAP_PROP_FPS)) or 30.0
 
-    def shots(self) -> Iterator[Shot]:
-        """See `Camera`; until it gives none any more."""
+    def shots(self) -> Iterator[CapturedPicture]:
+        """See `CaptureDevice`; until it gives none any more."""
         begun, number = time.monotonic(), 0
         try:
             while True:
                 taken, picture = self._capture.read()
                 if not taken or picture is None:
                     return
-                yield Shot(number, time.monotonic() - begun, np.asarray(picture, dtype=np.uint8))
+                yield CapturedPicture(number, time.monotonic() - begun, np.asarray(picture, dtype=np.uint8))
                 number += 1
         finally:
             self._capture.release()
 
 
-class Newest:
+class LatestFrameQueue:
     """Takes pictures in a thread of its own and hands out the newest; those that were overtaken are dropped.
 
     A context manager: the thread ends with it, at the next picture.
@@ -105,16 +105,16 @@ class Newest:
     dropped: how many were overtaken.
     """
 
-    def __init__(self, shots: Iterable[Shot], *, patience: float = 1.0) -> None:
+    def __init__(self, shots: Iterable[CapturedPicture], *, patience: float = 1.0) -> None:
         self._shots, self._patience = shots, patience
         self._news = threading.Condition()
-        self._waiting: Shot | None = None
+        self._waiting: CapturedPicture | None = None
         self._over = self._left = False
         self._error: Exception | None = None
         self.dropped = 0
         self._thread = threading.Thread(target=self._take, name="pictures", daemon=True)
 
-    def __enter__(self) -> Newest:
+    def __enter__(self) -> LatestFrameQueue:
         self._thread.start()
         return self
 
@@ -125,7 +125,7 @@ class Newest:
             self._left = True
         self._thread.join(timeout=self._patience)
 
-    def __iter__(self) -> Iterator[Shot]:
+    def __iter__(self) -> Iterator[CapturedPicture]:
         """The newest picture each time, waiting for one that was not handed out; raises what went wrong."""
         while True:
             with self._news:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kinemode.detection.detectors import Wanted
+from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import People
 from kinemode.detection.process import DetectorProcess
 
@@ -20,7 +20,7 @@ class Detecting:
     InputError: a detector that cannot be had or fails.
     """
 
-    def __init__(self, wanted: Wanted) -> None:
+    def __init__(self, wanted: DetectorChoice) -> None:
         self._process = DetectorProcess(wanted)
         self._people = People(wanted.most)
         self._person: int | None = None

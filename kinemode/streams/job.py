@@ -13,10 +13,10 @@ from estimator.data.observation import Observation
 from estimator.trackers.frame_result import FrameResult
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
-from kinemode.detection.detectors import Wanted
+from kinemode.detection.detectors import DetectorChoice
 from kinemode.inputs.load import camera_for
 from kinemode.notices import InputWarning
-from kinemode.streams.capture import Camera, DeviceCamera, FileCamera, Shot
+from kinemode.streams.capture import CaptureDevice, CapturedPicture, DeviceCamera, FileCamera
 from kinemode.streams.detecting import Detecting
 from kinemode.streams.recording import Recording, live_header, recording
 from kinemode.streams.session import Session, Show, run_session
@@ -35,7 +35,7 @@ Ready = Callable[[str], None]
 class LiveOptions:
     """Arguments of `kinemode.live`, of the same names, which have been checked; of `detect` what it names."""
 
-    keypoints: Path | KeypointSource | Wanted
+    keypoints: Path | KeypointSource | DetectorChoice
     cameras: Cameras
     camera: str | None
     background: Path | None
@@ -49,7 +49,9 @@ class LiveOptions:
 
 def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: StepOptions) -> Session:
     """What `kinemode.live` does once its arguments are known to be of the right kinds."""
-    taking: Camera = DeviceCamera(device) if isinstance(device, int) else FileCamera(device, paced=wanted.realtime)
+    taking: CaptureDevice = (
+        DeviceCamera(device) if isinstance(device, int) else FileCamera(device, paced=wanted.realtime)
+    )
     name = wanted.camera or taking.name
     camera, notes = camera_for(name, taking.image_size, wanted.cameras, chosen=wanted.camera is not None)
     kept: list[Recording] = []
@@ -79,10 +81,10 @@ def track_live(subject: Subject, device: int | Path, wanted: LiveOptions, how: S
 
 
 def _keypoints(
-    given: Path | KeypointSource | Wanted, name: str, taking: Camera, how: StepOptions, stack: ExitStack
+    given: Path | KeypointSource | DetectorChoice, name: str, taking: CaptureDevice, how: StepOptions, stack: ExitStack
 ) -> tuple[KeypointSource, StepOptions, tuple[str, ...]]:
     """Where the keypoints come from, ended with the stack; the options with what they are called, and notes."""
-    if isinstance(given, Wanted):
+    if isinstance(given, DetectorChoice):
         detecting = stack.enter_context(Detecting(given))
         return detecting, replace(how, layout=detecting.layout), ()
     if not isinstance(given, Path):
@@ -93,7 +95,7 @@ def _keypoints(
     return played, replace(how, layout=tuple(n or f"keypoint_{i}" for i, n in enumerate(played.names))), played.notes
 
 
-def _unseen(step: Step, shot: Shot, dropped: int) -> None:
+def _unseen(step: Step, shot: CapturedPicture, dropped: int) -> None:
     """Nobody looks."""
 
 
@@ -105,7 +107,7 @@ def _preview(stepper: Stepper, wanted: LiveOptions) -> Iterator[Show]:
         if wanted.open_browser:
             preview.open_browser()
 
-        def show(step: Step, shot: Shot, dropped: int) -> None:
+        def show(step: Step, shot: CapturedPicture, dropped: int) -> None:
             note = f"{dropped} dropped" if dropped else ""
             preview.show(
                 Moment(step.index, shot.time, step.status, step.q, step.hypotheses, step.weights, (shot.picture,), note)

@@ -117,5 +117,5 @@ def _jitters(given: float | Mapping[str, float] | None, cameras: Mapping[str, Ca
         raise InputError("jitter", f"is of {', '.join(map(str, values))}", remedy=f"cameras: {', '.join(cameras)}")
     jitter = tuple(float(values[name]) for name in cameras)
     if not all(np.isfinite(value) and value >= 0.0 for value in jitter):
-        raise InputError("jitter", f"{jitter} cannot be", remedy="0 px or more")
+        raise InputError("jitter", f"must be 0 px or more, got {jitter}")
     return jitter

@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from kinemode.streams.capture import Newest, Shot
+from kinemode.streams.capture import CapturedPicture, LatestFrameQueue
 from kinemode.streams.sources import KeypointSource
 from kinemode.streams.step import Step
 from kinemode.streams.stepper import Stepper
 from kinemode.terminal.interruption import is_interruption
 
-Show = Callable[[Step, Shot, int], None]
+Show = Callable[[Step, CapturedPicture, int], None]
 """Is given a frame, the picture it is of, and how many pictures were dropped so far."""
 
 
@@ -44,22 +44,24 @@ class Session:
         return taken + told.replace(",", ":", 1)
 
 
-def run_session(shots: Iterable[Shot], source: KeypointSource, stepper: Stepper, show: Show, *, every: bool) -> Session:
+def run_session(
+    shots: Iterable[CapturedPicture], source: KeypointSource, stepper: Stepper, show: Show, *, every: bool
+) -> Session:
     """Track the pictures until they end, or Ctrl-C.
 
     every: all of them are tracked, however long that takes; else those that are overtaken are dropped.
     """
     session, counts = Session(), Counter[str]()
     begun = time.perf_counter()
-    newest = None if every else Newest(shots)
-    waiting: dict[int, Shot] = {}  # pictures of frames that a lag holds back
+    newest = None if every else LatestFrameQueue(shots)
+    waiting: dict[int, CapturedPicture] = {}  # pictures of frames that a lag holds back
 
     def shown(step: Step | None) -> None:
         if step is not None:
             counts[step.status] += 1
             show(step, waiting.pop(step.index), session.dropped)
 
-    def track(pictures: Iterable[Shot]) -> None:
+    def track(pictures: Iterable[CapturedPicture]) -> None:
         for shot in pictures:
             session.dropped = 0 if newest is None else newest.dropped
             waiting[len(session.pictures)] = shot

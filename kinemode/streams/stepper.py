@@ -27,8 +27,8 @@ from estimator.vision.likelihood.settings import CueSettings
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
-from kinemode.beginning import check_cue
 from kinemode.indexing import with_index
+from kinemode.initialisation import check_cue
 from kinemode.notices import InputWarning
 from kinemode.pictures import cue_choice
 from kinemode.settings import Chosen, PathLike, choose

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from kinemode.terminal.report import console, print_lines, print_notes, table
 
 if TYPE_CHECKING:
-    from estimator.data.boards.calibrate import Calibration
+    from estimator.data.boards.calibrate import BoardCalibration
 
 _MOST_VIEWS = 10  # of a camera that are listed
 
 
-def print_calibration(calibration: Calibration, out: Path, picture: Path | None) -> None:
+def print_calibration(calibration: BoardCalibration, out: Path, picture: Path | None) -> None:
     """Errors of the cameras and of their views, the worst first, where the world is, and what was written."""
     several = len(calibration.cameras) > 1
     columns = ["camera", "pictures", "with the board", "focal length [px]", "error [px]"]

@@ -13,7 +13,7 @@ from estimator.data.image_cues import ImageCues
 from estimator.energy.term import Term
 from estimator.search.cost_model import image_extent
 from estimator.vision.camera_pictures import CameraPictures
-from estimator.vision.cues.base import CameraView, Cue, Matcher, Past, Shown
+from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher, PastPose
 from estimator.vision.likelihood.image_likelihood import ImageModel
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -162,7 +162,7 @@ class _Matching:
         rng = np.random.default_rng(0)
         self.q, self.other = (body.integrate(q, _AWAY * rng.uniform(-1.0, 1.0, body.nv)) for _ in range(2))
         self.posed = body.at(self.q)
-        self.past = Past(body.at(parent), self.posed)
+        self.past = PastPose(body.at(parent), self.posed)
 
     def require(self, kept: bool, law: str, said: str) -> None:
         self.check.require(kept, law, said)
@@ -176,7 +176,7 @@ class _Matching:
             told[f"term {k}, {term.name}"] = np.array(term.value(posed))
         return told | {"agreement": np.array(self.matcher.agreement(prediction), dtype=float)}
 
-    def since(self, pasts: Sequence[Past]) -> list[Term]:
+    def since(self, pasts: Sequence[PastPose]) -> list[Term]:
         return [term for followed in self.matcher.follow(pasts) for term in self.matcher.since(followed)]
 
     def depends_on_the_pose_alone(self) -> None:
@@ -214,7 +214,7 @@ class _Matching:
 
     def past_is_followed(self, curvature: float | None) -> int:
         """As another process would: what `follow` says is sent, and makes the same terms there."""
-        pasts = [self.past, Past(self.past.parent)]
+        pasts = [self.past, PastPose(self.past.parent)]
         followed = list(self.matcher.follow(pasts))
         law = "each past is followed"
         self.require(len(followed) == len(pasts), law, f"{len(followed)} answers to {len(pasts)} pasts")
@@ -238,7 +238,7 @@ class _Matching:
 
     def pictures_fit(self) -> None:
         assigned = self.view.predictor.predict(self.posed)
-        shown = Shown(self.posed, assigned, assigned, self.past if self.check.cue.follows else None)
+        shown = ExplainedPose(self.posed, assigned, assigned, self.past if self.check.cue.follows else None)
         width, height = self.view.camera.image_size
         for picture in self.matcher.pictures(shown):
             self.require(bool(picture.name and picture.title), "pictures have names and titles", f"{picture[:2]!r}")

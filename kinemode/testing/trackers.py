@@ -1,4 +1,4 @@
-"""What every tracker promises (see `estimator.trackers.base.Tracker`)."""
+"""What every tracker promises (see `estimator.trackers.base.TrackerProtocol`)."""
 
 from __future__ import annotations
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.data.boards.calibrate import BoardView, Calibration
-from estimator.data.boards.shots import View
+from estimator.data.boards.calibrate import BoardCalibration, BoardView
+from estimator.data.boards.shots import BoardSighting
 from humanoid.support.atomic import replacing
 from viz.pictures.plot import COLOURS
 
@@ -21,7 +21,9 @@ _ARROW = 0.06  # of the picture's longer side: length of the arrow of the 95th p
 _ROUND = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
-def write_board_picture(calibration: Calibration, picture_of: Callable[[View], np.ndarray], path: Path) -> Path:
+def write_board_picture(
+    calibration: BoardCalibration, picture_of: Callable[[BoardSighting], np.ndarray], path: Path
+) -> Path:
     """Write a PNG with a row for each camera, of the first eight; picture_of: the picture (H, W, 3) BGR of a view.
 
     On the left the view with the largest error, with corners as they were seen and where they should be; on the right

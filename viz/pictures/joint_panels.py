@@ -16,7 +16,7 @@ _FEW = 12
 """Panels up to which all joints are shown."""
 
 
-class Panel(NamedTuple):
+class JointPanel(NamedTuple):
     """What is drawn over each other: a joint, or those of both sides; their common name."""
 
     title: str
@@ -58,7 +58,7 @@ def _usual(names: Sequence[str]) -> tuple[str, ...]:
     return usual if usual and len({without_side(name) for name in names}) > _FEW else tuple(names)
 
 
-def panels_of(angles: Sequence[JointAngle]) -> tuple[Panel, ...]:
+def panels_of(angles: Sequence[JointAngle]) -> tuple[JointPanel, ...]:
     """One panel a joint, those of both sides in one, in the order in which they first come."""
     groups: dict[tuple[str, str], list[tuple[Side, JointAngle]]] = {}
     for angle in angles:
@@ -68,7 +68,7 @@ def panels_of(angles: Sequence[JointAngle]) -> tuple[Panel, ...]:
     panels = []
     for (title, _), curves in groups.items():
         if len({side for side, _ in curves}) == len(curves):
-            panels.append(Panel(title, tuple(curves)))
+            panels.append(JointPanel(title, tuple(curves)))
         else:  # names that differ by more than the side
-            panels += [Panel(angle.name, ((side, angle),)) for side, angle in curves]
+            panels += [JointPanel(angle.name, ((side, angle),)) for side, angle in curves]
     return tuple(panels)

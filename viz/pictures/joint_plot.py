@@ -16,7 +16,7 @@ from estimator.runs.run_file import Run
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from viz.palette import ON_PAPER, web
-from viz.pictures.joint_panels import Panel, chosen_joints, panels_of
+from viz.pictures.joint_panels import JointPanel, chosen_joints, panels_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,7 +62,7 @@ def write_joint_plot(run: Run, path: str | Path, joints: str | Iterable[str] | N
     return path
 
 
-def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
+def drawn(run: Run, panels: Sequence[JointPanel]) -> Figure:
     """The whole figure; angles are in degrees."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -89,7 +89,7 @@ def drawn(run: Run, panels: Sequence[Panel]) -> Figure:
     return figure
 
 
-def draw_panel(axes: Axes, run: Run, panel: Panel) -> None:
+def draw_panel(axes: Axes, run: Run, panel: JointPanel) -> None:
     """The curves of a panel with their 90 % bands, other hypotheses, limits, and the frames that are not to be trusted;
     angles are in degrees."""
     _mark_flagged(axes, run)
@@ -136,7 +136,7 @@ def _mark_flagged(axes: Axes, run: Run) -> None:
             axes.axvspan(edges[start], edges[end], **_FLAGS[name], linewidth=0.0, zorder=0)
 
 
-def _dress(axes: Axes, panel: Panel) -> None:
+def _dress(axes: Axes, panel: JointPanel) -> None:
     unit = panel.curves[0][1].unit
     shown = [part for _, c in panel.curves for part in (c.value, c.low, c.high, c.hypotheses[c.weights > _FAINT])]
     values = np.concatenate([part[np.isfinite(part)] for part in shown])
@@ -158,7 +158,7 @@ def _dress(axes: Axes, panel: Panel) -> None:
     axes.margins(x=0.01)
 
 
-def _legend(run: Run, panels: Sequence[Panel]) -> list[Any]:
+def _legend(run: Run, panels: Sequence[JointPanel]) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

@@ -17,7 +17,7 @@ from humanoid.limbs.limb import LimbGraph
 from humanoid.limbs.merging import Detail
 from humanoid.support.errors import InputError
 from viz.pictures.limb_picture import draw_limbs
-from viz.pictures.painter import View
+from viz.pictures.painter import ImageProjection
 
 _GROUP = "loose_limbed"  # settings of trackers that believe something of limbs
 _ARRAYS = "limb_names", "limb_points", "limb_weights"
@@ -31,14 +31,16 @@ class LimbLayer:
     graph: LimbGraph
     beliefs: tuple[tuple[np.ndarray, np.ndarray] | None, ...]
 
-    def draw(self, image: np.ndarray, view: View, t: int) -> None:
+    def draw(self, image: np.ndarray, view: ImageProjection, t: int) -> None:
         """Draw what is believed at instant t into an image (H, W, 3) uint8 BGR in place."""
         told = self.beliefs[t]
         if told is not None:
             draw_beliefs(image, view, self.graph, *told)
 
 
-def draw_beliefs(image: np.ndarray, view: View, graph: LimbGraph, points: np.ndarray, weights: np.ndarray) -> None:
+def draw_beliefs(
+    image: np.ndarray, view: ImageProjection, graph: LimbGraph, points: np.ndarray, weights: np.ndarray
+) -> None:
     """Draw samples of limbs into an image (H, W, 3) uint8 BGR in place, and their means over them.
 
     points (L, N, 7), weights (L, N), which sum to 1 for each limb.

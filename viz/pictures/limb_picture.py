@@ -14,7 +14,7 @@ from humanoid.limbs.limb import Limb, LimbGraph, limb_placements
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from viz import palette
-from viz.pictures.painter import BodyPainter, View, camera_view
+from viz.pictures.painter import BodyPainter, ImageProjection, camera_view
 from viz.solids.solid import side_of
 
 FILLED = 0.35  # how strongly a cone covers what is behind it
@@ -28,7 +28,7 @@ _FAINTEST = 0.08  # of a sample's outline, so that every sample is seen
 
 def draw_limbs(
     image: np.ndarray,
-    view: View,
+    view: ImageProjection,
     graph: LimbGraph,
     t: np.ndarray,
     R: np.ndarray,
@@ -74,7 +74,7 @@ def draw_limbs(
         palette.tint(image, mask, colour)
 
 
-def _outline(limb: Limb, view: View, t: np.ndarray, R: np.ndarray) -> list[np.ndarray] | None:
+def _outline(limb: Limb, view: ImageProjection, t: np.ndarray, R: np.ndarray) -> list[np.ndarray] | None:
     """The cone's outline and its two ends in the image, as OpenCV takes polygons; None where it cannot be seen."""
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -13,7 +13,7 @@ from estimator.runs.run_file import Run
 from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.limb_layer import LimbLayer, limb_layer
-from viz.pictures.painter import BodyPainter, CameraView, camera_view
+from viz.pictures.painter import BodyPainter, CameraProjection, camera_view
 from viz.scene import Scene, as_scene
 from viz.solids.body_solids import side_of
 
@@ -87,7 +87,7 @@ def chosen_cameras(scene: Scene, camera: str | None) -> list[int]:
 def drawn(
     scene: Scene,
     painter: BodyPainter,
-    view: CameraView,
+    view: CameraProjection,
     camera: int,
     t: int,
     image: np.ndarray | None,
@@ -113,7 +113,7 @@ def drawn(
     return canvas
 
 
-def reduced(image: np.ndarray | None, view: CameraView) -> np.ndarray:
+def reduced(image: np.ndarray | None, view: CameraProjection) -> np.ndarray:
     """The camera's picture at the view's size, or a plain dark one."""
     if image is None:
         return palette.plain(*view.size)
@@ -130,7 +130,7 @@ def side_by_side(tiles: list[np.ndarray]) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate(padded, axis=1))
 
 
-def _draw_others(scene: Scene, painter: BodyPainter, view: CameraView, t: int, canvas: np.ndarray) -> None:
+def _draw_others(scene: Scene, painter: BodyPainter, view: CameraProjection, t: int, canvas: np.ndarray) -> None:
     mask = np.zeros(canvas.shape[:2], dtype=np.uint8)
     for _, q, weight in scene.others(t):
         # a hypothesis of little weight still has to be seen at all
@@ -138,7 +138,7 @@ def _draw_others(scene: Scene, painter: BodyPainter, view: CameraView, t: int, c
     palette.tint(canvas, mask, palette.HYPOTHESIS)
 
 
-def _draw_keypoints(scene: Scene, view: CameraView, camera: int, t: int, canvas: np.ndarray) -> None:
+def _draw_keypoints(scene: Scene, view: CameraProjection, camera: int, t: int, canvas: np.ndarray) -> None:
     radius = max(1.6, max(view.size) / 420.0)
     points = view.pixels(scene.pixels[t, camera])
     for name, point, confidence in zip(scene.body.landmark_names, points, scene.confidence[t, camera], strict=True):

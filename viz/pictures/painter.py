@@ -13,8 +13,8 @@ from estimator.data.cameras.projection import AWAY
 from estimator.synthesis.raster import paint
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from viz import palette
-from viz.solids.body_solids import Skeleton, body_solids, drawing_notes, skeleton
-from viz.solids.solid import Solid, sides_among
+from viz.solids.body_solids import BoneSegments, body_solids, drawing_notes, skeleton
+from viz.solids.solid import DrawnMesh, sides_among
 
 _FINE = 2  # the body is painted this many times larger and then reduced, which smooths its edges
 _SHIFT = 4  # binary places of OpenCV's fixed-point coordinates
@@ -23,7 +23,7 @@ _AMBIENT, _DIFFUSE, _RIM = 0.55, 0.55, 0.2
 _LIGHT = np.array([-0.45, -0.65, -0.62])  # towards the viewer's upper left
 
 
-class View(Protocol):
+class ImageProjection(Protocol):
     """Where points of the world appear in an image of `size` (width, height)."""
 
     @property
@@ -38,7 +38,7 @@ class View(Protocol):
 
 
 @dataclass(frozen=True)
-class CameraView:
+class CameraProjection:
     """What a camera sees, lens distortion included, reduced by `scale`."""
 
     camera: Camera
@@ -46,7 +46,7 @@ class CameraView:
     size: tuple[int, int]
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `View`."""
+        """See `ImageProjection`."""
         depth = self.camera.depths(points)
         return self.pixels(self.camera.project(points)), depth + AWAY if self.camera.parallel else depth
 
@@ -55,7 +55,7 @@ class CameraView:
         return (pixels + 0.5) * self.scale - 0.5
 
     def axes(self) -> np.ndarray:
-        """See `View`."""
+        """See `ImageProjection`."""
         return self.camera.R_camera_world
 
 
@@ -69,20 +69,20 @@ class OrthographicView:
     size: tuple[int, int]
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See `View`."""
+        """See `ImageProjection`."""
         x = (points - self.centre) @ self.R_view_world.T
         return x[..., :2] * self.pixels_per_metre + (np.array(self.size) - 1) / 2.0, x[..., 2] + 100.0
 
     def axes(self) -> np.ndarray:
-        """See `View`."""
+        """See `ImageProjection`."""
         return self.R_view_world
 
 
-def camera_view(camera: Camera, longest: int) -> CameraView:
+def camera_view(camera: Camera, longest: int) -> CameraProjection:
     """The camera's view, its longer side at most `longest` px and both sides even (video coders want that)."""
     scale = min(1.0, longest / max(camera.image_size))
     width, height = (max(2, round(side * scale / 2.0) * 2) for side in camera.image_size)
-    return CameraView(camera, scale, (width, height))
+    return CameraProjection(camera, scale, (width, height))
 
 
 class BodyPainter:
@@ -97,13 +97,13 @@ class BodyPainter:
 
     def __init__(self, body: Body) -> None:
         self.body = body
-        self.skeleton: Skeleton = skeleton(body)
+        self.skeleton: BoneSegments = skeleton(body)
         self.notes = drawing_notes(body)
         solids = body_solids(body)
         self.sides = sides_among([*(s.name for s in solids if s.colour is None), *body.landmark_names])
         self._set(solids)
 
-    def _set(self, solids: tuple[Solid, ...]) -> None:
+    def _set(self, solids: tuple[DrawnMesh, ...]) -> None:
         counts = [len(s.vertices) for s in solids]
         starts = np.cumsum([0, *counts[:-1]])
         self.local = np.concatenate([s.vertices for s in solids])
@@ -120,7 +120,12 @@ class BodyPainter:
         return points_in_world(posed, self.joint, self.local)
 
     def solid(
-        self, image: np.ndarray, view: View, posed: PosedBody, opacity: float, colour: palette.Rgb | None = None
+        self,
+        image: np.ndarray,
+        view: ImageProjection,
+        posed: PosedBody,
+        opacity: float,
+        colour: palette.Rgb | None = None,
     ) -> None:
         """Blend the shaded body into the image (H, W, 3) uint8 in place."""
         pixels, depth = view.project(self.vertices(posed))
@@ -149,7 +154,7 @@ class BodyPainter:
         strength = _AMBIENT + _DIFFUSE * np.clip(seen @ _LIGHT, 0.0, 1.0) - _RIM * (1.0 - facing) ** 2
         return np.asarray(np.clip(colour * strength[:, None], 0.0, 255.0))
 
-    def bones(self, mask: np.ndarray, view: View, posed: PosedBody, strength: float) -> None:
+    def bones(self, mask: np.ndarray, view: ImageProjection, posed: PosedBody, strength: float) -> None:
         """Draw the skeleton into a mask (H, W) uint8, as bright as `strength` (0 to 1)."""
         pixels, depth = view.project(self.skeleton.at(posed))
         thickness = max(1, round(max(mask.shape) / 480))

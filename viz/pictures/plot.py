@@ -37,7 +37,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Panel:
+class MeasurePanel:
     """One measure: its name with the unit, a curve a tracker, and the value beyond which a pose is lost by it."""
 
     label: str
@@ -50,7 +50,7 @@ class Plot:
     """What is drawn: a title, and one panel or several below each other over the same time."""
 
     title: str
-    panels: Sequence[Panel]
+    panels: Sequence[MeasurePanel]
 
 
 def write_plot(plot: Plot, path: str | Path) -> None:
@@ -96,7 +96,7 @@ def _draw(axes: Axes, i: int, curve: Curve, limit: float | None, first: float | 
             axes.plot(lost, height, "x", color=colour, markersize=size, markeredgewidth=3.0 * size / 13.0, zorder=5)
 
 
-def _dress(axes: Axes, panel: Panel) -> None:
+def _dress(axes: Axes, panel: MeasurePanel) -> None:
     from matplotlib.ticker import LogLocator
 
     values = np.concatenate([curve.value for curve in panel.curves])

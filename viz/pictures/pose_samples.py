@@ -14,7 +14,7 @@ from estimator.runs.run_file import Run
 from humanoid.support.errors import InputError
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, reduced, side_by_side
-from viz.pictures.painter import BodyPainter, OrthographicView, View, camera_view
+from viz.pictures.painter import BodyPainter, ImageProjection, OrthographicView, camera_view
 from viz.scene import as_scene, evenly
 
 _METRES = 1.6  # shown from the side, across the narrower dimension
@@ -54,7 +54,7 @@ def captioned(tile: np.ndarray, label: str) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate([strip, tile]))
 
 
-def draw_samples(image: np.ndarray, view: View, painter: BodyPainter, q: np.ndarray) -> None:
+def draw_samples(image: np.ndarray, view: ImageProjection, painter: BodyPainter, q: np.ndarray) -> None:
     """Draw skeletons of poses q (N, nq) into an image (H, W, 3) uint8 BGR in place; where many agree it is brighter."""
     covered = np.zeros(image.shape[:2], dtype=np.float32)
     for pose in q:

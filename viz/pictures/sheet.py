@@ -11,7 +11,7 @@ from estimator.data.media.picture import write_picture
 from estimator.runs.run_file import Run
 from viz import palette
 from viz.pictures.overlay import chosen_cameras, drawn
-from viz.pictures.painter import BodyPainter, CameraView, OrthographicView, camera_view
+from viz.pictures.painter import BodyPainter, CameraProjection, OrthographicView, camera_view
 from viz.scene import Scene, as_scene, evenly
 
 FRAMES = 6
@@ -45,7 +45,7 @@ def write_sheet(run: Run | Scene, path: str | Path, *, frames: int = FRAMES, cam
 
 
 def _column(
-    scene: Scene, painter: BodyPainter, view: CameraView, camera: int, t: int, image: np.ndarray | None
+    scene: Scene, painter: BodyPainter, view: CameraProjection, camera: int, t: int, image: np.ndarray | None
 ) -> np.ndarray:
     canvas = drawn(scene, painter, view, camera, t, image, caption=False)
     above = _crop(canvas, _box(scene, painter, view, t))
@@ -53,7 +53,7 @@ def _column(
     return np.concatenate([above, gap, _side(scene, painter, view, t), _caption(scene, camera, t)], axis=0)
 
 
-def _box(scene: Scene, painter: BodyPainter, view: CameraView, t: int) -> tuple[np.ndarray, float]:
+def _box(scene: Scene, painter: BodyPainter, view: CameraProjection, t: int) -> tuple[np.ndarray, float]:
     """Centre and height [px] of a crop of the tile's shape with the whole body and some room around it."""
     if not scene.has_body(t):
         return np.array(view.size) / 2.0, float(view.size[1])
@@ -77,7 +77,7 @@ def _crop(canvas: np.ndarray, box: tuple[np.ndarray, float]) -> np.ndarray:
     return cv2.warpAffine(canvas, matrix, TILE, flags=cv2.INTER_AREA, borderValue=palette.bgr(palette.BACKGROUND))
 
 
-def _side(scene: Scene, painter: BodyPainter, view: CameraView, t: int) -> np.ndarray:
+def _side(scene: Scene, painter: BodyPainter, view: CameraProjection, t: int) -> np.ndarray:
     if not scene.has_body(t):
         return palette.plain(*TILE)
     forward = view.axes()[2] * np.array([1.0, 1.0, 0.0])

@@ -26,7 +26,7 @@ from viz.preview.curves import joint_curves
 from viz.preview.recorder import CommandRecorder, MotionTrack, ShadedMesh, line_segments
 from viz.scene import Scene, as_scene, evenly
 from viz.solids.body_solids import body_solids
-from viz.solids.solid import Solid, merged, sides_among
+from viz.solids.solid import DrawnMesh, merged, sides_among
 
 KEY_FRAMES = 600
 _NOTHING = 0.005  # a weight below would be written as 0 %
@@ -113,7 +113,7 @@ def _set_ground(root: meshcat.Visualizer, stage: _Stage) -> None:
 
 
 def _add_bodies(
-    root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int], parts: tuple[Solid, ...]
+    root: meshcat.Visualizer, animation: Animation, scene: Scene, rows: list[int], parts: tuple[DrawnMesh, ...]
 ) -> None:
     _add_body(root["body"], animation, scene.body, parts, scene.q[rows], 1.0)
     coarse = merged(replace(part, colour=palette.HYPOTHESIS) for part in body_solids(scene.body, coarse=True))
@@ -125,7 +125,7 @@ def _add_body(
     node: meshcat.Visualizer,
     animation: Animation,
     body: Body,
-    parts: tuple[Solid, ...],
+    parts: tuple[DrawnMesh, ...],
     q: np.ndarray,
     opacity: float,
 ) -> None:
@@ -146,19 +146,19 @@ def _add_body(
         animation.clips[child.path] = AnimationClip(tracks, fps=animation.default_framerate)
 
 
-def node_names(parts: tuple[Solid, ...]) -> dict[int, str]:
+def node_names(parts: tuple[DrawnMesh, ...]) -> dict[int, str]:
     """What the node of each joint that moves something is called, in the order of the joints."""
     names = {part.joint: part.name for part in reversed(parts)}
     return {joint: f"{joint}_{names[joint]}" for joint in sorted(names)}
 
 
-def _mesh(part: Solid) -> g.Geometry:
+def _mesh(part: DrawnMesh) -> g.Geometry:
     if part.normals is None:  # the viewer takes the means of the faces itself
         return g.TriangularMeshGeometry(part.vertices, part.faces)
     return ShadedMesh(part.vertices, part.normals, part.faces)
 
 
-def _material(part: Solid, opacity: float) -> g.Material:
+def _material(part: DrawnMesh, opacity: float) -> g.Material:
     """Front faces alone where the solid is closed: the far side of a translucent limb would show as dark bands."""
     paint, side = palette.hexadecimal(part.paint), 0 if part.closed else 2
     return g.MeshPhongMaterial(color=paint, opacity=opacity, shininess=18, side=side)
@@ -187,7 +187,7 @@ def _matrix(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
 
 
 def _player_data(
-    scene: Scene, rows: list[int], stage: _Stage, cameras: list[dict[str, Any]], parts: tuple[Solid, ...]
+    scene: Scene, rows: list[int], stage: _Stage, cameras: list[dict[str, Any]], parts: tuple[DrawnMesh, ...]
 ) -> dict[str, Any]:
     rate = _key_rate(scene, rows)
     tangent = float(np.tan(_HOME_FOV / 2.0))
@@ -218,7 +218,7 @@ def _player_data(
     }
 
 
-def _legend(scene: Scene, parts: tuple[Solid, ...]) -> list[tuple[str, str | None]]:
+def _legend(scene: Scene, parts: tuple[DrawnMesh, ...]) -> list[tuple[str, str | None]]:
     """Names and colours: of the sides that are told apart by colour, else one name for the body."""
     sides = sides_among(part.side for part in parts if part.colour is None)
     legend: list[tuple[str, str | None]] = [(side, _css(palette.SIDES[side])) for side in sides]

@@ -8,7 +8,7 @@ from typing import Any
 from estimator.runs.joint_angle import joint_angles
 from estimator.runs.run_file import Run
 from viz.palette import ON_PAPER, web
-from viz.pictures.joint_panels import Panel, panels_of
+from viz.pictures.joint_panels import JointPanel, panels_of
 from viz.pictures.joint_plot import draw_panel
 from viz.report.facts import Figure
 
@@ -23,7 +23,7 @@ def angle_figures(run: Run) -> list[Figure]:
     return [_figure(panel, run) for panel in panels_of([angle.degrees for angle in joint_angles(run)])]
 
 
-def _figure(panel: Panel, run: Run) -> Figure:
+def _figure(panel: JointPanel, run: Run) -> Figure:
     import matplotlib as mpl
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as Drawing

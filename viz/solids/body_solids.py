@@ -10,7 +10,7 @@ import pinocchio as pin
 from humanoid.kinematics.body import Body, PosedBody, points_in_world
 from humanoid.shape.flesh import flesh_meshes, solid_mesh
 from humanoid.subject.subject import Flesh
-from viz.solids.solid import Side, Solid, side_of
+from viz.solids.solid import DrawnMesh, Side, side_of
 from viz.solids.visual_solids import missing_meshes, visual_solids
 
 _BALL = 0.03  # radius of what stands for a link that nothing is known of [m]
@@ -38,7 +38,7 @@ _TRUNK: tuple[tuple[str, str], ...] = (
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class BoneSegments:
     """Line segments between points fixed to joints.
 
     joint (P,), local (P, 3) [m]: the points. segments (S, 2): indices of their ends. sides (S): for the colours.
@@ -54,7 +54,7 @@ class Skeleton:
         return points_in_world(posed, self.joint, self.local)
 
 
-def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
+def body_solids(body: Body, *, coarse: bool = False) -> tuple[DrawnMesh, ...]:
     """The body's surface: its flesh, else its visual or collision geometry, else its joint tree as thin capsules.
 
     coarse: fewer triangles, enough for a translucent hypothesis. Where meshes are missing, see `drawing_notes`.
@@ -66,7 +66,7 @@ def body_solids(body: Body, *, coarse: bool = False) -> tuple[Solid, ...]:
     if body.subject.flesh:
         around, along = (12, 6) if coarse else (20, 12)
         meshes = flesh_meshes(body, around, along)
-        return tuple(Solid(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
+        return tuple(DrawnMesh(m.link, m.joint, side_of(m.link), m.vertices, m.faces) for m in meshes)
     solids, bare = visual_solids(body, coarse=coarse)
     if not solids and not bare:
         return _tree_solids(body)
@@ -83,7 +83,7 @@ def drawing_notes(body: Body) -> tuple[str, ...]:
     return (f"drawn without their meshes, which are gone (the first is {missing[0].file}): {named}",)
 
 
-def _stand_ins(body: Body, link: str) -> tuple[Solid, ...]:
+def _stand_ins(body: Body, link: str) -> tuple[DrawnMesh, ...]:
     """Capsules from a link's joint to the next ones, or a small ball at the end of the tree."""
     frame = body.model.frames[body.model.getFrameId(link, pin.FrameType.BODY)]
     solids = tuple(solid for solid in _tree_solids(body) if solid.joint == frame.parentJoint)
@@ -91,16 +91,16 @@ def _stand_ins(body: Body, link: str) -> tuple[Solid, ...]:
         return solids
     vertices, faces = solid_mesh(Flesh(link, "capsule", (_BALL, 1e-3, 0.0), (0, 0, 0), (0, 0, 0)))
     placed = vertices @ frame.placement.rotation.T + frame.placement.translation
-    return (Solid(link, int(frame.parentJoint), side_of(link), placed, faces),)
+    return (DrawnMesh(link, int(frame.parentJoint), side_of(link), placed, faces),)
 
 
-def _tree_solids(body: Body) -> tuple[Solid, ...]:
+def _tree_solids(body: Body) -> tuple[DrawnMesh, ...]:
     """A thin capsule from every joint to each of its children."""
     model = body.model
     first = _first_joint(body)
     offsets = {j: np.array(model.jointPlacements[j].translation) for j in range(first, model.njoints)}
     reach = max((float(np.linalg.norm(offset)) for offset in offsets.values()), default=0.0)
-    solids: list[Solid] = []
+    solids: list[DrawnMesh] = []
     for j, offset in offsets.items():
         length = float(np.linalg.norm(offset))
         if length > 0.05 * reach:
@@ -109,7 +109,9 @@ def _tree_solids(body: Body) -> tuple[Solid, ...]:
             vertices, faces = solid_mesh(capsule)
             name = model.names[j]
             solids.append(
-                Solid(name, int(model.parents[j]), side_of(name), vertices @ R_joint_capsule.T + offset / 2.0, faces)
+                DrawnMesh(
+                    name, int(model.parents[j]), side_of(name), vertices @ R_joint_capsule.T + offset / 2.0, faces
+                )
             )
     return tuple(solids)
 
@@ -119,7 +121,7 @@ def _first_joint(body: Body) -> int:
     return 2 if body.has_free_root else 1
 
 
-def skeleton(body: Body) -> Skeleton:
+def skeleton(body: Body) -> BoneSegments:
     """The body's skeleton: limbs between named landmarks where the names are known, else the joint tree."""
     index = {name: i for i, name in enumerate(body.landmark_names)}
     pairs = [(a, b) for a, b in LIMBS if a in index and b in index]
@@ -129,7 +131,7 @@ def skeleton(body: Body) -> Skeleton:
         return _joint_tree(body)
     segments = np.array([(index[a], index[b]) for a, b in pairs])
     sides = tuple(_pair_side(a, b) for a, b in pairs)
-    return Skeleton(body.landmark_joint, body.landmark_local, segments, sides)
+    return BoneSegments(body.landmark_joint, body.landmark_local, segments, sides)
 
 
 def _pair_side(a: str, b: str) -> Side:
@@ -137,13 +139,13 @@ def _pair_side(a: str, b: str) -> Side:
     return next(iter(sides)) if len(sides) == 1 else "trunk"
 
 
-def _joint_tree(body: Body) -> Skeleton:
+def _joint_tree(body: Body) -> BoneSegments:
     model = body.model
     first = _first_joint(body)
     children = [j for j in range(first, model.njoints) if np.linalg.norm(model.jointPlacements[j].translation) > 1e-3]
     joints = [j for child in children for j in (model.parents[child], child)]
     local = np.zeros((len(joints), 3))
-    return Skeleton(
+    return BoneSegments(
         np.array(joints, dtype=np.int64),
         local,
         np.arange(len(joints)).reshape(-1, 2),

@@ -20,7 +20,7 @@ _SIDE = re.compile(r"(left|right)[_\W]?|(^|(?<=[_\W]))[lr]([_\W]|(?=\d)|$)", re.
 
 
 @dataclass(frozen=True)
-class Solid:
+class DrawnMesh:
     """A triangle mesh fixed to a joint.
 
     name: of the link (or geometry) it stands for. joint: index of the joint it moves with. side: for its colour.
@@ -66,18 +66,18 @@ def sides_among(names: Iterable[str]) -> tuple[Side, ...]:
     return tuple(side for side in SIDES if side in sides) if sides - {"trunk"} else ()
 
 
-def merged(solids: Iterable[Solid]) -> tuple[Solid, ...]:
+def merged(solids: Iterable[DrawnMesh]) -> tuple[DrawnMesh, ...]:
     """One solid per joint and colour: fewer moving parts to send to a browser."""
-    groups: dict[tuple[int, Rgb, bool, bool], list[Solid]] = {}
+    groups: dict[tuple[int, Rgb, bool, bool], list[DrawnMesh]] = {}
     for solid in solids:
         groups.setdefault((solid.joint, solid.paint, solid.closed, solid.normals is None), []).append(solid)
     return tuple(_joined(group) for group in groups.values())
 
 
-def _joined(group: Sequence[Solid]) -> Solid:
+def _joined(group: Sequence[DrawnMesh]) -> DrawnMesh:
     first = group[0]
     starts = np.cumsum([0] + [len(s.vertices) for s in group[:-1]])
     faces = np.concatenate([s.faces + start for s, start in zip(group, starts, strict=True)])
     vertices = np.concatenate([s.vertices for s in group])
     normals = None if first.normals is None else np.concatenate([s.shading() for s in group])
-    return Solid(first.name, first.joint, first.side, vertices, faces, first.colour, normals, first.closed)
+    return DrawnMesh(first.name, first.joint, first.side, vertices, faces, first.colour, normals, first.closed)

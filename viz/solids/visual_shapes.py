@@ -19,7 +19,7 @@ _SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "lengt
 
 
 @dataclass(frozen=True)
-class Shape:
+class VisualShape:
     """One <visual> or <collision>.
 
     link: the link that carries it. kind: box, sphere, cylinder, capsule or mesh. size: box (x, y, z), sphere (radius),
@@ -35,7 +35,7 @@ class Shape:
     colour: Rgb | None
 
 
-def shapes_of(subject: Subject, kind: Kind) -> tuple[Shape, ...]:
+def shapes_of(subject: Subject, kind: Kind) -> tuple[VisualShape, ...]:
     """All shapes of one kind that can be seen, in the file's order; raises InputError where the text is damaged."""
     document = read_document(subject.urdf, subject.source)
     materials = _materials(document)
@@ -50,7 +50,7 @@ def shapes_of(subject: Subject, kind: Kind) -> tuple[Shape, ...]:
 
 def _shape(
     document: Document, link: ET.Element, element: ET.Element, materials: dict[str, tuple[Rgb, float]]
-) -> Shape | None:
+) -> VisualShape | None:
     geometry = element.find("geometry")
     shape = next(elements(geometry), None) if geometry is not None else None
     if shape is None:
@@ -69,7 +69,7 @@ def _shape(
         rpy, xyz = document.triple(place, "rpy"), document.triple(place, "xyz")
         T_link_shape = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
     name, file = link.get("name", ""), shape.get("filename", "")
-    return Shape(name, shape.tag, size, file, T_link_shape, None if look is None else look[0])
+    return VisualShape(name, shape.tag, size, file, T_link_shape, None if look is None else look[0])
 
 
 def _materials(document: Document) -> dict[str, tuple[Rgb, float]]:

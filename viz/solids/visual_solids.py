@@ -16,9 +16,9 @@ from viz import palette
 from viz.palette import Rgb
 from viz.solids.decimation import simplified
 from viz.solids.mesh_files import ColouredMesh, MeshFile, mesh_file, read_mesh
-from viz.solids.solid import Solid, side_of
+from viz.solids.solid import DrawnMesh, side_of
 from viz.solids.triangles import Triangles, compact, creased, merged_vertices, oriented
-from viz.solids.visual_shapes import Shape, shapes_of
+from viz.solids.visual_shapes import VisualShape, shapes_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -30,7 +30,7 @@ _FACETS = 24
 class VisualSolids(NamedTuple):
     """solids: what can be drawn. bare: links whose meshes are missing and that have nothing to stand in for them."""
 
-    solids: tuple[Solid, ...]
+    solids: tuple[DrawnMesh, ...]
     bare: tuple[str, ...]
 
 
@@ -77,16 +77,16 @@ def visual_solids(body: Body, *, coarse: bool = False) -> VisualSolids:
     return VisualSolids(tuple(placed), bare)
 
 
-def missing_meshes(body: Body) -> tuple[Shape, ...]:
+def missing_meshes(body: Body) -> tuple[VisualShape, ...]:
     """The visual meshes that are not, or not any more, where the URDF says."""
     return tuple(shape for shape in shapes_of(body.subject, "visual") if _missing(shape))
 
 
-def _missing(shape: Shape) -> bool:
+def _missing(shape: VisualShape) -> bool:
     return shape.kind == "mesh" and mesh_file(shape.file) is None
 
 
-def _shapes(body: Body) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+def _shapes(body: Body) -> tuple[tuple[VisualShape, ...], tuple[str, ...]]:
     """What to draw, and the links that something should be drawn for but nothing is there."""
     wanted = shapes_of(body.subject, "visual")
     lost = {shape.link for shape in wanted if _missing(shape)}
@@ -100,7 +100,7 @@ def _shapes(body: Body) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     return (*(shape for shape in wanted if not _missing(shape)), *stand_ins), tuple(sorted(bare))
 
 
-def _readable(shape: Shape) -> bool:
+def _readable(shape: VisualShape) -> bool:
     """A shape that only stands in for another may be left out silently."""
     try:
         _check(shape, _source(shape))
@@ -109,11 +109,11 @@ def _readable(shape: Shape) -> bool:
     return not _missing(shape)
 
 
-def _source(shape: Shape) -> _Source:
+def _source(shape: VisualShape) -> _Source:
     return _Source(shape.kind, shape.size, mesh_file(shape.file) if shape.kind == "mesh" else None)
 
 
-def _check(shape: Shape, source: _Source) -> None:
+def _check(shape: VisualShape, source: _Source) -> None:
     try:
         if source.file is not None:
             read_mesh(source.file)
@@ -201,12 +201,12 @@ def _pieces(mesh: Triangles, colours: Sequence[Rgb | None], closed: bool) -> tup
     return tuple(pieces)
 
 
-def _placed(body: Body, shape: Shape, piece: _Piece, own: bool) -> Solid:
+def _placed(body: Body, shape: VisualShape, piece: _Piece, own: bool) -> DrawnMesh:
     frame = body.model.frames[body.model.getFrameId(shape.link, pin.FrameType.BODY)]
     T_joint_shape = frame.placement * shape.T_link_shape
     vertices = piece.vertices @ T_joint_shape.rotation.T + T_joint_shape.translation
     normals = piece.normals @ T_joint_shape.rotation.T
     colour = shape.colour or piece.colour or (palette.SIDES["trunk"] if own else None)
-    return Solid(
+    return DrawnMesh(
         shape.link, int(frame.parentJoint), side_of(shape.link), vertices, piece.faces, colour, normals, piece.closed
     )

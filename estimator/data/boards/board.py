@@ -47,10 +47,16 @@ class Board:
         columns, rows = self.inner
         if not (_SIDES[0] <= min(columns, rows) and max(columns, rows) <= _SIDES[1]):
             shown = "{}x{}".format(*self.size)
-            raise InputError("size", f"a board of {shown} cannot be", remedy="as 9x6, columns by rows")
+            raise InputError(
+                "size",
+                f"must have {_SIDES[0]} to {_SIDES[1]} inner corners a side, got {shown}",
+                remedy="columns x rows, as 9x6",
+            )
         if not 0.0 < self.square < 10.0:
             raise InputError(
-                "square", f"{self.square:g} m cannot be", remedy="the side of a square in metres, as 0.025"
+                "square",
+                f"must be above 0 and below 10 m, got {self.square:g}",
+                remedy="the side of a square, as 0.025",
             )
         if self.kind == CHARUCO and not 0.0 < self.marker_side < self.square:
             problem = f"{self.marker_side:g} m is no marker in a square of {self.square:g} m"

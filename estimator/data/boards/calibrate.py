@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.boards.board import Board
 from estimator.data.boards.lens import FEWEST_VIEWS, UNSURE, LensFit, board_pose, fit_lens
 from estimator.data.boards.placement import place_cameras
-from estimator.data.boards.shots import Shots, View
+from estimator.data.boards.shots import BoardSighting, Shots
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.threads import one_thread
 from humanoid.support.errors import InputError
@@ -26,13 +26,13 @@ Progress = Callable[[int, int], None]
 class BoardView:
     """A view, where its corners should be (N, 2) [px] and how far they are from there, root mean square [px]."""
 
-    view: View
+    view: BoardSighting
     expected: np.ndarray
     error: float
 
 
 @dataclass(frozen=True)
-class Calibration:
+class BoardCalibration:
     """What the pictures of a board say of cameras.
 
     cameras: by name; several in the world of the board in frame `origin` (see `estimator.data.boards.placement`), a
@@ -63,7 +63,7 @@ def calibrate(
     lens: str = "brown",
     origin: int | None = None,
     progress: Progress = lambda done, total: None,
-) -> Calibration:
+) -> BoardCalibration:
     """Lenses of cameras, and where several of them stand.
 
     Picture number i of every camera has to be of the same instant where there are several. origin: number of the
@@ -91,7 +91,7 @@ def calibrate(
         cameras, errors = place_cameras(fits, board, every, origin)
         placed = errors if len(shots) > 1 else placed
         notes += _doubts(fits, placed)
-    return Calibration(
+    return BoardCalibration(
         cameras=cameras,
         views=tuple(_judged(fits[v.camera].camera, board, v) for v in every if v.frame in fits[v.camera].poses),
         lens_errors={name: fit.rms for name, fit in fits.items()},
@@ -114,16 +114,16 @@ def _frames(shots: Sequence[Shots], origin: int | None) -> dict[str, list[int]]:
 
 def _views(
     shots: Sequence[Shots], board: Board, frames: Mapping[str, list[int]], progress: Progress
-) -> dict[str, list[View]]:
+) -> dict[str, list[BoardSighting]]:
     """The pictures of each camera that show the board."""
     total, done = sum(len(frames[s.name]) for s in shots), 0
-    views: dict[str, list[View]] = {}
+    views: dict[str, list[BoardSighting]] = {}
     for s in shots:
         views[s.name] = []
         for frame in frames[s.name]:
             pixels = board.corners(s.picture(frame))
             if pixels is not None:
-                views[s.name].append(View(s.name, frame, s.label(frame), pixels))
+                views[s.name].append(BoardSighting(s.name, frame, s.label(frame), pixels))
             done += 1
             progress(done, total)
         if len(views[s.name]) < FEWEST_VIEWS:
@@ -147,7 +147,7 @@ def _check_board(shots: Shots, board: Board, frames: Sequence[int], seen: Set[in
     raise InputError(shots.source, problem, place=shots.name, remedy=f"{remedy} squares of a ChArUco board")
 
 
-def _origin(fits: Mapping[str, LensFit], views: Sequence[View], given: int | None) -> int:
+def _origin(fits: Mapping[str, LensFit], views: Sequence[BoardSighting], given: int | None) -> int:
     """The frame whose board is the world's origin."""
     seen = {frame: sum(frame in fit.poses for fit in fits.values()) for frame in {v.frame for v in views}}
     if given is None:
@@ -167,7 +167,7 @@ def _doubts(fits: Mapping[str, LensFit], placed: Mapping[str, float]) -> list[st
     ]
 
 
-def _judged(camera: Camera, board: Board, view: View) -> BoardView:
+def _judged(camera: Camera, board: Board, view: BoardSighting) -> BoardView:
     pose = board_pose(camera, board, view)
     if pose is None:
         raise AssertionError("a view that had a pose has none")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.data.boards.board import Board
-from estimator.data.boards.shots import View
+from estimator.data.boards.shots import BoardSighting
 from estimator.data.cameras.camera import Camera, guessed_camera
 from humanoid.support.errors import InputError
 
@@ -40,7 +40,7 @@ class LensFit:
 
 
 def fit_lens(
-    name: str, board: Board, views: Sequence[View], size: tuple[int, int], *, lens: str, source: str
+    name: str, board: Board, views: Sequence[BoardSighting], size: tuple[int, int], *, lens: str, source: str
 ) -> LensFit:
     """The lens of a camera with pictures of `size` [px].
 
@@ -99,7 +99,7 @@ def _fisheye(
     return np.asarray(K), np.ravel(distortion).copy(), turns, 0.0
 
 
-def board_pose(camera: Camera, board: Board, view: View) -> tuple[np.ndarray, np.ndarray, float] | None:
+def board_pose(camera: Camera, board: Board, view: BoardSighting) -> tuple[np.ndarray, np.ndarray, float] | None:
     """Rotation (3, 3) and translation (3,) [m] of the board in the camera's frame, and the root mean square distance of
     its corners [px]; None where there is none."""
     rays = camera.directions(view.pixels[view.seen])[:, :2]

@@ -12,7 +12,7 @@ from scipy.sparse import lil_matrix
 
 from estimator.data.boards.board import Board
 from estimator.data.boards.lens import LensFit
-from estimator.data.boards.shots import View
+from estimator.data.boards.shots import BoardSighting
 from estimator.data.cameras.camera import Camera
 from humanoid.support.errors import InputError
 
@@ -27,7 +27,7 @@ Pose = tuple[np.ndarray, np.ndarray]
 
 
 def place_cameras(
-    fits: Mapping[str, LensFit], board: Board, views: Sequence[View], origin: int
+    fits: Mapping[str, LensFit], board: Board, views: Sequence[BoardSighting], origin: int
 ) -> tuple[dict[str, Camera], dict[str, float]]:
     """The cameras in the world of the board in frame `origin`, and the root mean square distance of the corners in each
     from where the board is that all of them see [px].
@@ -61,7 +61,7 @@ def place_cameras(
     return placed, errors
 
 
-def _shared(fits: Mapping[str, LensFit], views: Sequence[View], origin: int) -> list[View]:
+def _shared(fits: Mapping[str, LensFit], views: Sequence[BoardSighting], origin: int) -> list[BoardSighting]:
     """Views of the frames that several cameras saw, and of the origin; evenly some where there are many."""
     posed = [v for v in views if v.frame in fits[v.camera].poses]
     frames = sorted({v.frame for v in posed})
@@ -73,7 +73,7 @@ def _shared(fits: Mapping[str, LensFit], views: Sequence[View], origin: int) -> 
 
 
 def _chained(
-    fits: Mapping[str, LensFit], views: Sequence[View], origin: int
+    fits: Mapping[str, LensFit], views: Sequence[BoardSighting], origin: int
 ) -> tuple[dict[str, Pose], dict[int, Pose]]:
     """Poses of cameras (camera from world) and boards (world from board) along the views with the least error."""
     cameras: dict[str, Pose] = {}
@@ -96,7 +96,7 @@ def _chained(
 def _adjusted(
     fits: Mapping[str, LensFit],
     board: Board,
-    views: Sequence[View],
+    views: Sequence[BoardSighting],
     cameras: Mapping[str, Pose],
     boards: Mapping[int, Pose],
     origin: int,
@@ -131,7 +131,7 @@ def _adjusted(
     return unpacked(solved.x)
 
 
-def _residuals(camera: Camera, at: Pose, board_pose: Pose, board: Board, view: View) -> np.ndarray:
+def _residuals(camera: Camera, at: Pose, board_pose: Pose, board: Board, view: BoardSighting) -> np.ndarray:
     """Where corners are seen less where they should be, x and y of each seen [px]."""
     points = board.points[view.seen] @ board_pose[0].T + board_pose[1]
     there = replace(camera, R_camera_world=at[0], t_camera_world=at[1]).project(points)

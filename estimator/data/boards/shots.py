@@ -15,7 +15,7 @@ from humanoid.support.errors import InputError
 
 
 @dataclass(frozen=True)
-class View:
+class BoardSighting:
     """The board as a camera saw it.
 
     camera: its name. frame: number of the picture. label: the picture's name. pixels (N, 2): of the board's corners,

@@ -106,7 +106,7 @@ def read_bvh(path: str | Path) -> BvhMotion:
         raise lines.error("a positive number is needed")
     shortest, longest = 1.0 / FPS_RANGE[1], 1.0 / FPS_RANGE[0]
     if not shortest <= frame_time <= longest:
-        raise lines.error(f"{frame_time:g} s from frame to frame cannot be", f"{shortest:g} to {longest:g}")
+        raise lines.error(f"the frame time must be {shortest:g} to {longest:g} s, got {frame_time:g}")
     values = lines.table(int(count), len(skeleton.channels))
     return BvhMotion(
         tuple(skeleton.names), np.array(skeleton.parents), np.array(skeleton.offsets), tuple(skeleton.channels), values,
@@ -202,5 +202,5 @@ class _Lines:
         if len(values) != count or not np.isfinite(values).all():
             raise self.error(f"{count} numbers are needed")
         if values and max(map(abs, values)) >= _LARGEST:
-            raise self.error("has a number beyond all measure", f"lengths and angles are below {_LARGEST:g}")
+            raise self.error("has a number at least 1e7 in size", f"lengths and angles are below {_LARGEST:g}")
         return values

@@ -112,8 +112,8 @@ def _intrinsics(value: Any, source: str | Path, place: str, *, parallel: bool) -
     for focal in (K[0, 0], K[1, 1]):
         if not _FOCAL[0] <= focal <= _FOCAL[1]:
             low, high = _FOCAL
-            problem = f"a {what} of {focal:g} {unit} cannot be"
-            raise InputError(source, problem, place=place, remedy=f"{low:g} to {high:g} are taken")
+            problem = f"a {what} must be {low:g} to {high:g} {unit}, got {focal:g}"
+            raise InputError(source, problem, place=place)
     if K[1, 0] != 0.0 or not np.array_equal(K[2], [0.0, 0.0, 1.0]):
         raise InputError(source, "is not of the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]", place=place)
     return K
@@ -132,7 +132,9 @@ def _distortion(value: Any, source: str | Path, place: str, *, fisheye: bool) ->
             needed, remedy = "4, 5, 8, 12 or 14 coefficients are", "k1, k2, p1, p2, k3, ... in the order of OpenCV"
         raise InputError(source, f"{needed} needed, found {shape}", place=place, remedy=remedy)
     if (np.abs(coefficients) > _COEFFICIENT).any():
-        raise InputError(source, "has a coefficient beyond all measure", place=place, remedy=f"up to {_COEFFICIENT:g}")
+        raise InputError(
+            source, "has a coefficient at least 1e7 in size", place=place, remedy=f"up to {_COEFFICIENT:g}"
+        )
     return coefficients if fisheye or coefficients.size > 4 else np.append(coefficients, 0.0)
 
 

@@ -13,7 +13,7 @@ from humanoid.support.errors import InputError
 from humanoid.support.files import read_bytes
 
 LARGEST = 1e7  # no length [m], pixel or coefficient comes near it
-BEYOND = "has a number that is not finite, or beyond all measure"
+BEYOND = "has a number that is not finite, or at least 1e7 in size"
 WITHIN = f"numbers are finite and below {LARGEST:g}"
 _MOST_BYTES = 2_000_000_000  # hours of keypoints
 
@@ -83,7 +83,7 @@ def number_between(value: Any, low: float, high: float, source: str | Path, plac
     """One number of a given range, ends included."""
     number = shaped(value, (), source, place)
     if not low <= number <= high:
-        raise InputError(source, f"{number:g} cannot be", place=place, remedy=f"{low:g} to {high:g}")
+        raise InputError(source, f"must be {low:g} to {high:g}, got {number:g}", place=place)
     return float(number)
 
 

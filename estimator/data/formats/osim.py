@@ -24,7 +24,7 @@ _NO_NAME = re.compile(r"[\s/\\*+]+")  # what a component's name may not contain
 
 
 @dataclass(frozen=True)
-class Place:
+class OsimPlacement:
     """A frame in another: rotation (3, 3), translation (3,) [m]."""
 
     rotation: np.ndarray
@@ -32,12 +32,12 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Shape:
+class OsimShape:
     """What is displayed of a segment: an ellipsoid with half-axes size (3,), or a cylinder along its own y axis with
     size (radius, half height) [m]; place: in the segment's frame."""
 
     size: tuple[float, ...]
-    place: Place
+    place: OsimPlacement
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Segment:
     mass: float
     centre: np.ndarray
     inertia: np.ndarray
-    shapes: tuple[Shape, ...] = ()
+    shapes: tuple[OsimShape, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ class Joint:
     name: str
     parent: str
     child: str
-    on_parent: Place
-    on_child: Place
+    on_parent: OsimPlacement
+    on_child: OsimPlacement
     turns: tuple[Axis, ...] = ()
     slides: tuple[Axis, ...] = ()
 
@@ -155,7 +155,7 @@ def _segment(segment: Segment) -> ET.Element:
     return body
 
 
-def _displayed(name: str, shape: Shape) -> ET.Element:
+def _displayed(name: str, shape: OsimShape) -> ET.Element:
     attached = ET.Element("attached_geometry")
     if len(shape.size) == 3:
         geometry = ET.SubElement(attached, "Ellipsoid", name=name)
@@ -241,7 +241,7 @@ def _coupling(coupling: Coupling) -> ET.Element:
     return element
 
 
-def _frame(name: str, parent: str, place: Place) -> ET.Element:
+def _frame(name: str, parent: str, place: OsimPlacement) -> ET.Element:
     element = ET.Element("PhysicalOffsetFrame", name=name)
     _text(element, "socket_parent", parent)
     _text(element, "translation", _numbers(place.translation))

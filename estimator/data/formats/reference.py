@@ -125,7 +125,7 @@ def _texts(array: np.ndarray, path: Path, place: str) -> tuple[str, ...]:
 
 def _checked_points(path: Path, points: np.ndarray) -> np.ndarray:
     if not (np.isnan(points) | (np.abs(points) < LARGEST)).all():
-        problem = "has a point that is infinite, or beyond all measure"
+        problem = "has a point that is infinite, or at least 1e7 in size"
         raise InputError(path, problem, remedy=f"metres below {LARGEST:g}, NaN where a point is missing")
     return points
 
@@ -133,8 +133,7 @@ def _checked_points(path: Path, points: np.ndarray) -> np.ndarray:
 def _checked_rate(path: Path, fps: float) -> float:
     low, high = FPS_RANGE
     if not low <= fps <= high:
-        problem = f"{fps:g} frames per second cannot be: a positive number is needed"
-        raise InputError(path, problem, place="fps", remedy=f"{low:g} to {high:g}")
+        raise InputError(path, f"must be {low:g} to {high:g}, got {fps:g}", place="fps")
     return fps
 
 

@@ -79,7 +79,7 @@ class Clip:
         """
         path = Path(path)
         if fps is not None and not _sane_fps(fps):
-            raise InputError(path, f"{fps} frames per second cannot be", remedy=f"between {FPS_RANGE}")
+            raise InputError(path, "fps must be {:g} to {:g}, got {:g}".format(*FPS_RANGE, fps))
         if not path.exists():
             raise InputError(path, "no such clip", remedy="a video file or a folder of images is needed")
         return FolderClip(path, fps) if path.is_dir() else VideoClip(path, fps)

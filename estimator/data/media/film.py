@@ -50,7 +50,7 @@ def write_film(path: str | Path, frames: Iterable[np.ndarray], rate: float, *, f
     path = Path(path)
     check_film_name(path)
     if not RATES[0] <= rate <= RATES[1]:
-        raise InputError(path, f"{rate:g} frames per second cannot be", remedy="{:g} to {:g}".format(*RATES))
+        raise InputError(path, "frames per second must be {:g} to {:g}, got {:g}".format(*RATES, rate))
     with replacing(path) as temporary:
         stream = iter(frames)
         first = next(stream, None)

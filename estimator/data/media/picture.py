@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
-from humanoid.support.quiet import overheard
+from humanoid.support.quiet import captured_output
 
 WRITTEN = (".png", ".jpg", ".jpeg", ".bmp")
 _DAMAGED = "Corrupt JPEG data"  # libjpeg goes on, with grey or garbage where it cannot
@@ -40,7 +40,7 @@ def _decoded(path: Path, flags: int) -> tuple[np.ndarray, list[str]]:
     """A picture and what its decoder had to say."""
     try:
         data = np.fromfile(path, dtype=np.uint8)
-        with overheard() as said:
+        with captured_output() as said:
             image = cv2.imdecode(data, flags) if data.size else None
     except (OSError, cv2.error):
         image = None

@@ -103,7 +103,7 @@ class NewtonSettings:
     unsolved: Literal["refuse", "retry", "stop"] = "refuse"
 
 
-class Descent(NamedTuple, Generic[Model]):
+class DescentResult(NamedTuple, Generic[Model]):
     """End of a descent: the last model taken, CONVERGED, SETTLED, STALLED or ITERATIONS, and how many steps were
     tried."""
 
@@ -112,14 +112,14 @@ class Descent(NamedTuple, Generic[Model]):
     tried: int
 
 
-def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) -> Descent[Model]:
+def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) -> DescentResult[Model]:
     """Descend from a model; the energy never rises, but for trials that the problem calls as good."""
     schedule, accepted, unsolved = settings.damping, settings.accepted, settings.unsolved
     damping, growth = schedule.first, schedule.growth
     converged, solved, evaluated = problem.converged, problem.step, problem.at  # looked up once: this is a hot loop
     for tried in range(settings.iterations):
         if converged(model):
-            return Descent(model, CONVERGED, tried)
+            return DescentResult(model, CONVERGED, tried)
         step = solved(model, damping)
         while step is None and unsolved == "retry" and damping < schedule.most:
             damping = max(RETRIED[0] * damping, RETRIED[1])
@@ -127,20 +127,20 @@ def minimise(problem: Problem[Model], model: Model, settings: NewtonSettings) ->
         if step is not None:
             promised = step[1]
             if promised is not None and promised < settings.least_promise:
-                return Descent(model, STALLED, tried)
+                return DescentResult(model, STALLED, tried)
             trial = evaluated(model, step)
             gain = float(model.value - trial.value)
             ratio = float(gain > 0.0) if promised is None else gain / max(promised, LEAST_PROMISE)
             if ratio > accepted or problem.as_good(model, trial):
                 model, damping, growth = problem.taken(trial, ratio), schedule.lowered(damping, ratio), schedule.growth
                 if gain < settings.enough and (promised is None or promised < settings.enough):
-                    return Descent(model, SETTLED, tried + 1)
+                    return DescentResult(model, SETTLED, tried + 1)
                 continue
         elif unsolved != "refuse":
-            return Descent(model, STALLED, tried)
+            return DescentResult(model, STALLED, tried)
         damping = max(damping, schedule.grown_from) * growth
         if schedule.by_ratio:
             growth *= 2.0
         if damping > schedule.most:
-            return Descent(model, STALLED, tried + 1)
-    return Descent(model, CONVERGED if converged(model) else ITERATIONS, settings.iterations)
+            return DescentResult(model, STALLED, tried + 1)
+    return DescentResult(model, CONVERGED if converged(model) else ITERATIONS, settings.iterations)

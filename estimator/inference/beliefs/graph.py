@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimator.inference.beliefs.mixture import Density, Mixture
+from estimator.inference.beliefs.mixture import Density, KernelMixture
 from estimator.inference.beliefs.potential import Potential
 from estimator.inference.beliefs.space import Space
 from estimator.inference.clusters import mean_and_covariance
@@ -50,7 +50,7 @@ class Node:
 
     log_likelihood: LogLikelihood | None = None
     proposal: Density | None = None
-    priors: tuple[Mixture, ...] = ()
+    priors: tuple[KernelMixture, ...] = ()
     fixed: Belief | None = None
 
 

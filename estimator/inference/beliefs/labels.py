@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.beliefs.mixture import CUT, Mixture, kernel_exponent, placement_exponent
+from estimator.inference.beliefs.mixture import CUT, KernelMixture, kernel_exponent, placement_exponent
 from estimator.inference.beliefs.space import Space
 from estimator.numerics.linear import solve_definite
 from estimator.numerics.rotations import carried, difference, moved
@@ -40,7 +40,7 @@ class Stacked:
     reach: np.ndarray
 
     @staticmethod
-    def of(mixtures: Sequence[Mixture]) -> Stacked:
+    def of(mixtures: Sequence[KernelMixture]) -> Stacked:
         """Of mixtures of one space; backgrounds count as kernels."""
         plain = [m.of_kernels_alone() for m in mixtures]
         first = np.cumsum([0, *(len(m.shapes) for m in plain)])

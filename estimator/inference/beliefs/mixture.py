@@ -42,7 +42,7 @@ class Density(Protocol):
 
 
 @dataclass(frozen=True)
-class Box:
+class UniformBox:
     """Even in a box, turned anyhow. low, high (n,) [m]."""
 
     space: Space
@@ -73,7 +73,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Mixture:
+class KernelMixture:
     """K kernels, each a normal density in the tangent space at its mean, and a background.
 
     log_weight (K,): of the kernels among themselves; their exponentials sum to 1. mean (K, size). shape (K,) int: of
@@ -129,7 +129,7 @@ class Mixture:
         mean, between = mean_and_covariance(self.space, self.mean, weight)
         return mean, between + np.einsum("k,kij->ij", weight / weight.sum(), self.shapes.covariance[self.shape])
 
-    def of_kernels_alone(self) -> Mixture:
+    def of_kernels_alone(self) -> KernelMixture:
         """The mixture with its background as the first kernel, by its moments; itself where there is none."""
         if self.background is None:
             return self
@@ -137,10 +137,12 @@ class Mixture:
         log_weight = np.append(math.log(max(self.share, 1e-300)), self.log_weight + math.log1p(-self.share))
         shapes = self.shapes.with_more(shapes_of(self.space, covariance[None]))
         shape = np.append(len(self.shapes), self.shape)
-        return Mixture(log_weight, np.concatenate([mean[None], self.mean]), shape, shapes)
+        return KernelMixture(log_weight, np.concatenate([mean[None], self.mean]), shape, shapes)
 
 
-def mixture_of(space: Space, mean: np.ndarray, covariance: np.ndarray, weight: np.ndarray | None = None) -> Mixture:
+def mixture_of(
+    space: Space, mean: np.ndarray, covariance: np.ndarray, weight: np.ndarray | None = None
+) -> KernelMixture:
     """A mixture of kernels of means (K, size) and covariances (K, dims, dims) or variances (K, dims), or (1, ...) of
     all.
 
@@ -154,7 +156,7 @@ def mixture_of(space: Space, mean: np.ndarray, covariance: np.ndarray, weight: n
     if len(shapes) not in (1, len(mean)):
         raise InputError("covariance", f"{len(shapes)} for {len(mean)} kernels")
     shape = np.zeros(len(mean), dtype=np.int64) if len(shapes) == 1 else np.arange(len(mean))
-    return Mixture(log_shares(weight, len(mean)), mean, shape, shapes)
+    return KernelMixture(log_shares(weight, len(mean)), mean, shape, shapes)
 
 
 def log_shares(weight: np.ndarray, count: int) -> np.ndarray:

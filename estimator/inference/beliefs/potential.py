@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.inference.beliefs.mixture import Density, Mixture, log_shares
+from estimator.inference.beliefs.mixture import Density, KernelMixture, log_shares
 from estimator.inference.beliefs.shapes import shapes_of
 from estimator.inference.beliefs.space import Space, placements_of
 from humanoid.support.errors import InputError
@@ -22,7 +22,7 @@ class Potential:
     without.
     """
 
-    relative: Mixture
+    relative: KernelMixture
     outlier: Density | None = None
     share: float = 0.0
 
@@ -35,7 +35,7 @@ class Potential:
         """F_ijm(X_i), (N, M, size), of points X_i (N, size)."""
         return self.space.composed(points, self.relative.mean)
 
-    def message(self, points: np.ndarray, log_weight: np.ndarray) -> Mixture:
+    def message(self, points: np.ndarray, log_weight: np.ndarray) -> KernelMixture:
         """What weighted points X_i (N, size) say of X_j: N M kernels and the outlier process.
 
         log_weight (N,): their exponentials sum to 1. An outlier process of kernels joins them, first; any other is the
@@ -45,10 +45,10 @@ class Potential:
         mean = self.placed(points).reshape(-1, self.space.size)
         weight = (log_weight[:, None] + relative.log_weight).ravel()
         shape, shapes = np.tile(relative.shape, count), relative.shapes
-        if not isinstance(self.outlier, Mixture):
-            return Mixture(weight, mean, shape, shapes, self.outlier, self.share)
+        if not isinstance(self.outlier, KernelMixture):
+            return KernelMixture(weight, mean, shape, shapes, self.outlier, self.share)
         behind = self.outlier
-        return Mixture(
+        return KernelMixture(
             np.concatenate([behind.log_weight + math.log(self.share), weight + math.log1p(-self.share)]),
             np.concatenate([behind.mean, mean]),
             np.concatenate([behind.shape + len(shapes), shape]),
@@ -84,7 +84,7 @@ class Potential:
                 cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
                 J[:, :3, :3], J[:, :3, 3:] = -R, -R @ cross
         shapes = shapes_of(space, J @ covariance @ J.transpose(0, 2, 1))
-        turned = Mixture(relative.log_weight, mean, np.arange(len(mean)), shapes)
+        turned = KernelMixture(relative.log_weight, mean, np.arange(len(mean)), shapes)
         return Potential(turned, outlier, 0.0 if outlier is None else self.share)
 
 
@@ -128,5 +128,5 @@ def potential_of(
         T[:, :3, :3] = placements_of(mean)[1].transpose(0, 2, 1)
         shapes = shapes_of(space, T @ shapes.covariance @ T.transpose(0, 2, 1))
     logarithm = log_shares(np.ones(len(mean)) if weight is None else weight, len(mean))
-    relative = Mixture(logarithm, mean, np.arange(len(mean)), shapes)
+    relative = KernelMixture(logarithm, mean, np.arange(len(mean)), shapes)
     return Potential(relative, outlier, 0.0 if outlier is None else share)

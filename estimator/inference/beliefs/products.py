@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.inference.annealing import annealing_power
 from estimator.inference.beliefs.labels import Stacked
-from estimator.inference.beliefs.mixture import Density, Mixture, mixture_of
+from estimator.inference.beliefs.mixture import Density, KernelMixture, mixture_of
 from estimator.inference.particles import effective_count, normalised, systematic
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
@@ -33,8 +33,8 @@ class ProductSettings:
     candidates: of "importance", at least; per_draw: so many of them for each draw that is wanted. rounds: how many
     times it draws about the best. sweeps: of "gibbs".
     exact_below: so many combinations are gone through whatever the method; there "exact" stops.
-    sighted: candidates of "importance" are weighed by the node's likelihood, too, and drawn about where that is high:
-    the samples of the paper are drawn by the messages alone, and where the likelihood is sharp few of them count.
+    image_weighted: candidates of "importance" are weighed by the node's likelihood, too, and drawn about where that is
+    high: the samples of the paper are drawn by the messages alone, and where the likelihood is sharp few of them count.
     A product of which all kernels are of R^n is drawn from exactly by "exact"; rotations are treated to first order by
     "gibbs" and "exact", and backgrounds as kernels. "importance" weighs by the densities as they are.
     """
@@ -45,14 +45,14 @@ class ProductSettings:
     rounds: int = setting(2, at_least=0)
     sweeps: int = setting(5, at_least=0)
     exact_below: int = setting(0, at_least=0)
-    sighted: bool = True
+    image_weighted: bool = setting(True, formerly=("sighted",))
 
     def __post_init__(self) -> None:
         check(self)
 
     def weighs(self, log_likelihood: LogLikelihood | None) -> bool:
         """Whether candidates are weighed by a likelihood."""
-        return self.sighted and self.method == "importance" and log_likelihood is not None
+        return self.image_weighted and self.method == "importance" and log_likelihood is not None
 
 
 @dataclass(frozen=True)
@@ -79,27 +79,27 @@ class Candidates:
 
 
 @dataclass(frozen=True)
-class Draws:
+class ProductSamples:
     """Points (N, size) of a product. log_factors (D, N): all mixtures' densities there, None where they were not
     needed.
-    overlap: false where the mixtures have no common ground, and the points are of their mean instead. sighted: whether
-    they were drawn in proportion to the likelihood, too."""
+    overlap: false where the mixtures have no common ground, and the points are of their mean instead. image_weighted:
+    whether they were drawn in proportion to the likelihood, too."""
 
     points: np.ndarray
     log_factors: np.ndarray | None
     overlap: bool = True
-    sighted: bool = False
+    image_weighted: bool = False
 
 
 def draw_products(
     rng: np.random.Generator,
-    factors: Sequence[Mixture],
+    factors: Sequence[KernelMixture],
     targets: Sequence[Sequence[int]],
     counts: Sequence[int],
     settings: ProductSettings,
     proposal: Density | None = None,
     log_likelihood: LogLikelihood | None = None,
-) -> list[Draws]:
+) -> list[ProductSamples]:
     """Draws from products of some of several mixtures, for each target: the indices of its mixtures, at least one.
 
     counts: how many, of each. proposal: where candidates may come from besides, log_likelihood: what they are weighed
@@ -107,28 +107,28 @@ def draw_products(
     """
     pool = None
     draws = []
-    sighted = settings.weighs(log_likelihood)
+    image_weighted = settings.weighs(log_likelihood)
     for target, count in zip(targets, counts, strict=True):
         simple = len(target) == 1 or _combinations(factors, target) <= settings.exact_below
-        if (simple and not sighted) or settings.method != "importance":
-            draws.append(Draws(_by_labels(rng, [factors[i] for i in target], count, settings), None))
+        if (simple and not image_weighted) or settings.method != "importance":
+            draws.append(ProductSamples(_by_labels(rng, [factors[i] for i in target], count, settings), None))
             continue
         if pool is None:
             enough = max(settings.candidates, int(settings.per_draw * sum(counts)))
-            looks = log_likelihood if sighted else None
+            looks = log_likelihood if image_weighted else None
             pool = candidates(rng, factors, targets, enough, settings.rounds, proposal, looks)
         weights, overlap, seen = pool.weights(target)
         chosen = rng.permutation(systematic(rng, weights, count))
-        draws.append(Draws(pool.points[chosen], pool.log_factors[:, chosen], overlap, sighted and seen))
+        draws.append(ProductSamples(pool.points[chosen], pool.log_factors[:, chosen], overlap, image_weighted and seen))
     return draws
 
 
-def _combinations(factors: Sequence[Mixture], target: Sequence[int]) -> int:
+def _combinations(factors: Sequence[KernelMixture], target: Sequence[int]) -> int:
     return math.prod(len(factors[i]) + (factors[i].background is not None) for i in target)
 
 
 def _by_labels(
-    rng: np.random.Generator, factors: Sequence[Mixture], count: int, settings: ProductSettings
+    rng: np.random.Generator, factors: Sequence[KernelMixture], count: int, settings: ProductSettings
 ) -> np.ndarray:
     """Points (count, size) of the product of all factors, by which kernels go together."""
     if len(factors) == 1:
@@ -147,7 +147,7 @@ def _by_labels(
     return mixture_of(stacked.space, mean, covariance).sample(rng, count)
 
 
-def exact_product(stacked: Stacked) -> Mixture:
+def exact_product(stacked: Stacked) -> KernelMixture:
     """The product of mixtures as one, of all combinations of their kernels; made to integrate to 1."""
     sizes = np.diff(stacked.start)
     labels = np.stack(np.unravel_index(np.arange(math.prod(sizes)), tuple(sizes)), axis=1) + stacked.start[:-1]
@@ -157,7 +157,7 @@ def exact_product(stacked: Stacked) -> Mixture:
 
 def candidates(
     rng: np.random.Generator,
-    factors: Sequence[Mixture],
+    factors: Sequence[KernelMixture],
     targets: Sequence[Sequence[int]],
     count: int,
     rounds: int,
@@ -214,7 +214,7 @@ def _balanced(log_sources: np.ndarray, each: Sequence[int]) -> np.ndarray:
 
 def _about_the_best(
     rng: np.random.Generator, pool: Candidates, stacked: Stacked, targets: Sequence[Sequence[int]]
-) -> Mixture:
+) -> KernelMixture:
     """Normal densities, each the product of kernels that explain a point of high weight."""
     per_target = max(1, _CENTRES // len(targets))
     chosen, used = [], np.zeros((per_target * len(targets), len(pool.log_factors)), dtype=bool)

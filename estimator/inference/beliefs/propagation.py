@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from estimator.inference.beliefs.graph import Belief, Edge, Graph
-from estimator.inference.beliefs.mixture import Mixture
+from estimator.inference.beliefs.mixture import KernelMixture
 from estimator.inference.beliefs.products import ProductSettings
-from estimator.inference.beliefs.strata import Shares, Target, Weighted, node_samples
+from estimator.inference.beliefs.strata import Shares, StrataTarget, Weighted, node_samples
 from humanoid.support.errors import InputError
 from humanoid.support.settings import check, setting
 
@@ -54,7 +54,7 @@ class Propagated:
     of."""
 
     beliefs: tuple[Belief, ...]
-    messages: Mapping[Edge, Mixture]
+    messages: Mapping[Edge, KernelMixture]
     status: Mapping[Edge, str]
 
 
@@ -62,19 +62,19 @@ def propagate_batch(
     rng: np.random.Generator,
     graph: Graph,
     settings: BeliefSettings,
-    messages: Mapping[Edge, Mixture] | None = None,
+    messages: Mapping[Edge, KernelMixture] | None = None,
     watch: Watch | None = None,
     each: Each = map,
 ) -> Propagated:
     """All messages anew from those of the iteration before, several times (Sigal et al. 2004, section 4).
 
-    A node that has heard nothing and has no proposal sends nothing yet. messages: what was said before. watch: told the
-    number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that shares
-    the work of nodes; every node has random numbers of its own, so that the order changes no bit.
+    A node that received no message and has no proposal sends nothing yet. messages: what was said before. watch: told
+    the number of each iteration and the beliefs after it, with random numbers of its own. each: `map`, or one that
+    shares the work of nodes; every node has random numbers of its own, so that the order changes no bit.
 
     Raises
     ------
-    InputError: some node has heard nothing after the last iteration.
+    InputError: some node received no message after the last iteration.
     """
     passing = _Passing(graph, settings, {**_said_once(graph), **(messages or {})})
     moving = [i for i, node in enumerate(graph.nodes) if node.fixed is None]
@@ -114,7 +114,7 @@ def propagate_tree(rng: np.random.Generator, graph: Graph, settings: BeliefSetti
 class _Passing:
     """Messages as they are passed along."""
 
-    def __init__(self, graph: Graph, settings: BeliefSettings, messages: dict[Edge, Mixture]) -> None:
+    def __init__(self, graph: Graph, settings: BeliefSettings, messages: dict[Edge, KernelMixture]) -> None:
         self._graph, self._settings = graph, settings
         self._messages = messages
         self._status: dict[Edge, str] = {}
@@ -123,14 +123,16 @@ class _Passing:
         """Whether a node has anything to draw samples from."""
         return self._graph.nodes[i].proposal is not None or bool(self._heard(i)[1])
 
-    def spoken(self, seed: int, i: int, targets: Sequence[int], iteration: int) -> dict[Edge, tuple[Mixture, str]]:
+    def spoken(
+        self, seed: int, i: int, targets: Sequence[int], iteration: int
+    ) -> dict[Edge, tuple[KernelMixture, str]]:
         """The messages of a node to some others, with their statuses."""
         if not targets:
             return {}
         sources, factors = self._heard(i)
         potentials = [self._graph.potentials[i, j] for j in targets]
         wanted = [
-            Target(sources.index(j) if j in sources else None,
+            StrataTarget(sources.index(j) if j in sources else None,
                    max(1, (self._settings.kernels - 1) // len(potential.relative)))
             for j, potential in zip(targets, potentials, strict=True)
         ]  # fmt: skip
@@ -140,7 +142,7 @@ class _Passing:
             for j, potential, s in zip(targets, potentials, samples, strict=True)
         }
 
-    def take(self, said: Mapping[Edge, tuple[Mixture, str]]) -> None:
+    def take(self, said: Mapping[Edge, tuple[KernelMixture, str]]) -> None:
         """Let messages take the place of those before."""
         for edge, (message, status) in said.items():
             self._messages[edge], self._status[edge] = message, status
@@ -159,23 +161,23 @@ class _Passing:
             return node.fixed
         factors = self._heard(i)[1]
         if not factors and node.proposal is None:
-            raise InputError("graph", "has heard nothing", place=f"node {i}", remedy="a proposal, or more iterations")
-        (s,) = self._samples(seed, i, factors, [Target(None, self._settings.samples)], iteration)
+            raise InputError("graph", "received no message", place=f"node {i}", remedy="a proposal, or more iterations")
+        (s,) = self._samples(seed, i, factors, [StrataTarget(None, self._settings.samples)], iteration)
         return Belief(self._graph.space, s.points, np.exp(s.log_weight), s.status)
 
     def _samples(
-        self, seed: int, i: int, factors: Sequence[Mixture], wanted: Sequence[Target], iteration: int
+        self, seed: int, i: int, factors: Sequence[KernelMixture], wanted: Sequence[StrataTarget], iteration: int
     ) -> list[Weighted]:
         rng, settings = np.random.default_rng(seed), self._settings
         return node_samples(rng, self._graph.nodes[i], factors, wanted, settings.shares(iteration), settings.product)
 
-    def _heard(self, i: int) -> tuple[list[int], list[Mixture]]:
+    def _heard(self, i: int) -> tuple[list[int], list[KernelMixture]]:
         """The nodes that have sent to a node, and their messages, with the priors behind them."""
         sources = [k for k in self._graph.sources[i] if (k, i) in self._messages]
         return sources, [*(self._messages[k, i] for k in sources), *self._graph.nodes[i].priors]
 
 
-def _said_once(graph: Graph) -> dict[Edge, Mixture]:
+def _said_once(graph: Graph) -> dict[Edge, KernelMixture]:
     """The messages of nodes whose beliefs stay."""
     messages = {}
     for i, node in enumerate(graph.nodes):

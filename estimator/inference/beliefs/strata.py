@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.inference.beliefs.graph import APART, OK, UNEXPLAINED, Node
-from estimator.inference.beliefs.mixture import Mixture
-from estimator.inference.beliefs.products import Draws, ProductSettings, draw_products, likelihoods
+from estimator.inference.beliefs.mixture import KernelMixture
+from estimator.inference.beliefs.products import ProductSamples, ProductSettings, draw_products, likelihoods
 from estimator.inference.particles import normalised
 
 
@@ -105,7 +105,7 @@ def weighted(strata: Sequence[Stratum]) -> tuple[np.ndarray, np.ndarray, str]:
     return np.concatenate([strata[i].points for i in alive]), np.concatenate(logarithms), status
 
 
-class Target(NamedTuple):
+class StrataTarget(NamedTuple):
     """What samples are for. to: the incoming message that comes from where they go to; None for a belief, and where
     nothing comes from there. samples: how many."""
 
@@ -124,8 +124,8 @@ class Weighted(NamedTuple):
 def node_samples(
     rng: np.random.Generator,
     node: Node,
-    factors: Sequence[Mixture],
-    targets: Sequence[Target],
+    factors: Sequence[KernelMixture],
+    targets: Sequence[StrataTarget],
     shares: Shares,
     settings: ProductSettings,
 ) -> list[Weighted]:
@@ -137,22 +137,22 @@ def node_samples(
     everything = tuple(range(len(factors)))
     # where candidates are weighed by the likelihood Q is one of their sources, and each counts by all of its weight; a
     # stratum of its own would keep its share however unlikely it is
-    shouting = node.proposal is not None and not (factors and settings.weighs(node.log_likelihood))
+    proposing = node.proposal is not None and not (factors and settings.weighs(node.log_likelihood))
     rests = [() if t.to is None else tuple(k for k in everything if k != t.to) for t in targets]
     splits = [
-        shares.counts(t.samples, (bool(factors), bool(rest), shouting)) for t, rest in zip(targets, rests, strict=True)
+        shares.counts(t.samples, (bool(factors), bool(rest), proposing)) for t, rest in zip(targets, rests, strict=True)
     ]
     wanted = [
         (everything, max(s.belief for s in splits)),
         *((r, s.incoming) for r, s in zip(rests, splits, strict=True)),
     ]
     draws = _drawn(rng, factors, wanted, settings, node)
-    shouted, log_proposal = np.empty((0, draws[0].points.shape[1])), np.empty(0)
-    if shouting:
+    proposed, log_proposal = np.empty((0, draws[0].points.shape[1])), np.empty(0)
+    if proposing:
         assert node.proposal is not None
-        shouted = node.proposal.sample(rng, max(s.proposal for s in splits))
-        log_proposal = node.proposal.log_density(shouted)
-    parts = [*(d.points for d in draws), shouted]
+        proposed = node.proposal.sample(rng, max(s.proposal for s in splits))
+        log_proposal = node.proposal.log_density(proposed)
+    parts = [*(d.points for d in draws), proposed]
     every_phi = np.split(
         likelihoods(node.log_likelihood, np.concatenate(parts)), np.cumsum([len(p) for p in parts])[:-1]
     )
@@ -160,16 +160,16 @@ def node_samples(
     common, (phi, *own_phi, shouted_phi) = (
         draws[0],
         [
-            np.zeros(len(p)) if d is not None and d.sighted else p
+            np.zeros(len(p)) if d is not None and d.image_weighted else p
             for p, d in zip(every_phi, [*draws, None], strict=True)
         ],
     )
     common_factors = _evaluated(factors, common.points) if common.log_factors is None else common.log_factors
-    shouted_factors = _evaluated(factors, shouted)
+    proposed_factors = _evaluated(factors, proposed)
     samples = []
     for target, split, own, seen in zip(targets, splits, draws[1:], own_phi, strict=True):
         b, s = slice(split.belief), slice(split.proposal)
-        flat = np.zeros(len(phi)), np.zeros(len(shouted))
+        flat = np.zeros(len(phi)), np.zeros(len(proposed))
         strata = [
             Stratum(
                 common.points[b],
@@ -179,9 +179,9 @@ def node_samples(
             ),
             Stratum(own.points, np.zeros(len(seen)), incoming_weight(seen), own.overlap),
             Stratum(
-                shouted[s],
-                proposal_weight(flat[1][s], shouted_factors[:, s], target.to, log_proposal[s]),
-                proposal_weight(shouted_phi[s], shouted_factors[:, s], target.to, log_proposal[s]),
+                proposed[s],
+                proposal_weight(flat[1][s], proposed_factors[:, s], target.to, log_proposal[s]),
+                proposal_weight(shouted_phi[s], proposed_factors[:, s], target.to, log_proposal[s]),
             ),
         ]
         samples.append(Weighted(*weighted(strata)))
@@ -190,21 +190,21 @@ def node_samples(
 
 def _drawn(
     rng: np.random.Generator,
-    factors: Sequence[Mixture],
+    factors: Sequence[KernelMixture],
     wanted: Sequence[tuple[Sequence[int], int]],
     settings: ProductSettings,
     node: Node,
-) -> list[Draws]:
+) -> list[ProductSamples]:
     """Draws of each target that is wanted, so many of it; empty ones where none are."""
     asked = [(target, count) for target, count in wanted if count]
     targets, counts = [a[0] for a in asked], [a[1] for a in asked]
     drawn = iter(draw_products(rng, factors, targets, counts, settings, node.proposal, node.log_likelihood))
     size = node.proposal.space.size if node.proposal is not None else factors[0].space.size
-    nothing = Draws(np.empty((0, size)), np.empty((len(factors), 0)))
+    nothing = ProductSamples(np.empty((0, size)), np.empty((len(factors), 0)))
     return [next(drawn) if count else nothing for _, count in wanted]
 
 
-def _evaluated(factors: Sequence[Mixture], points: np.ndarray) -> np.ndarray:
+def _evaluated(factors: Sequence[KernelMixture], points: np.ndarray) -> np.ndarray:
     """Logarithms (D, N) of all messages at points (N, size)."""
     if not factors or len(points) == 0:
         return np.zeros((len(factors), len(points)))

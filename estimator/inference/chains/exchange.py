@@ -35,7 +35,7 @@ class Message:
     guide: FeatureDensity
 
 
-class Chain(Protocol[S, P]):
+class FeatureChain(Protocol[S, P]):
     """A hidden Markov chain that predicts image features. Equal random generators give equal states."""
 
     def predict(self, state: S, dt: float) -> P:
@@ -122,7 +122,11 @@ def _check_common(expected: Sequence[FeatureDensity]) -> None:
 
 
 def step(
-    chains: Sequence[Chain[Any, Any]], states: Sequence[Any], evidence: Evidence, dt: float, exchange: str = GATED
+    chains: Sequence[FeatureChain[Any, Any]],
+    states: Sequence[Any],
+    evidence: Evidence,
+    dt: float,
+    exchange: str = GATED,
 ) -> tuple[list[Any], list[Message]]:
     """All four steps for one frame: the chains' new states and what each was told."""
     priors = [chain.predict(state, dt) for chain, state in zip(chains, states, strict=True)]

@@ -39,7 +39,7 @@ class PointSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class PointStates:
     """Where points are and how they move: mean (F, 4) x, y [px] and velocities [px/s], covariance (4F, 4F)."""
 
     mean: np.ndarray
@@ -50,9 +50,9 @@ class Points:
         return {"point_mean": self.mean, "point_covariance": self.covariance}
 
     @staticmethod
-    def from_arrays(arrays: Mapping[str, np.ndarray]) -> Points:
+    def from_arrays(arrays: Mapping[str, np.ndarray]) -> PointStates:
         """Those of `arrays`, among others."""
-        return Points(arrays["point_mean"], arrays["point_covariance"])
+        return PointStates(arrays["point_mean"], arrays["point_covariance"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,29 +75,29 @@ class PointChain:
     settings: PointSettings = PointSettings()
     alike: tuple[tuple[int, int], ...] = ()
 
-    def begun(self, mean: np.ndarray, covariance: np.ndarray) -> Points:
+    def begun(self, mean: np.ndarray, covariance: np.ndarray) -> PointStates:
         """Points at rest, in all likelihood: mean (F, 2) [px], covariance (2F, 2F) [px^2]."""
         count = len(self.names)
         whole = np.eye(4 * count) * (self.settings.speed * self.size) ** 2
         place = self._places
         whole[np.ix_(place, place)] = covariance
-        return Points(np.hstack([mean, np.zeros((count, 2))]), whole)
+        return PointStates(np.hstack([mean, np.zeros((count, 2))]), whole)
 
-    def predict(self, state: Points, dt: float) -> Points:
-        """See `estimator.inference.chains.exchange.Chain`."""
+    def predict(self, state: PointStates, dt: float) -> PointStates:
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         A, Q = self._motion(dt)
         count = len(self.names)
         whole, noise = np.kron(np.eye(count), A), np.kron(np.eye(count), Q)
         covariance = whole @ state.covariance @ whole.T + noise
-        return Points((whole @ state.mean.ravel()).reshape(count, 4), self.bounded(covariance))
+        return PointStates((whole @ state.mean.ravel()).reshape(count, 4), self.bounded(covariance))
 
     def predict_each(self, mean: np.ndarray, covariance: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """`predict` of M points that are independent: means (M, 4), covariances (M, 4, 4)."""
         A, Q = self._motion(dt)
         return mean @ A.T, self.bounded(A @ covariance @ A.T + Q)
 
-    def features(self, prior: Points) -> FeatureDensity:
-        """See `estimator.inference.chains.exchange.Chain`."""
+    def features(self, prior: PointStates) -> FeatureDensity:
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         place, ways = self._places, self._taken_for(prior)
         return FeatureDensity(
             self.names,
@@ -107,8 +107,8 @@ class PointChain:
             np.array([points.covariance[np.ix_(place, place)] for _, points in ways]),
         )
 
-    def update(self, prior: Points, message: Message) -> tuple[Points, float]:
-        """See `estimator.inference.chains.exchange.Chain`."""
+    def update(self, prior: PointStates, message: Message) -> tuple[PointStates, float]:
+        """See `estimator.inference.chains.exchange.FeatureChain`."""
         told = message.evidence.over(self.names)
         means, covariances, log_weights = [], [], []
         for log_share, points in self._taken_for(prior):
@@ -122,9 +122,9 @@ class PointChain:
         mean = np.einsum("k,ki->i", share, np.array(means))
         off = np.array(means) - mean
         covariance = np.einsum("k,kij->ij", share, np.array(covariances)) + (share[:, None] * off).T @ off
-        return Points(mean.reshape(-1, 4), self.bounded(covariance)), total
+        return PointStates(mean.reshape(-1, 4), self.bounded(covariance)), total
 
-    def _taken_for(self, prior: Points) -> list[tuple[float, Points]]:
+    def _taken_for(self, prior: PointStates) -> list[tuple[float, PointStates]]:
         """What is expected with its logarithm of probability: as it is, with each pair of those alike exchanged, with
         each of them anywhere."""
         mistaken, lost, pairs = self.settings.mistaken, self.settings.lost, len(self.alike)
@@ -133,16 +133,16 @@ class PointChain:
         ways += [(self._anywhere(prior, k), lost / (2 * pairs)) for pair in self.alike for k in pair]
         return [(float(np.log(share)), points) for points, share in ways if share > 0.0]
 
-    def _anywhere(self, prior: Points, k: int) -> Points:
+    def _anywhere(self, prior: PointStates, k: int) -> PointStates:
         """With one point as far off as can be, whatever the others do."""
         own = slice(4 * k, 4 * k + 4)
         covariance = prior.covariance.copy()
         covariance[own], covariance[:, own] = 0.0, 0.0
         s = self.settings
         covariance[own, own] = self.size**2 * np.diag([s.loose**2, s.loose**2, s.speed**2, s.speed**2])
-        return Points(prior.mean, covariance)
+        return PointStates(prior.mean, covariance)
 
-    def _updated(self, prior: Points, told: FeatureDensity, k: int) -> tuple[np.ndarray, np.ndarray, float]:
+    def _updated(self, prior: PointStates, told: FeatureDensity, k: int) -> tuple[np.ndarray, np.ndarray, float]:
         """Mean (4F,), covariance and log weight after one kernel of a message."""
         mean, C = prior.mean.ravel(), prior.covariance
         dims = told.dims(k)
@@ -212,9 +212,9 @@ class PointChain:
         return np.asarray(covariance * scale[..., :, None] * scale[..., None, :])
 
 
-def _exchanged(points: Points, a: int, b: int) -> Points:
+def _exchanged(points: PointStates, a: int, b: int) -> PointStates:
     """With two of them in each other's place."""
     order = np.arange(len(points.mean))
     order[[a, b]] = b, a
     entries = (4 * order[:, None] + np.arange(4)).ravel()
-    return Points(points.mean[order], points.covariance[np.ix_(entries, entries)])
+    return PointStates(points.mean[order], points.covariance[np.ix_(entries, entries)])

@@ -10,9 +10,9 @@ from estimator.data.observation import Observation
 from estimator.search.examples.index import ExampleIndex
 from estimator.search.examples.limbs import LimbBank
 from estimator.search.examples.lookup import Looked, check_elevation, either_way, looked_up
-from estimator.search.examples.person_seen import Sight, persons
+from estimator.search.examples.person_seen import PersonEvidence, persons
 from estimator.search.examples.votes import Votes, turned_away
-from estimator.search.jumps.anatomy import Limb
+from estimator.search.jumps.anatomy import TwoSegmentLimb
 from humanoid.kinematics.body import Body
 from humanoid.shape.surface import Surface
 
@@ -22,7 +22,7 @@ _EITHER_WAY = 4  # times as many examples are looked at where both ways to turn 
 class Examples:
     """The examples of one index for one body, whose person is seen by `sight`."""
 
-    def __init__(self, index: ExampleIndex, body: Body, sight: Sight) -> None:
+    def __init__(self, index: ExampleIndex, body: Body, sight: PersonEvidence) -> None:
         self.index, self.sight, self._body = index, sight, body
         self._banks: dict[int, LimbBank] = {}
 
@@ -31,7 +31,7 @@ class Examples:
         all cameras together, or as many by each."""
         return looked_up(self.index, observation, count, self.sight, self._votes if together else None)
 
-    def looked_anew(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
+    def lookup_without_prior(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
         """The same of a frame that has no past. Where one camera alone sees the person, which hardly tells front from
         back, half of the examples face it and half turn away, whichever look a little more like the picture."""
         looks = self.looked(observation, _EITHER_WAY * count, together)
@@ -46,7 +46,7 @@ class Examples:
         they see would look like none of them."""
         check_elevation(self.index, observation, {c: frame for c, frame, _ in persons(observation, self.sight)})
 
-    def limbs(self, surface: Surface, limbs: tuple[Limb, ...], count: int) -> LimbBank:
+    def limbs(self, surface: Surface, limbs: tuple[TwoSegmentLimb, ...], count: int) -> LimbBank:
         """The limbs of `count` of the examples, always the same ones; made once."""
         if count not in self._banks:
             q = self.index.q

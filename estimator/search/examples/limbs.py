@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.numerics.closest import closest
-from estimator.search.jumps.anatomy import Limb
+from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.vision.cues.depth.cue import Depth
 from estimator.vision.cues.depth.matching import spread_over
 from humanoid.kinematics.body import Body, PlacedBodies, directions_in_world, points_in_world, points_of_each
@@ -55,7 +55,7 @@ class LimbBank:
     q (B, nq): the poses.
     """
 
-    def __init__(self, body: Body, surface: Surface, limbs: Sequence[Limb], q: np.ndarray) -> None:
+    def __init__(self, body: Body, surface: Surface, limbs: Sequence[TwoSegmentLimb], q: np.ndarray) -> None:
         self.body, self.surface, self.q = body, surface, q
         place = dict(zip(body.bounded_v.tolist(), body.bounded_q.tolist(), strict=True))
         moved = np.flatnonzero(q.std(axis=0) > _STILL)
@@ -129,7 +129,7 @@ class _Parts(NamedTuple):
     middle: np.ndarray
 
 
-def _parts(body: Body, surface: Surface, limb: Limb, nodes: np.ndarray) -> _Parts:
+def _parts(body: Body, surface: Surface, limb: TwoSegmentLimb, nodes: np.ndarray) -> _Parts:
     """Of a limb with some nodes."""
     joints = np.unique(surface.joint[nodes])
     middle = np.array([surface.local[nodes[surface.joint[nodes] == j]].mean(axis=0) for j in joints])

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.search.examples.hashing import Neighbours
 from estimator.search.examples.index import ExampleIndex
-from estimator.search.examples.person_seen import PersonView, Sight, person_views
+from estimator.search.examples.person_seen import PersonEvidence, PersonView, person_views
 from estimator.search.examples.votes import Votes
 from estimator.vision.person_view import ViewFrame
 from humanoid.support.errors import InputError
@@ -33,7 +33,7 @@ class Looked(NamedTuple):
 
 
 def looked_up(
-    index: ExampleIndex, observation: Observation, count: int, sight: Sight, votes: Votes | None = None
+    index: ExampleIndex, observation: Observation, count: int, sight: PersonEvidence, votes: Votes | None = None
 ) -> list[Looked]:
     """By every camera that sees the person (see `person_views`) the `count` examples that look most like its picture;
     with votes, the `count` that several cameras choose together, each with those that it has proposed.

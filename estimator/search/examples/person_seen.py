@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
-from estimator.energy.upright import world_up
+from estimator.energy.gravity_prior import world_up
 from estimator.vision.cues.depth.cue import Depth, PersonPoints
 from estimator.vision.cues.silhouette.cue import Outline
 from estimator.vision.person_view import ViewFrame, described
@@ -20,7 +20,7 @@ CUES = (Depth.name, Outline.name)
 """Of which one is needed, the first of those that are used: what a person is told from the rest of a picture by."""
 
 
-class Sight(NamedTuple):
+class PersonEvidence(NamedTuple):
     """What a person is seen by: which of `CUES`, and their height [m], of use to the silhouette."""
 
     cue: str
@@ -38,17 +38,17 @@ class PersonView(NamedTuple):
     description: np.ndarray
 
 
-def sees_person(observation: Observation, sight: Sight) -> bool:
+def sees_person(observation: Observation, sight: PersonEvidence) -> bool:
     """Whether some camera has points of the person's surface, or somebody's silhouette, and a picture."""
     return any(_shown(cues, sight.cue) for cues in observation.cues)
 
 
-def can_be_looked_up(observation: Observation, sight: Sight) -> bool:
+def can_be_looked_up(observation: Observation, sight: PersonEvidence) -> bool:
     """Whether some camera sees the person, and where they are."""
     return any(True for _ in persons(observation, sight))
 
 
-def person_views(observation: Observation, side: float, sight: Sight) -> list[PersonView]:
+def person_views(observation: Observation, side: float, sight: PersonEvidence) -> list[PersonView]:
     """Of every camera that has points of the person's surface or, where it goes by that, their silhouette from head to
     feet. side [m]: of the square that is cut out."""
     views = []
@@ -61,7 +61,7 @@ def person_views(observation: Observation, side: float, sight: Sight) -> list[Pe
     return views
 
 
-def persons(observation: Observation, sight: Sight) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
+def persons(observation: Observation, sight: PersonEvidence) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
     """Number, frame at the person, and mask (H, W) bool of the cameras that know where the person is."""
     up = world_up(observation.cameras)
     for c, cues in enumerate(observation.cues):

@@ -19,7 +19,7 @@ SHORT = 0.05  # of the body's size: shorter segments have no depth worth a jump
 
 
 @dataclass(frozen=True)
-class Limb:
+class TwoSegmentLimb:
     """Two segments that turn about a root.
 
     landmarks (3,): root, middle and end. dofs (m,): what turns the middle and the end about the root, outwards: two or
@@ -33,7 +33,7 @@ class Limb:
 
 
 @dataclass(frozen=True)
-class Part:
+class RigidPart:
     """A rigid part that turns about a point: trunk, head, shoulder girdle, hand, or the whole of a free body.
 
     dofs (n,): two or three axes through one point, outwards; none for a free root, which turns about the middle of its
@@ -52,9 +52,9 @@ class Anatomy:
     """limbs, their left and right `pairs` by index, and parts, inner ones first. same: poses nearer than this to each
     other in every landmark are the same [m]."""
 
-    limbs: tuple[Limb, ...]
+    limbs: tuple[TwoSegmentLimb, ...]
     pairs: tuple[tuple[int, int], ...]
-    parts: tuple[Part, ...]
+    parts: tuple[RigidPart, ...]
     same: float
 
 
@@ -98,14 +98,14 @@ class _Probe:
         self.levers = np.linalg.norm(np.cross(axes[:, None], arms), axis=-1).max(axis=0)  # (L, nv)
         self.moves = body.landmark_support & ((self.levers > NEAR * self.size) | ~self.revolute)  # (L, nv)
 
-    def limbs(self) -> list[Limb]:
+    def limbs(self) -> list[TwoSegmentLimb]:
         """Chains of three landmarks that share no joint: first those whose axes meet in the root, then the longest."""
         order = range(len(self.moves))
         segments = [(a, b) for a in order for b in order if self._follows(a, b)]
         chains = [(a, b, c) for a, b in segments for inner, c in segments if inner == b]
         candidates = [(limb, self._shortest(limb)) for chain in chains if (limb := self._limb(*chain)) is not None]
         candidates.sort(key=lambda x: (self._off(x[0]) > NEAR * self.size, -x[1]))
-        limbs: list[Limb] = []
+        limbs: list[TwoSegmentLimb] = []
         used = np.zeros(self.body.nv, dtype=bool)
         for limb, _ in candidates:
             if not used[limb.dofs].any():
@@ -113,7 +113,7 @@ class _Probe:
                 used[limb.dofs] = True
         return sorted(limbs, key=lambda limb: int(limb.dofs[0]))
 
-    def _shortest(self, limb: Limb) -> float:
+    def _shortest(self, limb: TwoSegmentLimb) -> float:
         lengths = np.linalg.norm(np.diff(self.points[:, limb.landmarks], axis=1), axis=2).min(axis=0)
         return float(lengths.min())
 
@@ -131,7 +131,7 @@ class _Probe:
         fixed = np.ptp(lengths) < OFFSET * self.size and off < OFFSET * self.size
         return bool(fixed and lengths.min() > SHORT * self.size)
 
-    def _limb(self, a: int, b: int, c: int) -> Limb | None:
+    def _limb(self, a: int, b: int, c: int) -> TwoSegmentLimb | None:
         dofs = np.flatnonzero(self.moves[c] & ~self.moves[a])
         if not 2 <= len(dofs) <= 4 or self.levers[a, dofs[-1]] < SHORT * self.size:
             return None  # the last one is no hinge between two segments
@@ -141,7 +141,7 @@ class _Probe:
         if len(dofs) < 3:
             return None
         counts = np.array([np.count_nonzero(self.body.landmark_support[k][dofs]) for k in (b, c)])
-        return Limb(np.array([a, b, c]), dofs, counts)
+        return TwoSegmentLimb(np.array([a, b, c]), dofs, counts)
 
     def _belongs(self, dof: int, root: int, first: int) -> bool:
         """Whether a joint before a limb's first turns the same limb about its root, and nothing else."""
@@ -151,11 +151,11 @@ class _Probe:
         others[root] = False
         return not others.any() and self.levers[root, dof] < OFFSET * self.size
 
-    def _off(self, limb: Limb) -> float:
+    def _off(self, limb: TwoSegmentLimb) -> float:
         """By how much the axes of the limb's ball joint miss its root [m]."""
         return float(self.levers[limb.landmarks[0], limb.dofs[:-1]].max())
 
-    def parts(self, limbs: list[Limb]) -> tuple[Part, ...]:
+    def parts(self, limbs: list[TwoSegmentLimb]) -> tuple[RigidPart, ...]:
         """Runs of joints that are no limb's, and a free root before them."""
         taken = {int(d) for limb in limbs for d in limb.dofs}
         roots = {int(limb.landmarks[0]) for limb in limbs}
@@ -201,10 +201,10 @@ class _Probe:
                 return False
         return True
 
-    def _part(self, i: int, rigid_runs: list[tuple[np.ndarray, np.ndarray]], limbs: list[Limb]) -> Part:
+    def _part(self, i: int, rigid_runs: list[tuple[np.ndarray, np.ndarray]], limbs: list[TwoSegmentLimb]) -> RigidPart:
         dofs, landmarks = rigid_runs[i]
         support = [self._up_to(d.tolist()) if len(d) else np.zeros(self.body.nv, dtype=bool) for d, _ in rigid_runs]
         last = int(dofs[-1]) if len(dofs) else 0
         mine = [k for k, limb in enumerate(limbs) if self.body.landmark_support[limb.landmarks[1], last]]
         below = [k for k in range(len(rigid_runs)) if k != i and support[k][last]]
-        return Part(dofs, landmarks, tuple(mine), tuple(below))
+        return RigidPart(dofs, landmarks, tuple(mine), tuple(below))

@@ -9,12 +9,12 @@ from itertools import combinations
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
+from estimator.energy.gravity_prior import world_up
 from estimator.energy.priors import STABILISER_NU
-from estimator.energy.upright import world_up
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
 from estimator.search.jumps.parts import part_mirrored
-from estimator.search.jumps.sight import Sight
+from estimator.search.jumps.sight import PoseOnRays
 from humanoid.kinematics.body import ROOT_TURN_Q, Body
 
 MISS = 0.005  # m: standard deviation of the distance from a ray, about a pixel
@@ -56,7 +56,7 @@ def _lorentzian(squares: np.ndarray) -> float:
 
 
 def interpretations(
-    body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, camera: Camera
+    body: Body, anatomy: Anatomy, prior: JointPrior, sight: PoseOnRays, camera: Camera
 ) -> Iterator[np.ndarray]:
     """Configurations (nq,) on the same rays as a pose, with every combination of its limbs' solutions and of up to two
     mirrored parts, the pose itself left out.
@@ -90,7 +90,7 @@ def interpretations(
         yield body.integrate(mirrored.q, step)
 
 
-def _scenes(body: Body, anatomy: Anatomy, sight: Sight) -> Iterator[Sight]:
+def _scenes(body: Body, anatomy: Anatomy, sight: PoseOnRays) -> Iterator[PoseOnRays]:
     """The pose, and those with parts mirrored, inner ones first."""
     yield sight
     able = [(p, f) for p in anatomy.parts if (f := part_mirrored(body, anatomy, sight, p)) is not None]
@@ -102,7 +102,7 @@ def _scenes(body: Body, anatomy: Anatomy, sight: Sight) -> Iterator[Sight]:
 
 
 def _options(
-    body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, k: int
+    body: Body, anatomy: Anatomy, prior: JointPrior, sight: PoseOnRays, k: int
 ) -> list[tuple[float, LimbSolution | None]]:
     """The solutions of a limb with their energies, best first."""
     limb = anatomy.limbs[k]
@@ -113,7 +113,7 @@ def _options(
     return sorted(options, key=lambda x: x[0]) or [(UNREACHED, None)]
 
 
-def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, sight: Sight, camera: Camera) -> float:
+def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, sight: PoseOnRays, camera: Camera) -> float:
     """Of what is no limb's."""
     limbs = [d for limb in anatomy.limbs for d in limb.dofs]
     others = np.setdiff1d(np.arange(body.nv), np.array(limbs, dtype=np.int64))

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.search.jumps.anatomy import Part, anatomy_of
+from estimator.search.jumps.anatomy import RigidPart, anatomy_of
 from estimator.search.jumps.interpretations import JointPrior, interpretations
 from estimator.search.jumps.limb_solutions import ROUGHLY, limb_solutions
 from estimator.search.jumps.parts import limbs_kept, part_mirrored
-from estimator.search.jumps.sight import Sight, sight_of, turned
+from estimator.search.jumps.sight import PoseOnRays, sight_of, turned
 from humanoid.kinematics.body import Body
 
 FAR = 2.0  # times the distance of poses that are the same: jumps to nearer ones would be a way round the transition
@@ -83,6 +83,6 @@ class KinematicJumps:
                 q = turned(self.body, q, limb.dofs, solutions[rng.integers(len(solutions))].turns)
         return q
 
-    def _with_limbs(self, sight: Sight, part: Part) -> np.ndarray | None:
+    def _with_limbs(self, sight: PoseOnRays, part: RigidPart) -> np.ndarray | None:
         mirrored = part_mirrored(self.body, self.anatomy, sight, part)
         return None if mirrored is None else limbs_kept(self.body, self.anatomy, mirrored, part)

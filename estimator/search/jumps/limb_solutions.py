@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.search.jumps.anatomy import Limb
+from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.search.jumps.angles import limb_alternatives
 from estimator.search.jumps.lines import axes_of
-from estimator.search.jumps.sight import Sight
+from estimator.search.jumps.sight import PoseOnRays
 from humanoid.kinematics.body import Body
 
 REACHED = 0.06  # m; near enough to be refined by the mode search
@@ -26,7 +26,7 @@ class LimbSolution(NamedTuple):
     moved: float
 
 
-def limb_solutions(body: Body, sight: Sight, limb: Limb, near: float = REACHED) -> list[LimbSolution]:
+def limb_solutions(body: Body, sight: PoseOnRays, limb: TwoSegmentLimb, near: float = REACHED) -> list[LimbSolution]:
     """What the limb can be on its rays: up to four solutions that its joints reach within `near` [m]."""
     axes, through = axes_of(sight.spatial_jacobian, limb.dofs)
     lower, upper = body.tangent_bounds(sight.q)

@@ -8,15 +8,15 @@ import numpy as np
 import pinocchio as pin
 
 from estimator.numerics.alignment import rotation_onto
-from estimator.search.jumps.anatomy import Anatomy, Part
+from estimator.search.jumps.anatomy import Anatomy, RigidPart
 from estimator.search.jumps.angles import part_turns
 from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, limb_solutions
 from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
-from estimator.search.jumps.sight import Sight, moved_to, turned
+from estimator.search.jumps.sight import PoseOnRays, moved_to, turned
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
 
 
-def part_mirrored(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sight | None:
+def part_mirrored(body: Body, anatomy: Anatomy, sight: PoseOnRays, part: RigidPart) -> PoseOnRays | None:
     """A part whose landmarks are at their other depths about its pivot, as nearly as a rigid part within limits can.
 
     What is behind it goes along, except that parts of other landmarks (the head behind the trunk) are turned back.
@@ -39,7 +39,7 @@ def part_mirrored(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> Sig
     return mirrored
 
 
-def limbs_kept(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> np.ndarray:
+def limbs_kept(body: Body, anatomy: Anatomy, sight: PoseOnRays, part: RigidPart) -> np.ndarray:
     """The pose (nq,) with the limbs behind a part that was turned back on their rays, as near to where they are as a
     solution within reach is."""
     q = sight.q
@@ -51,7 +51,7 @@ def limbs_kept(body: Body, anatomy: Anatomy, sight: Sight, part: Part) -> np.nda
     return q
 
 
-def _turned_to(body: Body, sight: Sight, part: Part, targets: np.ndarray) -> Sight:
+def _turned_to(body: Body, sight: PoseOnRays, part: RigidPart, targets: np.ndarray) -> PoseOnRays:
     """The pose with a part turned as near to targets (k, 3) [m] of its landmarks as its limits allow."""
     pivot, points = _pivot(sight, part), sight.points[part.landmarks]
     turn = _rotation(points - pivot, targets - pivot)
@@ -65,7 +65,7 @@ def _turned_to(body: Body, sight: Sight, part: Part, targets: np.ndarray) -> Sig
     return moved_to(body, sight, turned(body, sight.q, part.dofs, turns))
 
 
-def _pivot(sight: Sight, part: Part) -> np.ndarray:
+def _pivot(sight: PoseOnRays, part: RigidPart) -> np.ndarray:
     if len(part.dofs) == 0:
         return np.asarray(sight.points[part.landmarks].mean(axis=0))
     return np.asarray(meeting_point(*axes_of(sight.spatial_jacobian, part.dofs)))

@@ -10,7 +10,7 @@ from estimator.data.cameras.camera import Camera
 from humanoid.kinematics.body import Body
 
 
-class Sight(NamedTuple):
+class PoseOnRays(NamedTuple):
     """A pose and the rays its landmarks are to stay on.
 
     q (nq,); points (L, 3) [m]: its landmarks; spatial_jacobian (nv, 6): see `Body.dof_jacobian`; eyes (L, 3) [m]: a
@@ -25,14 +25,14 @@ class Sight(NamedTuple):
     rays: np.ndarray
 
 
-def sight_of(body: Body, q: np.ndarray, camera: Camera) -> Sight:
+def sight_of(body: Body, q: np.ndarray, camera: Camera) -> PoseOnRays:
     """q (nq,) and the rays of the camera on which its landmarks are."""
     posed = body.at(q)
     points = body.landmarks(posed)
-    return Sight(q, points, body.dof_jacobian(posed), *camera.sight_lines(points))
+    return PoseOnRays(q, points, body.dof_jacobian(posed), *camera.sight_lines(points))
 
 
-def moved_to(body: Body, sight: Sight, q: np.ndarray) -> Sight:
+def moved_to(body: Body, sight: PoseOnRays, q: np.ndarray) -> PoseOnRays:
     """Another pose (nq,) that is to be on the same rays."""
     posed = body.at(q)
     return sight._replace(q=q, points=body.landmarks(posed), spatial_jacobian=body.dof_jacobian(posed))

@@ -23,7 +23,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.inference.chains.feature_density import FeatureDensity
-from estimator.search.jumps.anatomy import Limb
+from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.search.jumps.lines import axes_of, meeting_point
 from estimator.search.jumps.subproblems import turn_between
 from estimator.search.jumps.vectors import rotated
@@ -75,7 +75,7 @@ class LimbIK:
     loose: float
 
     @staticmethod
-    def of(body: Body, limb: Limb, joint: int, local: np.ndarray) -> LimbIK:
+    def of(body: Body, limb: TwoSegmentLimb, joint: int, local: np.ndarray) -> LimbIK:
         """Of a limb whose end is the point `local` (3,) [m] in the frame of its outermost joint, or of one behind it.
 
         Raises

@@ -45,7 +45,7 @@ class Spans(NamedTuple):
         return np.asarray(((past > -_SAME_PLACE) & (past < self.length + _SAME_PLACE)).any(axis=1))
 
 
-class Lines(NamedTuple):
+class RayBundle(NamedTuple):
     """N lines in the frame of a limb's parent: points of them (N, 3) [m], unit directions (N, 3), and the least depth
     (N,) [m] that the camera sees anything at. NaN where there is no line."""
 
@@ -65,7 +65,7 @@ class Lines(NamedTuple):
         return Spans(begin, np.nan_to_num(end - begin))
 
 
-def lines_in(camera: Camera, origins: np.ndarray, ways: np.ndarray, joint: int, placed: PlacedBodies) -> Lines:
+def lines_in(camera: Camera, origins: np.ndarray, ways: np.ndarray, joint: int, placed: PlacedBodies) -> RayBundle:
     """Lines of sight in the world, origins and unit directions (N, 3), in the frame of a joint in N configurations."""
     if camera.parallel:
         least = np.full(len(ways), -np.inf)
@@ -75,7 +75,7 @@ def lines_in(camera: Camera, origins: np.ndarray, ways: np.ndarray, joint: int, 
         least = np.where(seen, (1.0 + 1e-9) * MIN_DEPTH / np.where(seen, straight, 1.0), _NEVER)
     M = placed.placements[:, joint]
     R = M[:, :9].reshape(-1, 3, 3)  # row k is column k of the rotation
-    return Lines(np.einsum("nki,ni->nk", R, origins - M[:, 9:]), np.einsum("nki,ni->nk", R, ways), least)
+    return RayBundle(np.einsum("nki,ni->nk", R, origins - M[:, 9:]), np.einsum("nki,ni->nk", R, ways), least)
 
 
 def in_world(points: np.ndarray, joint: int, placed: PlacedBodies) -> np.ndarray:

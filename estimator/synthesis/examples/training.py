@@ -66,8 +66,8 @@ def train_index(
 
 
 class Painting(NamedTuple):
-    """What a process needs to paint examples (see `estimator.numerics.job.Job`). urdf, source, base: of the subject.
-    side [m]: of the square around a person."""
+    """What a process needs to paint examples (see `estimator.numerics.job.WorkerJob`). urdf, source, base: of the
+    subject. side [m]: of the square around a person."""
 
     urdf: str
     source: str

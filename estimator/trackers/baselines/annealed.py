@@ -11,10 +11,10 @@ from estimator.data.observation import Observation
 from estimator.inference.annealing import Annealing, anneal
 from estimator.inference.clusters import mean_and_covariance
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import judged
+from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.mixture_state import classify_frame
 from estimator.trackers.particle_set import (
     DYNAMICS_ALONE,
     FrameEnergy,
@@ -51,7 +51,7 @@ class AnnealedSettings:
     cluster: float = setting(0.1, above=0)
 
 
-class Annealed(Begins):
+class Annealed(Initialisation):
     """Driftless dynamics; the particles' states are configurations (nq,). See `estimator.inference.annealing`.
 
     Of every searched frame but the first it tells, layer by layer,
@@ -67,13 +67,13 @@ class Annealed(Begins):
         self._summary = Summary.of(self.body, s.modes, s.cluster)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ParticleState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return first_particle_set(self.search, rng, observation, self.settings.modes, self.settings.particles)
 
     def step(
         self, rng: np.random.Generator, state: ParticleState, observation: Observation
     ) -> tuple[ParticleState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         particles, before, dt = state.particles, state.mixture, observation.time - state.time
         noise = self.settings.noise * self.search.model.transition_std(dt)
 
@@ -86,11 +86,11 @@ class Annealed(Begins):
         particles, layers = anneal(rng, particles, self._annealing, disperse, energy.values, self._spread)
         mixture, owner = summarised(self.search, energy, particles, particles.states, before, dt, self._summary)
         told = {"annealing_power": layers.power, "effective_sample_size": layers.effective_count}
-        _, result = judged(self.search, observation, mixture, told)
+        _, result = classify_frame(self.search, observation, mixture, told)
         return ParticleState(mixture, observation.time, replace(particles, owner=owner)), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return ParticleState.from_arrays(arrays, self.body, self.body.nq)
 
     def _spread(self, q: np.ndarray, weights: np.ndarray) -> np.ndarray:

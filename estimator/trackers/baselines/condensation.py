@@ -10,10 +10,10 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.inference.particles import Particles, bootstrap_step, effective_count
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import judged
+from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.mixture_state import classify_frame
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
 from estimator.trackers.particle_state import ParticleState
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
@@ -40,7 +40,7 @@ class CondensationSettings:
     cluster: float = setting(0.1, above=0)
 
 
-class Condensation(Begins):
+class Condensation(Initialisation):
     """A row of the particles' states is the configuration (nq,) and the velocity (nv,) [1/s] that led to it.
 
     Of every searched frame but the first it tells
@@ -57,7 +57,7 @@ class Condensation(Begins):
         self._summary = Summary.of(self.body, self.settings.modes, self.settings.cluster)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ParticleState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         s = self.settings
         state, result = first_particle_set(self.search, rng, observation, s.modes, s.particles)
         at_rest = np.hstack([state.particles.states, np.zeros((s.particles, self.body.nv))])
@@ -66,7 +66,7 @@ class Condensation(Begins):
     def step(
         self, rng: np.random.Generator, state: ParticleState, observation: Observation
     ) -> tuple[ParticleState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         particles, before, dt = state.particles, state.mixture, observation.time - state.time
         if not observable(observation):
             return unseen(self.search, state, observation, self._moved(rng, particles.states, dt))
@@ -85,11 +85,11 @@ class Condensation(Begins):
             "log_evidence": np.array(log_evidence),
             "resampled": np.array(True),
         }
-        _, result = judged(self.search, observation, mixture, told)
+        _, result = classify_frame(self.search, observation, mixture, told)
         return ParticleState(mixture, observation.time, replace(after, owner=owner)), result
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ParticleState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return ParticleState.from_arrays(arrays, self.body, self.body.nq + self.body.nv)
 
     def _moved(self, rng: np.random.Generator, states: np.ndarray, dt: float) -> np.ndarray:

@@ -19,15 +19,21 @@ from estimator.energy.descent.solution import StepCounts
 from estimator.inference.mixture import Mixture, Mode
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.first_pose import start_modes
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.trackers.baselines.single_mode import without_limits
-from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
+from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.mixture_state import (
+    CarriesMixture,
+    MixtureState,
+    classify_frame,
+    predict_unobserved,
+    search_counts,
+)
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
@@ -49,10 +55,10 @@ class MultipleHypothesisSettings:
     limits: bool = True
 
 
-class MultipleHypothesis(Begins, CarriesMixture):
+class MultipleHypothesis(Initialisation, CarriesMixture):
     """A mode's weight is its parent's times what the posterior has at the mode; keypoints are read as detected.
 
-    Of every searched frame but the first it tells `searches`, `searches_sample` and steps (see `searches_told`).
+    Of every searched frame but the first it tells `searches`, `searches_sample` and steps (see `search_counts`).
     """
 
     def __init__(self, search: ModeSearch, settings: MultipleHypothesisSettings | None = None) -> None:
@@ -62,25 +68,25 @@ class MultipleHypothesis(Begins, CarriesMixture):
         self._tracking = search if self.settings.limits else without_limits(search)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
-        return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
+        """See `estimator.trackers.base.TrackerProtocol`."""
+        return classify_frame(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
     def step(
         self, rng: np.random.Generator, state: MixtureState, observation: Observation
     ) -> tuple[MixtureState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         search, dt = self._tracking, observation.time - state.time
         if not observable(observation):
-            return carried(search, state.mixture, dt, observation)
+            return predict_unobserved(search, state.mixture, dt, observation)
         likelihood = search.likelihood(observation, state.mixture.modes[0].q)
-        case = FrameCase(search.associations(observation), dt, likelihood)
+        case = FrameProblem(search.associations(observation), dt, likelihood)
         before = search.steps
         mixture = search.best_modes(self._samples(rng, state.mixture, dt), case, self.settings.modes, rng)
         steps = StepCounts.between(before, search.steps)
-        return judged(search, observation, mixture, searches_told({Family.SAMPLE: self.settings.starts}, steps))
+        return classify_frame(search, observation, mixture, search_counts({Family.SAMPLE: self.settings.starts}, steps))
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.SharesWork`; without joint limits the first frame's work alone is."""
+        """See `estimator.trackers.capabilities.Parallel`; without joint limits the first frame's work alone is."""
         return search_pool(self.search, processes)
 
     def _samples(self, rng: np.random.Generator, prior: Mixture, dt: float) -> list[Hypothesis]:

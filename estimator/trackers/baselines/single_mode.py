@@ -13,13 +13,19 @@ from estimator.energy.descent.solution import StepCounts
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.search.cost_model import CostModel
 from estimator.search.first_pose import start_modes
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import AS_DETECTED, LEAST_SQUARES, NO_CAPTURE, ONLY_FILTERS, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import CarriesMixture, MixtureState, carried, judged, searches_told
+from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.mixture_state import (
+    CarriesMixture,
+    MixtureState,
+    classify_frame,
+    predict_unobserved,
+    search_counts,
+)
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from humanoid.kinematics.unlimited import unlimited
 from humanoid.support.idle import idle_where
@@ -35,9 +41,9 @@ class SingleModeSettings:
     limits: bool = True
 
 
-class SingleMode(Begins, CarriesMixture):
+class SingleMode(Initialisation, CarriesMixture):
     """One hypothesis, searched from its pose in the last frame, keypoints read as detected; it tells its `searches`
-    and steps (see `searches_told`)."""
+    and steps (see `search_counts`)."""
 
     def __init__(self, search: ModeSearch, settings: SingleModeSettings | None = None) -> None:
         self.search = search
@@ -46,24 +52,24 @@ class SingleMode(Begins, CarriesMixture):
         self._tracking = search if self.settings.limits else without_limits(search)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
-        return judged(self.search, observation, start_modes(self.search, rng, observation, 1))
+        """See `estimator.trackers.base.TrackerProtocol`."""
+        return classify_frame(self.search, observation, start_modes(self.search, rng, observation, 1))
 
     def step(
         self, rng: np.random.Generator, state: MixtureState, observation: Observation
     ) -> tuple[MixtureState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         search = self._tracking
         if not observable(observation):
-            return carried(search, state.mixture, observation.time - state.time, observation)
+            return predict_unobserved(search, state.mixture, observation.time - state.time, observation)
         q = state.mixture.modes[0].q
         origin = Origin(Family.KEPT, PreviousPose(q) if self.settings.transition else None)
         associations, likelihood = search.associations(observation), search.likelihood(observation, q)
-        case = FrameCase(associations, observation.time - state.time, likelihood)
+        case = FrameProblem(associations, observation.time - state.time, likelihood)
         before = search.steps
         best = search.best_modes([Hypothesis(q, 0, origin, 0)], case, 1)
         steps = StepCounts.between(before, search.steps)
-        return judged(search, observation, best, searches_told({Family.KEPT: 1}, steps))
+        return classify_frame(search, observation, best, search_counts({Family.KEPT: 1}, steps))
 
 
 def without_limits(search: ModeSearch) -> ModeSearch:

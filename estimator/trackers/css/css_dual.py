@@ -34,7 +34,7 @@ class CssDual(PointsBeside):
         super().__init__(self._css, search, settings.beside)
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.SharesWork`."""
+        """See `estimator.trackers.capabilities.Parallel`."""
         return self._css.shared(processes)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.inference.mixture import Mixture
 from estimator.inference.origin import Family, Origin, PreviousPose
-from estimator.search.frame_search import FrameCase
-from estimator.search.from_examples import Descent, example_starts
+from estimator.search.frame_search import FrameProblem
+from estimator.search.from_examples import ExampleSearch, example_starts
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.jumps import only_camera
 from estimator.search.mode_search import ModeSearch
@@ -57,7 +57,7 @@ class Proposals:
         settings: ProposalSettings,
         rng: np.random.Generator,
         prior: Mixture,
-        case: FrameCase,
+        case: FrameProblem,
         observation: Observation,
     ) -> None:
         self._search, self._limb, self._settings, self._rng = search, limb, settings, rng
@@ -95,7 +95,7 @@ class Proposals:
             proposal, origin = self._proposal(int(i)), self._origin(int(i), Family.SAMPLE)
             drawn = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
             about = [self._continued(int(i), q, self._own[i], origin) for q in drawn]
-            hypotheses += [h._replace(moves_along=True) for h in about]
+            hypotheses += [h._replace(relative_to_previous=True) for h in about]
         return hypotheses
 
     def kinematic_jumps(self, count: int) -> list[Hypothesis]:
@@ -123,8 +123,8 @@ class Proposals:
         """What an index of examples says of the pictures: of those that look like them the best of all looked at,
         first searched without a past, then as jumps of the whole body from the best parent. Those that turn their back
         to the only camera pay for it, as in a first frame."""
-        search, how = self._search, Descent()
-        looks = search.examples.looked_anew(self._observation, how.neighbours)
+        search, how = self._search, ExampleSearch()
+        looks = search.examples.lookup_without_prior(self._observation, how.neighbours)
         starts = example_starts(search.body, looks, how.away)
         led = search.explored(search.screened(starts, self._case, count), self._case)
         paid = self._settings.example_penalty if self._settings.transition else 0.0

@@ -19,9 +19,9 @@ from estimator.inference.chains.kalman import PointChain, PointSettings
 from estimator.inference.mixture import Mixture
 from estimator.search.mode_search import ModeSearch
 from estimator.search.point_features import PointFeatures
-from estimator.trackers.base import State, Tracker
-from estimator.trackers.beginning import observable
+from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.initialisation import observable
 from humanoid.support.settings import check, setting
 
 _FIELDS = {
@@ -102,7 +102,7 @@ class PointsBeside:
     grows as its motion says, whatever the tracker makes of it.
     """
 
-    def __init__(self, inner: Tracker[Any], search: ModeSearch, settings: BesideSettings) -> None:
+    def __init__(self, inner: TrackerProtocol[Any], search: ModeSearch, settings: BesideSettings) -> None:
         self.inner, self.search, self.settings = inner, search, settings
         self.body = inner.body
         body = self.body
@@ -111,20 +111,20 @@ class PointsBeside:
 
     @property
     def needs_keypoints(self) -> bool:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return self.inner.needs_keypoints
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.GoesByCue`."""
+        """See `estimator.trackers.capabilities.RequiresCues`."""
         return tuple(getattr(self.inner, "needed_cues", ()))
 
     def can_start(self, observation: Observation) -> bool:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return self.inner.can_start(observation)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[BesideState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         inner, result = self.inner.init(rng, observation)
         cameras, marks = observation.confidence.shape
         empty = BesideState(
@@ -136,7 +136,7 @@ class PointsBeside:
     def step(
         self, rng: np.random.Generator, state: BesideState, observation: Observation
     ) -> tuple[BesideState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         expected = self._predicted(state, observation)
         listens = self.settings.exchange != APART and observable(observation)
         filled = self.filled(expected, observation) if listens else observation
@@ -153,7 +153,7 @@ class PointsBeside:
         return _with(observation, result.extra["kept_pixels"], result.extra["kept_std"])
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> BesideState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         inner = self.inner.state_from({name: value for name, value in arrays.items() if name not in _FIELDS})
         known = arrays.get("keypoint_known", np.zeros((0, 0)))
         sizes = {"C": len(known), "L": len(self.body.landmark_names), "4": 4}

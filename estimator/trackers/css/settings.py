@@ -30,7 +30,7 @@ class CssSettings:
         rival of CSS section 7) or "weakest" (regular, along the weakest directions, footnote 10). scale: factor on the
         standard deviations, the square root of the s of Figure 6 (4 to 14 there). tail: degrees of freedom of Student's
         t, 0 for a Gaussian.
-    other_readings: parents with left and right of the keypoints exchanged.
+    swapped_readings: parents with left and right of the keypoints exchanged.
     jumps: kinematic jumps, a limb or part at another depth along its rays (one camera only). jump_penalty: energy of
         a jump, added once instead of the transition's: flow is followed from where the jump says that the limb was, so
         it does not tell the two depths apart in one frame, and cheap jumps would go to and fro.
@@ -54,7 +54,7 @@ class CssSettings:
     keep: bool = True
     momentum: float = setting(0.8, at_least=0)
     refine: str = setting(REFINE_BEST, one_of=REFINED)
-    other_readings: int = setting(7, at_least=0)
+    swapped_readings: int = setting(7, at_least=0, formerly=("other_readings",))
     jumps: int = setting(5, at_least=0, formerly=("flips",))
     jump_penalty: float = setting(12.0, at_least=0, formerly=("flip_penalty",))
     limb_penalty: float = setting(8.0, above=0)
@@ -75,16 +75,16 @@ class CssSettings:
 
 
 PAPER = CssSettings(
-    budget=BudgetSettings(searches=70, calm=1.0), samples=70, other_readings=0, jumps=0, limb_searches=0, exchanges=0,
+    budget=BudgetSettings(searches=70, calm=1.0), samples=70, swapped_readings=0, jumps=0, limb_searches=0, exchanges=0,
     examples=0, lost_examples=0, scale=8.0**0.5, forgetting=1.0, transition=False, keep=False, refine=REFINE_ALL,
 )  # fmt: skip
 """Figure 6 as printed: samples alone, static energies, parents by Bhattacharyya distance."""
 
 
 IDLE = (
-    idle_where("css.other_readings", search__exchange=False),
+    idle_where("css.swapped_readings", search__exchange=False),
     idle_where(
-        "search.follow", css__keep=False, css__other_readings=0, css__jumps=0, css__limb_searches=0, css__exchanges=0,
+        "search.follow", css__keep=False, css__swapped_readings=0, css__jumps=0, css__limb_searches=0, css__exchanges=0,
         css__samples=0,
     ),
     idle_where("cost.transition_potential cost.transition_nu", css__transition=False),

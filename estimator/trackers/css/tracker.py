@@ -19,25 +19,25 @@ from estimator.inference.origin import Family
 from estimator.search.cost_model import ALL_DETECTED
 from estimator.search.examples.person_seen import can_be_looked_up
 from estimator.search.first_pose import start_modes
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.search_pool import search_pool
-from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.css.budget import Source, allocated
 from estimator.trackers.css.frame_proposals import Proposals
 from estimator.trackers.css.settings import IDLE, PAPER, REFINE_ALL, CssSettings
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.initialisation import Initialisation, observable
 from estimator.trackers.mixture_state import (
     ENOUGH,
     CarriesMixture,
     MixtureState,
     agreement,
-    carried,
-    judged,
-    searches_told,
+    classify_frame,
+    predict_unobserved,
+    search_counts,
 )
 from estimator.trackers.spec import Spec, by_search
 
@@ -45,10 +45,10 @@ _OTHERS = (Family.START, Family.EXAMPLE, Family.LIMBS, Family.PARTICLES)
 _FAMILIES = tuple(family for family in Family if family not in _OTHERS)
 
 
-class CovarianceScaledSampling(Begins, CarriesMixture):
+class CovarianceScaledSampling(Initialisation, CarriesMixture):
     """The recipe: numbers in comments are the steps of Figure 6.
 
-    Of every searched frame but the first it tells `searches`, `searches_FAMILY` and steps (see `searches_told`).
+    Of every searched frame but the first it tells `searches`, `searches_FAMILY` and steps (see `search_counts`).
     """
 
     def __init__(self, search: ModeSearch, settings: CssSettings | None = None) -> None:
@@ -58,22 +58,22 @@ class CovarianceScaledSampling(Begins, CarriesMixture):
         self._limb_proposal = LimbProposal(self.body)
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[MixtureState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         if self.search.settings.index:
             self.search.examples.check(observation)  # now, not when the person is lost
-        return judged(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
+        return classify_frame(self.search, observation, start_modes(self.search, rng, observation, self.settings.modes))
 
     def step(
         self, rng: np.random.Generator, state: MixtureState, observation: Observation
     ) -> tuple[MixtureState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         elapsed, by_index = observation.time - state.time, bool(self.search.settings.index)
         if not observable(observation):
-            after, result = carried(self.search, state.mixture, elapsed, observation)
+            after, result = predict_unobserved(self.search, state.mixture, elapsed, observation)
             return replace(after, unseen=state.unseen + elapsed if by_index else 0.0), result
         prior = state.mixture
         likelihood = self.search.likelihood(observation, prior.modes[0].q)
-        case = FrameCase(self.search.associations(observation), elapsed + state.unseen, likelihood)
+        case = FrameProblem(self.search.associations(observation), elapsed + state.unseen, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
         candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
@@ -91,10 +91,10 @@ class CovarianceScaledSampling(Begins, CarriesMixture):
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
         told = self._searches(candidates, StepCounts.between(before, self.search.steps))
-        return judged(self.search, observation, mixture, told)
+        return classify_frame(self.search, observation, mixture, told)
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.SharesWork`."""
+        """See `estimator.trackers.capabilities.Parallel`."""
         return search_pool(self.search, processes)
 
     def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
@@ -102,14 +102,14 @@ class CovarianceScaledSampling(Begins, CarriesMixture):
         seen = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
         lost = 1.0 - 0.75 * seen if observation.cues else 0.0
         return [
-            Source(s.other_readings, proposals.other_associations),
+            Source(s.swapped_readings, proposals.other_associations),
             Source(s.jumps, proposals.kinematic_jumps),
             Source(lost * s.limb_searches, partial(proposals.limbs, looks=round(lost * s.limb_samples))),
             Source(lost * s.exchanges, proposals.limb_exchanges),
             Source(s.samples, proposals.samples),
         ]
 
-    def _lost(self, candidates: Sequence[Candidate], case: FrameCase, observation: Observation) -> bool:
+    def _lost(self, candidates: Sequence[Candidate], case: FrameProblem, observation: Observation) -> bool:
         """Whether the best of the parents' continuations explains too little of what is seen."""
         if not candidates:
             return False
@@ -120,7 +120,7 @@ class CovarianceScaledSampling(Begins, CarriesMixture):
     def _searches(self, candidates: Sequence[Candidate], steps: StepCounts) -> dict[str, np.ndarray]:
         counted = Counter(c.hypothesis.origin.family for c in candidates)
         families = (*_FAMILIES, *([Family.EXAMPLE] if self.search.settings.index else []))
-        return searches_told({family: counted[family] for family in families}, steps)
+        return search_counts({family: counted[family] for family in families}, steps)
 
     def _matched(self, prior: Mixture, posterior: Mixture) -> Mixture:
         """Multiply each new mode's weight with that of the closest prior mode, which is then used up (5)."""

@@ -19,9 +19,9 @@ from estimator.inference.chains.exchange import Message, nothing_seen
 from estimator.inference.chains.feature_density import FeatureDensity, uniform
 from estimator.inference.clusters import clusters
 from estimator.inference.particles import effective_count, normalised, systematic
-from estimator.inference.steps import Reach, Steps
+from estimator.inference.steps import Reach, TruncatedSteps
 from estimator.inference.tempering import Tempered, TemperingSettings, tempered
-from estimator.inference.walk import Box
+from estimator.inference.walk import SampleBox
 from estimator.trackers.dual_chain.pose_draws import PartDraws
 from estimator.trackers.dual_chain.pose_elsewhere import GUIDED, anywhere
 from estimator.trackers.dual_chain.pose_parts import PoseParts
@@ -71,7 +71,7 @@ class PoseChainSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Crowd:
+class ParticleSet:
     """Poses of one frame: q (N, nq), weights (N,) that sum to one. reference (nq,): in whose tangent space they are
     moved."""
 
@@ -90,7 +90,7 @@ class _Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PoseChain:
-    """One frame's chain of poses (`estimator.inference.chains.exchange.Chain`).
+    """One frame's chain of poses (`estimator.inference.chains.exchange.FeatureChain`).
 
     camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
     past: whether samples also come from the past, as they have to where the image does not show everything; without, as
@@ -115,11 +115,11 @@ class PoseChain:
         """Whose poses."""
         return self.parts.body
 
-    def predict(self, state: Crowd, dt: float) -> Expected:
+    def predict(self, state: ParticleSet, dt: float) -> Expected:
         """See `Chain`; the noise of `dt` is in `std` already."""
         s, body = self.settings, self.body
         lower, upper = body.tangent_bounds(state.reference)
-        steps = Steps(self.std, lower, upper, self.parts.dofs, s.far, s.wide)
+        steps = TruncatedSteps(self.std, lower, upper, self.parts.dofs, s.far, s.wide)
         count = s.particles if s.draws == BY_PAST else min(s.kernels, len(state.weights))
         few = systematic(self.rng, state.weights, count)
         centres, even = body.differences(state.reference, state.q)[few], np.full(count, 1.0 / count)
@@ -150,7 +150,7 @@ class PoseChain:
             names, np.array(log_weight), known, np.array(mean).reshape(len(mean), -1, 2), np.array(covariance)
         )
 
-    def update(self, prior: Expected, message: Message) -> tuple[Crowd, float]:
+    def update(self, prior: Expected, message: Message) -> tuple[ParticleSet, float]:
         """See `Chain`. Without any sample the past goes on alone.
 
         The past may be wrong about limbs. So some samples have one limb anew, or all, from where the image shows their
@@ -208,7 +208,7 @@ class PoseChain:
         possible = np.isfinite(told)
         log_weight = np.where(possible, told - drawn.told, -np.inf)
         begun = GUIDED if way.elsewhere and self.outlines else 0.0
-        box = Box(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
+        box = SampleBox(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
         result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, begun)
         if result is None:
             return None
@@ -217,12 +217,12 @@ class PoseChain:
             self.told["powers"], self.told["accepted"] = float(result.powers), result.accepted
         return result._replace(log_evidence=result.log_evidence + drawn.log_evidence)
 
-    def without_samples(self, prior: Expected) -> tuple[Crowd, float]:
+    def without_samples(self, prior: Expected) -> tuple[ParticleSet, float]:
         """Where the image shows nothing that a pose could be drawn from: what was expected."""
         self.told["samples"], self.told["effective_sample_size"] = 0.0, 0.0
         return self._even(prior, prior.samples), -np.inf
 
-    def _by_past(self, target: PoseTarget) -> tuple[Crowd, float]:
+    def _by_past(self, target: PoseTarget) -> tuple[ParticleSet, float]:
         """Whole poses of the past, selected by features and outlines (Isard and Blake 1998)."""
         x = target.prior.samples
         placed = target.prepared(x)
@@ -240,10 +240,10 @@ class PoseChain:
             self.parts, self.camera, self.outlines, prior, told, pose_prior=self.pose_prior, if_hidden=self.if_hidden
         )
 
-    def _even(self, prior: Expected, x: np.ndarray) -> Crowd:
+    def _even(self, prior: Expected, x: np.ndarray) -> ParticleSet:
         """Poses at tangents x (N, nv), each as likely as the others."""
         q = self.body.integrated(np.tile(prior.reference, (len(x), 1)), x)
-        return Crowd(q, np.full(len(q), 1.0 / len(q)), prior.reference)
+        return ParticleSet(q, np.full(len(q), 1.0 / len(q)), prior.reference)
 
 
 def _shares(prior: np.ndarray, log_evidence: np.ndarray) -> tuple[np.ndarray, float]:

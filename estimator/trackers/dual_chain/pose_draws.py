@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.inference.particles import normalised, systematic
-from estimator.inference.steps import Steps
+from estimator.inference.steps import TruncatedSteps
 from estimator.search.proposals.limb_ik import ImageProposal
-from estimator.trackers.dual_chain.led_steps import LedSteps, Length, led_steps
+from estimator.trackers.dual_chain.kalman_steps import LedSteps, Length, kalman_steps
 from estimator.trackers.dual_chain.pose_elsewhere import BY_IMAGE, GUIDED, TRIES
 from estimator.trackers.dual_chain.pose_target import PoseTarget
 
@@ -23,7 +23,7 @@ _BY_PAST, _LED, _BY_IMAGE = range(3)
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class PartialSamples:
     """Even samples of some parts: tangents x (N, nv), and told (N,), the sum of what each was chosen by: what the
     message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean of
     that under what was expected."""
@@ -47,15 +47,15 @@ class PartDraws:
     by_past: float
     by_image: float
 
-    def all_parts(self, x: np.ndarray) -> Drawn | None:
+    def all_parts(self, x: np.ndarray) -> PartialSamples | None:
         """As many poses as there are at tangents x (N, nv), with every part drawn in turn; None where the image shows
         nothing that one can be drawn from."""
-        drawn: Drawn | None = Drawn(x, np.zeros(len(x)))
+        drawn: PartialSamples | None = PartialSamples(x, np.zeros(len(x)))
         for part in range(self.target.parts.count):
             drawn = None if drawn is None else self._with_part(drawn, part)
         return drawn
 
-    def _with_part(self, drawn: Drawn, part: int) -> Drawn | None:
+    def _with_part(self, drawn: PartialSamples, part: int) -> PartialSamples | None:
         """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
         its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
@@ -88,10 +88,10 @@ class PartDraws:
         log_weight[ok] = (past + told - log_q)[ok]
         weights, log_mean = normalised(log_weight)
         kept = systematic(self.rng, weights, count)
-        return Drawn(x[kept], before[kept] + told[kept], drawn.log_evidence + log_mean)
+        return PartialSamples(x[kept], before[kept] + told[kept], drawn.log_evidence + log_mean)
 
     def _sampled(
-        self, x: np.ndarray, steps: Steps, centres: np.ndarray, group: np.ndarray, led: LedSteps,
+        self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, led: LedSteps,
         proposal: ImageProposal | None, shares: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Tangents (N, nv) with a group drawn anew, inside of the limits, and which of them are, (N,) bool."""
@@ -117,7 +117,9 @@ class PartDraws:
         by_past = min(self.by_past, 1.0 - by_image)
         return np.array([by_past, max(1.0 - by_past - by_image, 0.0), by_image])
 
-    def _led(self, x: np.ndarray, steps: Steps, centres: np.ndarray, kernel: np.ndarray, part: int) -> LedSteps:
+    def _led(
+        self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, kernel: np.ndarray, part: int
+    ) -> LedSteps:
         """Where the features that a part moves lead it, on each of the poses x (N, nv): from its centre (N, nv), that
         of a kernel (N,), or, where the past says nothing, from rest."""
         target, parts = self.target, self.target.parts
@@ -139,7 +141,7 @@ class PartDraws:
             at, centres = at[first], centres[first]
         predicted, jacobian = parts.features.in_image(target.body, target.at(at), target.camera, moved)
         lengths = [length for length in lengths if length.share > 0.0]
-        return led_steps(centres, lengths, told, predicted, jacobian[..., group]).of(rows)
+        return kalman_steps(centres, lengths, told, predicted, jacobian[..., group]).of(rows)
 
     def _seen_end(self, part: int) -> ImageProposal | None:
         """Where the image may show the end of a limb; None for the trunk, and where nothing tells."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.inference.steps import Reach, Steps
+from estimator.inference.steps import Reach, TruncatedSteps
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.pose_target import Expected
 
@@ -17,4 +17,4 @@ def anywhere(parts: PoseParts, prior: Expected) -> Reach:
     """Steps from rest that lead where joints are as a rule (`Rest.guess`)."""
     steps = prior.steps
     rest, spread = parts.rest.guess(parts.body, prior.reference)
-    return Steps(spread, steps.lower, steps.upper, steps.groups, 0.0, 1.0).reach(rest[None], np.ones(1))
+    return TruncatedSteps(spread, steps.lower, steps.upper, steps.groups, 0.0, 1.0).reach(rest[None], np.ones(1))

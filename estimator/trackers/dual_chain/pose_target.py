@@ -12,7 +12,7 @@ from estimator.data.cameras.camera import Camera
 from estimator.energy.pose_prior import PosePrior
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
-from estimator.inference.steps import Reach, Steps
+from estimator.inference.steps import Reach, TruncatedSteps
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body, PlacedBodies
@@ -26,7 +26,7 @@ class Expected:
     reference: np.ndarray
     centres: np.ndarray
     weights: np.ndarray
-    steps: Steps
+    steps: TruncatedSteps
     samples: np.ndarray
 
     @cached_property
@@ -37,7 +37,7 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class PoseTarget:
-    """The posterior of poses as tangents x (N, nv) (`estimator.inference.walk.Target`).
+    """The posterior of poses as tangents x (N, nv) (`estimator.inference.walk.SampleTarget`).
 
     What the past expects of trunk and limbs is taken as independent: of a thousand poses that were put together of
     parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.

@@ -34,7 +34,7 @@ class SeenFeatures(Protocol):
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.GoesByCue`."""
+        """See `estimator.trackers.capabilities.RequiresCues`."""
         ...
 
     def check(self, observation: Observation) -> None:
@@ -73,7 +73,7 @@ class SkinFeatures:
         """See `SeenFeatures`."""
         _check_one_camera(observation)
         if not observation.cues or observation.cues[0].picture is None:
-            problem = "goes by the picture of one camera, there are none to look at"
+            problem = "uses the picture of one camera, there are none to look at"
             remedy = f'one clip, with --cues edges,silhouette, or features = "{KEYPOINTS}"'
             raise InputError("dual-chain", problem, remedy=remedy)
 
@@ -144,8 +144,8 @@ class KeypointFeatures:
 
 def _check_one_camera(observation: Observation) -> None:
     if len(observation.cameras) != 1:
-        problem = f"goes by one camera, there are {len(observation.cameras)}"
-        raise InputError("dual-chain", problem, remedy="one clip, or css-dual, which goes by several")
+        problem = f"uses one camera, there are {len(observation.cameras)}"
+        raise InputError("dual-chain", problem, remedy="one clip, or css-dual, which uses several")
 
 
 def _foreground(cues: ImageCues) -> np.ndarray | None:

@@ -14,15 +14,14 @@ from estimator.data.observation import Observation
 from estimator.inference.chains.evidence import Detections, Evidence, evidence_of
 from estimator.inference.chains.exchange import APART, messages
 from estimator.inference.chains.feature_density import FeatureDensity
-from estimator.inference.chains.kalman import PointChain, Points
+from estimator.inference.chains.kalman import PointChain, PointStates
 from estimator.inference.mixture import Mixture
 from estimator.inference.particles import Particles
 from estimator.inference.tempering import TemperingSettings
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import Begins, observable
 from estimator.trackers.defaults import AS_DETECTED, ONLY_FILTERS, together
-from estimator.trackers.dual_chain.pose_chain import BY_PAST, Crowd, PoseChain, PoseChainSettings
+from estimator.trackers.dual_chain.pose_chain import BY_PAST, ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.seen_features import (
     KEYPOINTS,
@@ -33,7 +32,8 @@ from estimator.trackers.dual_chain.seen_features import (
 )
 from estimator.trackers.dual_chain.settings import DualChainSettings
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import MixtureState, judged, result_of
+from estimator.trackers.initialisation import Initialisation, observable
+from estimator.trackers.mixture_state import MixtureState, classify_frame, result_of
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
 from estimator.vision.likelihood.outline_values import OutlineLikelihood
@@ -60,7 +60,7 @@ class DualState:
     time: float
     q: np.ndarray
     owner: np.ndarray
-    points: Points
+    points: PointStates
     skin: SkinModel | None
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -74,7 +74,7 @@ class DualState:
         }
 
 
-class DualChain(Begins):
+class DualChain(Initialisation):
     """The recipe. It begins as every tracker does, and learns the colour of skin from the keypoints of that frame.
 
     Of every frame it tells samples, how many poses could be drawn, effective_sample_size, and features (F, 2) [px] with
@@ -94,7 +94,7 @@ class DualChain(Begins):
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.GoesByCue`."""
+        """See `estimator.trackers.capabilities.RequiresCues`."""
         return self.seen.needed_cues or super().needed_cues
 
     @cached_property
@@ -103,7 +103,7 @@ class DualChain(Begins):
         return PoseParts.of(self.body, anatomy_of(self.body), self.seen.features, limb_graph(self.body))
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[DualState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`.
+        """See `estimator.trackers.base.TrackerProtocol`.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class DualChain(Begins):
     def step(
         self, rng: np.random.Generator, state: DualState, observation: Observation
     ) -> tuple[DualState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         s, dt = self.settings, observation.time - state.time
         camera, reference = observation.cameras[0], state.mixture.modes[0].q
         std = s.pose.noise * self.search.model.transition_std(dt)
@@ -142,7 +142,7 @@ class DualChain(Begins):
         mixture, owner = summarised(self.search, energy, particles, crowd.q, state.mixture, dt, self._summary)
         told = {name: np.array(value) for name, value in pose.told.items()} | _of_points(points.features(after))
         if observable(observation) or len(detections.mean):
-            _, result = judged(self.search, observation, mixture, told)
+            _, result = classify_frame(self.search, observation, mixture, told)
         else:
             result = result_of(observation, mixture, "unobserved", told)
         return DualState(mixture, observation.time, crowd.q, owner, after, state.skin), result
@@ -155,10 +155,10 @@ class DualChain(Begins):
 
     def _updated(
         self, state: DualState, pose: PoseChain, points: PointChain, detections: Detections, dt: float
-    ) -> tuple[Crowd, Points]:
+    ) -> tuple[ParticleSet, PointStates]:
         """Both chains after the four steps of section 3; without a chain of points these only go on."""
         s = self.settings
-        crowd = Crowd(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
+        crowd = ParticleSet(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
         expected, going = pose.predict(crowd, dt), points.predict(state.points, dt)
         said = [pose.features(expected), points.features(going)] if s.chain else [pose.features(expected)]
         evidence = evidence_of(detections, self._evidence, said[-1])
@@ -172,7 +172,7 @@ class DualChain(Begins):
         return crowd, points.update(going, told[1])[0] if s.chain else going
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> DualState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         summary = MixtureState.from_arrays(arrays, self.body, minima=False)
         count = self.parts.features.count
         sizes = {"nq": self.body.nq, "F": count, "4": 4, "D": 4 * count}
@@ -185,7 +185,7 @@ class DualChain(Begins):
             raise DamageError("point_covariance is none")
         own = {name.removeprefix(_SKIN): value for name, value in arrays.items() if name.startswith(_SKIN)}
         skin = SkinModel.from_arrays(own) if self.settings.features == SKIN else None
-        return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, Points.from_arrays(arrays), skin)
+        return DualState(summary.mixture, summary.time, arrays["pose_q"], owner, PointStates.from_arrays(arrays), skin)
 
     def _outlines(self, observation: Observation, q: np.ndarray) -> OutlineLikelihood | None:
         """What the picture says of whole poses, None without one; q (nq,): about where the body is."""

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.image_cues import ImageCues
 from estimator.search.examples.lookup import Looked
 from estimator.search.jumps.anatomy import Anatomy
-from estimator.vision.cues.cue_picture import CuePicture, Dots, Lines, dimmed
+from estimator.vision.cues.cue_picture import CuePicture, Dots, PixelLines, dimmed
 from estimator.vision.edge_histogram import edges_by_direction
 from estimator.vision.person_view import square_transform
 from humanoid.kinematics.body import Body
@@ -42,7 +42,7 @@ def lookup_picture(
     )
 
 
-def _limbs(body: Body, anatomy: Anatomy, cues: ImageCues, poses: Sequence[np.ndarray], colour: str) -> Lines:
+def _limbs(body: Body, anatomy: Anatomy, cues: ImageCues, poses: Sequence[np.ndarray], colour: str) -> PixelLines:
     """Both segments of every limb of some poses, fainter from one to the next."""
     ends, weight = [], []
     for k, q in enumerate(poses):
@@ -53,4 +53,4 @@ def _limbs(body: Body, anatomy: Anatomy, cues: ImageCues, poses: Sequence[np.nda
             weight += [1.0 / (1.0 + k)] * 2
     seen = np.array(ends).reshape(-1, 2, 2)
     inside = np.isfinite(seen).all(axis=(1, 2))
-    return Lines(seen[inside, 0], seen[inside, 1], colour, np.array(weight)[inside])
+    return PixelLines(seen[inside, 0], seen[inside, 1], colour, np.array(weight)[inside])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimator.search.from_examples import Descent
+from estimator.search.from_examples import ExampleSearch
 from humanoid.support.settings import check, setting
 
-_USUAL = Descent()
+_USUAL = ExampleSearch()
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,6 @@ class ElmoSettings:
         check(self)
 
     @property
-    def descent(self) -> Descent:
+    def descent(self) -> ExampleSearch:
         """Those of them that say how modes are searched from examples."""
-        return Descent(**{name: getattr(self, name) for name in Descent._fields})
+        return ExampleSearch(**{name: getattr(self, name) for name in ExampleSearch._fields})

@@ -22,18 +22,18 @@ from estimator.search.cost_model import per_dof
 from estimator.search.examples.lookup import Looked
 from estimator.search.examples.person_seen import CUES, can_be_looked_up, sees_person
 from estimator.search.first_pose import start_modes
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.from_examples import best_reached, example_starts, shows_silhouette, sides
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
-from estimator.trackers.beginning import Begins, enough_keypoints
 from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.elmo.lookup_picture import lookup_picture
 from estimator.trackers.elmo.settings import ElmoSettings
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.mixture_state import MixtureState, carried, judged, searches_told
+from estimator.trackers.initialisation import Initialisation, enough_keypoints
+from estimator.trackers.mixture_state import MixtureState, classify_frame, predict_unobserved, search_counts
 from estimator.trackers.spec import Spec, by_search
 from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.kinematics.body import ROOT_JOINT, Body
@@ -53,18 +53,18 @@ class ElmoState:
         return {**MixtureState(self.mixture, self.time).arrays(), "seen": np.array(self.seen)}
 
 
-class Elmo(Begins):
+class Elmo(Initialisation):
     """The recipe; numbers in comments are the paper's equations.
 
     The person is seen by depth or, where that is not used, by the silhouette; the pose by all that is looked at.
 
-    Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `searches_told`), `looked_at`: with
+    Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `search_counts`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.GoesByCue`."""
+        """See `estimator.trackers.capabilities.RequiresCues`."""
         return CUES
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
@@ -73,7 +73,7 @@ class Elmo(Begins):
         self.settings = settings or ElmoSettings()
 
     def init(self, rng: np.random.Generator, observation: Observation) -> tuple[ElmoState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         if self.needs_keypoints or not self.settings.neighbours:
             mixture = start_modes(self.search, rng, observation, self.settings.modes)
             return self._judged(observation, mixture, None)
@@ -83,9 +83,9 @@ class Elmo(Begins):
     def step(
         self, rng: np.random.Generator, state: ElmoState, observation: Observation
     ) -> tuple[ElmoState, FrameResult]:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         if not self._can_search(observation):
-            after, result = carried(self.search, state.mixture, observation.time - state.time, observation)
+            after, result = predict_unobserved(self.search, state.mixture, observation.time - state.time, observation)
             return ElmoState(after.mixture, after.time, state.seen), result
         return self._searched(observation, state)
 
@@ -98,7 +98,7 @@ class Elmo(Begins):
         return enough_keypoints(observation)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         state = MixtureState.from_arrays(arrays, self.body)
         seen = float(arrays["seen"])
         if not seen <= state.time:
@@ -106,11 +106,12 @@ class Elmo(Begins):
         return ElmoState(state.mixture, state.time, seen)
 
     def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.SharesWork`."""
+        """See `estimator.trackers.capabilities.Parallel`."""
         return search_pool(self.search, processes)
 
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
-        """See `estimator.trackers.capabilities.ShowsMore`: what was looked up, and the modes that came of it."""
+        """See `estimator.trackers.capabilities.HasDiagnosticImages`: what was looked up, and the modes that came of
+        it."""
         anatomy, modes = self.search.jumps.anatomy, list(result.q)
         shown: dict[int, CuePicture] = {}
         for look in self.looked(observation):
@@ -125,7 +126,7 @@ class Elmo(Begins):
 
     def _looked_anew(self, observation: Observation) -> list[Looked]:
         s = self.settings
-        return self.search.examples.looked_anew(observation, s.neighbours, s.votes) if s.neighbours else []
+        return self.search.examples.lookup_without_prior(observation, s.neighbours, s.votes) if s.neighbours else []
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
@@ -133,7 +134,7 @@ class Elmo(Begins):
         looks = self._looked_anew(observation) if anew else self.looked(observation)
         starts = self._starts(looks, state, anew)
         likelihood = self.search.likelihood(observation, starts[0].q)
-        case = FrameCase(self.search.associations(observation), 0.0, likelihood)
+        case = FrameProblem(self.search.associations(observation), 0.0, likelihood)
         mixture = self._modes(starts, looks, observation, case, anew)  # 3
         if state is not None:
             mixture = self._weighed(mixture, state, observation)  # 6
@@ -154,7 +155,7 @@ class Elmo(Begins):
         starts: Sequence[Hypothesis],
         looks: Sequence[Looked],
         observation: Observation,
-        case: FrameCase,
+        case: FrameProblem,
         anew: bool,
     ) -> Mixture:
         """The best distinct modes of the likelihood that are reached from the starts."""
@@ -165,7 +166,7 @@ class Elmo(Begins):
             return best_reached(search, [starts], looks, observation, case, s.descent._replace(again=0), s.modes)
         return best_reached(search, sides(self.body, starts, looks), looks, observation, case, s.descent, s.modes)
 
-    def _likeliest(self, starts: Sequence[Hypothesis], case: FrameCase) -> Mixture:
+    def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
         (best,) = self.search.screened(starts, case, 1)
         energy = -self.search.frame(case).look(best)
@@ -203,7 +204,7 @@ class Elmo(Begins):
         best = np.array([scores[turned == way].max() for way in turned])
         return np.asarray(scores - (1.0 - share) * best)
 
-    def _settled(self, weighed: Mixture, state: ElmoState, case: FrameCase) -> Mixture:
+    def _settled(self, weighed: Mixture, state: ElmoState, case: FrameProblem) -> Mixture:
         """The same modes with the transition from their parents, where they have one, in the energy. Those that come to
         one pose are one, of the weight of the likelier."""
         candidates = [self._candidate(mode, state, case) for mode in weighed.modes]
@@ -211,7 +212,7 @@ class Elmo(Begins):
         kept = best_distinct(scored, lambda x: x[1], lambda x: x[0].landmarks, self.search.distinct_by, len(scored))
         return mixture_of(tuple(r.mode for r, _ in kept), np.array([score for _, score in kept]))
 
-    def _candidate(self, mode: Mode, state: ElmoState, case: FrameCase) -> Candidate:
+    def _candidate(self, mode: Mode, state: ElmoState, case: FrameProblem) -> Candidate:
         previous = None if mode.parent < 0 else PreviousPose(state.mixture.modes[mode.parent].q)
         origin = Origin(mode.origin.family if mode.origin else Family.KEPT, previous)
         association = [a.name for a in case.associations].index(mode.association)
@@ -230,14 +231,14 @@ class Elmo(Begins):
     def _judged(
         self, observation: Observation, mixture: Mixture, told: Mapping[str, np.ndarray] | None
     ) -> tuple[ElmoState, FrameResult]:
-        after, result = judged(self.search, observation, mixture, told)
+        after, result = classify_frame(self.search, observation, mixture, told)
         return ElmoState(after.mixture, after.time, after.time), result
 
 
 def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
     counts = {f: sum(h.origin.family is f for h in starts) for f in (Family.EXAMPLE, Family.KEPT)}
     return {
-        **searches_told(counts, steps),
+        **search_counts(counts, steps),
         "looked_at": np.array(sum(look.neighbours.looked_at for look in looks)),
         "fell_back": np.array(sum(look.neighbours.fell_back for look in looks)),
     }

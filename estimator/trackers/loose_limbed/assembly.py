@@ -16,11 +16,11 @@ from estimator.inference.beliefs.graph import Belief
 from estimator.inference.merge import best_distinct
 from estimator.inference.mixture import Mixture, Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
-from estimator.search.frame_search import FrameCase
+from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis, Refined
 from estimator.search.mode_search import ModeSearch, Scored
 from estimator.trackers.loose_limbed.limb_choices import Choice, Mistakes, choices, instead
-from estimator.trackers.loose_limbed.limb_places import Place, limb_places
+from estimator.trackers.loose_limbed.limb_places import PlacementCluster, limb_places
 from estimator.trackers.loose_limbed.limb_pulls import LimbPulls, LimbScores, Near, Stiffness
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from humanoid.limbs.limb import LimbGraph, limb_placements
@@ -109,7 +109,7 @@ def assembled(
     settings: AssemblySettings | None = None,
     rng: np.random.Generator | None = None,
     left_over: LeftOver | None = None,
-    heard: Mapping[int, Sequence[Place]] = MappingProxyType({}),
+    received: Mapping[int, Sequence[PlacementCluster]] = MappingProxyType({}),
 ) -> Mixture:
     """The `count` best distinct poses whose limbs are where they are believed to be, as a mixture.
 
@@ -136,10 +136,10 @@ def assembled(
     s = settings or AssemblySettings()
     places = limb_places(graph, beliefs, s.apart, s.clusters)
     made = choices(graph, places, Mistakes(s.exchange, s.least, s.same))
-    made += instead(graph, made[0], heard, s.exchange)
+    made += instead(graph, made[0], received, s.exchange)
     weight, pulls = np.where(places.explained, 1.0, s.doubted), LimbPulls(graph, search.body)
     fine = tuple(pulls.of_choice(choice, weight, s.fine(len(observation.cameras))) for choice in made)
-    case = FrameCase(search.associations(observation), elapsed, None, fine)
+    case = FrameProblem(search.associations(observation), elapsed, None, fine)
     frame = _Frame(search, graph, pulls, case, likelihood, before, s, left_over)
     coarse = [pulls.of_choice(choice, weight, s.coarse) for choice in made]
     drawn = frame.drawn(coarse)
@@ -158,7 +158,7 @@ class _Frame(NamedTuple):
     search: ModeSearch
     graph: LimbGraph
     pulls: LimbPulls
-    case: FrameCase
+    case: FrameProblem
     likelihood: LimbScores | None
     before: Mixture | None
     settings: AssemblySettings
@@ -177,7 +177,7 @@ class _Frame(NamedTuple):
             near = np.array([*self.pulls.from_rest(pull), *(m.q for m in self.parents)])
             values = LimbTargets(body, pull).values(body.placed(near))
             starts.append(Hypothesis(near[int(np.argmin(values))], 0, Origin(Family.LIMBS), pull=k))
-        case = FrameCase(self.case.associations[:1], 0.0, None, tuple(coarse))
+        case = FrameProblem(self.case.associations[:1], 0.0, None, tuple(coarse))
         reached = self.search.explored(starts, case)
         return [(c.q, c.hypothesis.pull) for c in reached] + [(m.q, 0) for m in self.parents]
 
@@ -224,7 +224,7 @@ class _Frame(NamedTuple):
         distance = self.search.distinct_by
         return [c for c, _ in best_distinct(scored, lambda x: x[1], lambda x: x[0].landmarks, distance, count)]
 
-    def refined(self, candidates: Sequence[Candidate], case: FrameCase) -> list[Refined]:
+    def refined(self, candidates: Sequence[Candidate], case: FrameProblem) -> list[Refined]:
         """Every candidate after a search to convergence, but for those whose parts could not be kept apart."""
         return self.search.apart(self.search.refined(candidates, case))
 
@@ -244,7 +244,7 @@ class _Frame(NamedTuple):
         refined = self.refined(anew, case)
         return [self._as_believed(r, modes[r.hypothesis.pull].hypothesis.pull, case) for r in refined]
 
-    def _as_believed(self, refined: Refined, pull: int, case: FrameCase) -> Refined:
+    def _as_believed(self, refined: Refined, pull: int, case: FrameProblem) -> Refined:
         """A mode that the likelihood moved, under the pull of the beliefs alone and with the covariance of that."""
         search, mode, hypothesis = self.search, refined.mode, refined.hypothesis
         gradient = search.frame(case).surroundings(refined)[0].gradient

@@ -1,4 +1,5 @@
-"""What the loose-limbed tracker makes of one instant: the likelihood of limbs, and who shouts where they may be."""
+"""What the loose-limbed tracker makes of one instant: the likelihood of limbs, and which part detectors say where they
+may be."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.mixture import Density
 from estimator.search.cost_model import CostModel
-from estimator.trackers.beginning import enough_keypoints
+from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
@@ -21,12 +22,12 @@ from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
 from estimator.trackers.loose_limbed.limbs.volume import common_box
 from estimator.trackers.loose_limbed.limbs.window import Instant
-from estimator.trackers.loose_limbed.part_detectors.contract import Shouts
-from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals
+from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
 from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions
-from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointShoutSettings, keypoint_shouts
+from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointDetectorSettings, keypoint_proposals
 from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates
-from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, observed_views, template_shouts
+from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, observed_views, template_proposals
 from humanoid.limbs.limb import LimbGraph
 from humanoid.support.settings import check
 
@@ -34,7 +35,7 @@ _KEPT = 3  # instants whose views are kept: that to come is asked for again as t
 
 
 @dataclass(frozen=True)
-class ShoutSettings:
+class PartDetectorSettings:
     """Who says bottom-up where limbs may be, and how importance functions are made of it.
 
     by_keypoints: the frame's keypoints, by every pair of views, or one and the limb's length. by_hull: places that are
@@ -45,7 +46,7 @@ class ShoutSettings:
     by_keypoints: bool = True
     by_hull: bool = True
     templates: str = ""
-    keypoints: KeypointShoutSettings = field(default_factory=KeypointShoutSettings)
+    keypoints: KeypointDetectorSettings = field(default_factory=KeypointDetectorSettings)
     hull: HullSettings = field(default_factory=HullSettings)
     importance: ImportanceSettings = field(default_factory=ImportanceSettings)
 
@@ -72,8 +73,8 @@ class InstantReader:
     """Makes likelihoods and importance functions of the frames of one clip; those of a frame that is asked for again
     are not read again."""
 
-    def __init__(self, model: CostModel, graph: LimbGraph, seen: SeenSettings, shout: ShoutSettings) -> None:
-        self._model, self._graph, self._seen, self._shout = model, graph, seen, shout
+    def __init__(self, model: CostModel, graph: LimbGraph, seen: SeenSettings, detectors: PartDetectorSettings) -> None:
+        self._model, self._graph, self._seen, self._detectors = model, graph, seen, detectors
         self._kept: deque[tuple[tuple[ImageCues, ...], list[LimbView]]] = deque(maxlen=_KEPT)
         self._box: tuple[tuple[Camera, ...], np.ndarray] | None = None
 
@@ -96,12 +97,12 @@ class InstantReader:
 
     def instant(self, rng: np.random.Generator, observation: Observation, *, anew: bool) -> Instant:
         """What is measured in a frame. anew: nothing is known of the frame before, so that importance functions are
-        needed even where nobody shouts."""
+        needed even where nothing is proposed."""
         pictures, box = self.pictures(observation), self.box(observation)
-        shouts = self.shouts(rng, observation, pictures)
+        part_proposals = self.part_proposals(rng, observation, pictures)
         proposals: tuple[Density | None, ...] = (None,) * len(self._graph.limbs)
-        if anew or shouts:
-            proposals = importance_functions(shouts, len(self._graph.limbs), box, self._shout.importance)
+        if anew or part_proposals:
+            proposals = importance_functions(part_proposals, len(self._graph.limbs), box, self._detectors.importance)
         return Instant(observation.time, self.log_ratio(observation), proposals, box)
 
     def log_ratio(self, observation: Observation) -> LimbLogRatio | None:
@@ -123,19 +124,19 @@ class InstantReader:
     def _landmarks(self) -> tuple[LimbLandmarks, ...]:
         return landmarks_of_limbs(self._model.body, self._graph)
 
-    def shouts(
+    def part_proposals(
         self, rng: np.random.Generator, observation: Observation, pictures: LimbLikelihood | None
-    ) -> tuple[Shouts, ...]:
-        """What every shouter that is on says of a frame."""
-        said: list[Shouts] = []
-        if self._shout.by_keypoints and observation.count:
-            body, settings = self._model.body, self._shout.keypoints
-            said.append(keypoint_shouts(body, self._graph, observation, settings, self._landmarks))
-        if self._shout.by_hull and pictures is not None:
-            said.append(hull_shouts(rng, self._graph, pictures, self._views(observation), self._shout.hull))
+    ) -> tuple[AllPartProposals, ...]:
+        """What every part detector that is on says of a frame."""
+        said: list[AllPartProposals] = []
+        if self._detectors.by_keypoints and observation.count:
+            body, settings = self._model.body, self._detectors.keypoints
+            said.append(keypoint_proposals(body, self._graph, observation, settings, self._landmarks))
+        if self._detectors.by_hull and pictures is not None:
+            said.append(hull_proposals(rng, self._graph, pictures, self._views(observation), self._detectors.hull))
         templates = self._templates
         if templates is not None and (views := observed_views(observation)):
-            said.append(template_shouts(templates, self._graph, views))
+            said.append(template_proposals(templates, self._graph, views))
         return tuple(said)
 
     def box(self, observation: Observation) -> np.ndarray:
@@ -148,7 +149,7 @@ class InstantReader:
 
     @cached_property
     def _templates(self) -> LimbTemplates | None:
-        return load_templates(self._shout.templates) if self._shout.templates else None
+        return load_templates(self._detectors.templates) if self._detectors.templates else None
 
     def _views(self, observation: Observation) -> list[LimbView]:
         for cues, views in self._kept:

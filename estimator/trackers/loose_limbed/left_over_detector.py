@@ -1,4 +1,4 @@
-"""Outermost limbs shouted by what a pose leaves over of the person."""
+"""Outermost limbs proposed by what a pose leaves over of the person."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.trackers.loose_limbed.limb_choices import outermost
-from estimator.trackers.loose_limbed.limb_places import Place
+from estimator.trackers.loose_limbed.limb_places import PlacementCluster
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbView
-from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_shouts
+from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
 from humanoid.limbs.limb import LimbGraph
 
 _POSES, _KEPT, _COUNT = 1500, 60, 6  # instead of those of `HullSettings`: what is left over is small
@@ -23,10 +23,12 @@ def left_over_places(
     likelihood: LimbLikelihood,
     left: Sequence[LimbView],
     settings: HullSettings,
-) -> dict[int, list[Place]]:
+) -> dict[int, list[PlacementCluster]]:
     """By outermost limb, places in the hull of the person as views show them where what is explained is not known
     (`estimator.trackers.loose_limbed.limbs.left_over.LeftOver.views`), by the likelihood of the whole views."""
     settings = replace(settings, poses=_POSES, kept=_KEPT, count=_COUNT)
-    shouts, covariance = hull_shouts(rng, graph, likelihood, left, settings), np.diag(_STD**2)
-    places = {i: [Place(point, covariance, 1.0) for point in shouts[i].points] for i in outermost(graph)}
+    part_proposals, covariance = hull_proposals(rng, graph, likelihood, left, settings), np.diag(_STD**2)
+    places = {
+        i: [PlacementCluster(point, covariance, 1.0) for point in part_proposals[i].points] for i in outermost(graph)
+    }
     return {i: there for i, there in places.items() if there}

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.inference.beliefs.space import PLACEMENTS
-from estimator.trackers.loose_limbed.limb_places import Place, Places, ends
+from estimator.trackers.loose_limbed.limb_places import PlacementCluster, Places, ends
 from humanoid.limbs.limb import LimbGraph
 
 HALF_TURN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.pi])  # about a limb's own axis
@@ -18,7 +18,7 @@ FREE_TWIST = 1.0  # rad: how little is known of the turn about its axis of a lim
 class Choice(NamedTuple):
     """A place for every limb, None where it has none. cost [nats]: of preferring it to the likeliest places."""
 
-    places: tuple[Place | None, ...]
+    places: tuple[PlacementCluster | None, ...]
     cost: float = 0.0
 
 
@@ -64,7 +64,9 @@ def outermost(graph: LimbGraph) -> list[int]:
     return [i for i, m in enumerate(graph.mirror) if i != m and _outwards(graph, i) == [i]]
 
 
-def instead(graph: LimbGraph, base: Choice, places: Mapping[int, Sequence[Place]], cost: float) -> list[Choice]:
+def instead(
+    graph: LimbGraph, base: Choice, places: Mapping[int, Sequence[PlacementCluster]], cost: float
+) -> list[Choice]:
     """Outermost limbs elsewhere, one at a time; those of its side that it hangs on have no place then, and follow."""
     made = []
     for limb, others in places.items():
@@ -106,7 +108,7 @@ def _exchanged(graph: LimbGraph, base: Choice, limbs: Sequence[int], cost: float
     return Choice(tuple(places), base.cost + cost)
 
 
-def _of_mirror(place: Place | None) -> Place | None:
+def _of_mirror(place: PlacementCluster | None) -> PlacementCluster | None:
     """The place of a limb for its mirror image: of its turn about its axis little is known."""
     if place is None:
         return None
@@ -140,7 +142,7 @@ def _apart(graph: LimbGraph, places: Places, base: Choice, limbs: Sequence[int],
     return made
 
 
-def _elsewhere(graph: LimbGraph, places: Places, i: int, exchange: float) -> tuple[Place | None, float]:
+def _elsewhere(graph: LimbGraph, places: Places, i: int, exchange: float) -> tuple[PlacementCluster | None, float]:
     """The next of a limb's places, or of its partner's, and what that costs; none where there is none."""
     own, partner = places.of[i], places.of[graph.mirror[i]]
     if len(own) > 1:
@@ -166,7 +168,7 @@ def _next_places(places: Places, base: Choice, least: float) -> list[Choice]:
     ]
 
 
-def _with(base: Choice, limb: int, place: Place | None, cost: float) -> Choice:
+def _with(base: Choice, limb: int, place: PlacementCluster | None, cost: float) -> Choice:
     places = list(base.places)
     places[limb] = place
     return Choice(tuple(places), base.cost + cost)

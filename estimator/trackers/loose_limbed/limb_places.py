@@ -14,7 +14,7 @@ from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.support.errors import InputError
 
 
-class Place(NamedTuple):
+class PlacementCluster(NamedTuple):
     """One cluster of a limb's belief. point (7,): its mean, of `PLACEMENTS`. covariance (6, 6): in the tangent space
     there. share: of the belief's weight."""
 
@@ -27,7 +27,7 @@ class Places(NamedTuple):
     """Of every limb its places (L), the heaviest first and none where nothing is believed, and whether its belief is
     explained by what was measured (L)."""
 
-    of: tuple[tuple[Place, ...], ...]
+    of: tuple[tuple[PlacementCluster, ...], ...]
     explained: tuple[bool, ...]
 
 
@@ -55,7 +55,7 @@ def ends(limb: Limb, points: np.ndarray) -> np.ndarray:
     return np.stack([t, t + limb.length * R[:, :, 2]], axis=1)
 
 
-def _places(limb: Limb, belief: Belief, apart: float, count: int) -> tuple[Place, ...]:
+def _places(limb: Limb, belief: Belief, apart: float, count: int) -> tuple[PlacementCluster, ...]:
     usable = np.isfinite(belief.points).all(axis=1) & np.isfinite(belief.weights) & (belief.weights > 0.0)
     points, weights = np.ascontiguousarray(belief.points[usable]), belief.weights[usable]
     if len(points) == 0:
@@ -70,5 +70,5 @@ def _places(limb: Limb, belief: Belief, apart: float, count: int) -> tuple[Place
         own = of == k
         if own.any():
             mean, covariance = mean_and_covariance(PLACEMENTS, points[own], weights[own])
-            places.append(Place(mean, covariance, float(weights[own].sum())))
+            places.append(PlacementCluster(mean, covariance, float(weights[own].sum())))
     return tuple(sorted(places, key=lambda p: -p.share))

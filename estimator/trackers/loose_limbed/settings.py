@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 from estimator.inference.beliefs.propagation import BeliefSettings
 from estimator.trackers.loose_limbed.assembly import AssemblySettings
-from estimator.trackers.loose_limbed.instant import SeenSettings, ShoutSettings
+from estimator.trackers.loose_limbed.instant import PartDetectorSettings, SeenSettings
 from humanoid.limbs.merging import RULES
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import check, formerly, setting
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class LooseLimbedSettings:
     `propagation`'s in the first frame, and in the first after so many without the person that the past says nothing.
     start_rounds: then beliefs are propagated so often, again with the poses that were made of them as what limbs say of
     each other at first: two legs that are believed in one image are parted there, which they cannot know of each other.
-    seen: what limbs are seen by. shout: who says bottom-up where limbs may be. modes: hypotheses kept. assembly:
-    how they are made of the limbs.
+    seen: what limbs are seen by. part_detectors: who says bottom-up where limbs may be. modes: hypotheses kept.
+    assembly: how they are made of the limbs.
     """
 
     detail: str = setting("paper", one_of=tuple(RULES))
@@ -41,7 +41,7 @@ class LooseLimbedSettings:
     start_rounds: int = setting(2, at_least=1)
     start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
     seen: SeenSettings = field(default_factory=SeenSettings)
-    shout: ShoutSettings = field(default_factory=ShoutSettings)
+    part_detectors: PartDetectorSettings = field(default_factory=PartDetectorSettings, metadata=formerly("shout"))
     modes: int = setting(5, at_least=1)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
 

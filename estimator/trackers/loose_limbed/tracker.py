@@ -22,13 +22,13 @@ from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.loose_limbed.assembly import assembled
 from estimator.trackers.loose_limbed.instant import InstantReader
 from estimator.trackers.loose_limbed.left_over_detector import left_over_places
-from estimator.trackers.loose_limbed.limb_places import Place
+from estimator.trackers.loose_limbed.limb_places import PlacementCluster
 from estimator.trackers.loose_limbed.limbs.potential_choice import potentials_for
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
-from estimator.trackers.loose_limbed.limbs.window import Beliefs, Past, said_by, window
+from estimator.trackers.loose_limbed.limbs.window import Beliefs, PastBeliefs, said_by, window
 from estimator.trackers.loose_limbed.settings import LooseLimbedSettings
 from estimator.trackers.loose_limbed.state import LimbState, belief_arrays
-from estimator.trackers.mixture_state import carried, judged
+from estimator.trackers.mixture_state import classify_frame, predict_unobserved
 from estimator.trackers.spec import Spec, by_search
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph
@@ -52,13 +52,15 @@ class LooseLimbed:
     needs_keypoints = False
 
     def __init__(self, search: ModeSearch, settings: LooseLimbedSettings | None = None) -> None:
-        self._search = search  # its energy is not that of the hypotheses, which limbs have drawn: no `HasEnergy`
+        self._search = (
+            search  # its energy is not that of the hypotheses, which limbs have drawn: no `SupportsSmoothing`
+        )
         self.body: Body = search.body
         self.settings = settings or LooseLimbedSettings()
 
     @property
     def frames_behind(self) -> int:
-        """See `estimator.trackers.capabilities.LooksBack`."""
+        """See `estimator.trackers.capabilities.UsesLookback`."""
         return int(self.settings.smoothing)
 
     @cached_property
@@ -81,7 +83,7 @@ class LooseLimbed:
     def instants(self) -> InstantReader:
         """What is made of a frame."""
         s = self.settings
-        return InstantReader(self._search.model, self.graph, s.seen, s.shout)
+        return InstantReader(self._search.model, self.graph, s.seen, s.part_detectors)
 
     def can_start(self, observation: Observation) -> bool:
         """Whether the person is seen: by keypoints, or in the foreground of a picture."""
@@ -90,7 +92,7 @@ class LooseLimbed:
     def init(
         self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.LooksAhead`."""
+        """See `estimator.trackers.capabilities.UsesLookahead`."""
         return self._searched(rng, None, observation, following)
 
     def step(
@@ -101,14 +103,14 @@ class LooseLimbed:
         following: Sequence[Observation] = (),
         before: Sequence[Observation] = (),
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.LooksBack`."""
+        """See `estimator.trackers.capabilities.UsesLookback`."""
         if not self.can_start(observation):
-            after, result = carried(self._search, state.mixture, observation.time - state.time, observation)
+            after, result = predict_unobserved(self._search, state.mixture, observation.time - state.time, observation)
             return replace(state, mixture=after.mixture, time=after.time), result
         return self._searched(rng, state, observation, following, before)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> LimbState:
-        """See `estimator.trackers.base.Tracker`."""
+        """See `estimator.trackers.base.TrackerProtocol`."""
         return LimbState.from_arrays(arrays, self.body, len(self.graph.limbs))
 
     def _searched(
@@ -126,7 +128,7 @@ class LooseLimbed:
         limbs = len(self.graph.limbs)
         present = result.beliefs[len(behind) * limbs : (len(behind) + 1) * limbs]
         told = {"limb_names": np.array(self.graph.names, dtype=np.str_), **belief_arrays(present)}
-        after, judgement = judged(self._search, observation, mixture, told)
+        after, judgement = classify_frame(self._search, observation, mixture, told)
         if state is not None and behind:
             believed, beliefs = state.seen, self._tied(rng, result.beliefs[:limbs], state.mixture)
         elif state is not None and past is not None and self.settings.smoothing:
@@ -175,11 +177,11 @@ class LooseLimbed:
             tied.append(replace(belief, points=both, weights=np.full(len(both), 1.0 / len(both))))
         return tuple(tied)
 
-    def _past(self, state: LimbState | None, time: float) -> Past | None:
+    def _past(self, state: LimbState | None, time: float) -> PastBeliefs | None:
         """What was believed before a frame, unless that is longer ago than the potentials know of."""
         if state is None or time - state.believed > self.potentials.longest:
             return None
-        return Past(state.believed, state.beliefs)
+        return PastBeliefs(state.believed, state.beliefs)
 
     def _limbs_in(self, mixture: Mixture) -> np.ndarray:
         """Points (L, K, 7) of the limbs in the poses of a mixture."""
@@ -202,7 +204,7 @@ class LooseLimbed:
     def window(
         self,
         rng: np.random.Generator,
-        past: Past | None,
+        past: PastBeliefs | None,
         observation: Observation,
         following: Sequence[Observation],
         behind: Sequence[Observation] = (),
@@ -233,18 +235,18 @@ class LooseLimbed:
         pictures, s = self.instants.pictures(observation), self.settings
         left_over = self.instants.left_over(observation) if s.assembly.left_over > 0.0 else None
 
-        def put_together(heard: Mapping[int, Sequence[Place]]) -> Mixture:
+        def put_together(received: Mapping[int, Sequence[PlacementCluster]]) -> Mixture:
             return assembled(
                 self._search, self.graph, beliefs, observation, pictures, before, elapsed,
-                count=s.modes, settings=s.assembly, rng=rng, left_over=left_over, heard=heard,
+                count=s.modes, settings=s.assembly, rng=rng, left_over=left_over, received=received,
             )  # fmt: skip
 
         mixture = put_together({})
         if left_over is None or pictures is None:
             return mixture
         views = left_over.views(*limb_placements(self.graph, self.body, mixture.modes[0].q))
-        heard = left_over_places(rng, self.graph, pictures, views, s.shout.hull)
-        return put_together(heard) if heard else mixture
+        received = left_over_places(rng, self.graph, pictures, views, s.part_detectors.hull)
+        return put_together(received) if received else mixture
 
 
 # of a body alone, for those that are tracked again: graphs and drawn potentials take seconds

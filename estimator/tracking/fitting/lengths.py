@@ -15,8 +15,8 @@ from estimator.energy.reprojection import Reprojection
 from estimator.energy.term import Cost
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
-from estimator.trackers.beginning import enough_keypoints
 from estimator.trackers.capabilities import energy_of
+from estimator.trackers.initialisation import enough_keypoints
 from estimator.trackers.paths import backtrack_results
 from estimator.tracking.fitting.descent import bounded_step
 from estimator.tracking.fitting.fit import Fit

@@ -34,7 +34,7 @@ class ChainModel(NamedTuple):
     blocks: np.ndarray
 
 
-class Chain:
+class FrameChain:
     """Frames tied by the motion prior.
 
     costs (T): static energy of each frame. times (T,) [s], rising. tolerance: energy that a step must gain.
@@ -151,7 +151,7 @@ class Chain:
 class _Poses(Problem[ChainModel]):
     """A chain in which the frames in `held` (T,) stay."""
 
-    def __init__(self, chain: Chain, held: np.ndarray) -> None:
+    def __init__(self, chain: FrameChain, held: np.ndarray) -> None:
         self._chain, self._held = chain, held
 
     def step(self, model: ChainModel, damping: float) -> Step | None:

@@ -19,7 +19,7 @@ from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results
-from estimator.tracking.smoothing.chain import REACH, Chain
+from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies, only
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.settings import SmoothSettings
@@ -145,7 +145,7 @@ def smooth(
         low, high = max(0, first - REACH), min(len(q), last + REACH)
         held = np.ones(high - low, dtype=bool)
         held[first - low : last - low] = False
-        chain = Chain(body, costs[low:high], times[low:high], motion, settings.tolerance)
+        chain = FrameChain(body, costs[low:high], times[low:high], motion, settings.tolerance)
         q[low:high] = chain.descend(q[low:high], held, settings.iterations)
         if progress is not None:
             progress(last, len(q))

@@ -11,7 +11,7 @@ from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
-from estimator.tracking.smoothing.chain import REACH, Chain
+from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import frame_costs, frame_energies
 from estimator.tracking.smoothing.settings import SmoothSettings
 
@@ -73,7 +73,7 @@ class FixedLag:
             frame.keep(k)
         costs = [f.costs[f.chosen] for f in frames]
         held = np.arange(len(frames)) < len(self._settled)
-        chain = Chain(self._search.body, costs, times, self._motion, self._settings.tolerance)
+        chain = FrameChain(self._search.body, costs, times, self._motion, self._settings.tolerance)
         poses = chain.descend(np.array([f.q for f in frames]), held, self._settings.lag_iterations)
         for frame, pose in zip(frames, poses, strict=True):
             frame.q = pose

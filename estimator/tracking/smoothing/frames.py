@@ -10,8 +10,8 @@ from estimator.data.observation import Observation
 from estimator.energy.term import Cost, Term
 from estimator.search.association import EXCHANGED
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.beginning import observable
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.initialisation import observable
 from estimator.tracking.smoothing.ties import Ties, ties_of
 from humanoid.kinematics.body import PosedBody
 

@@ -11,7 +11,7 @@ from estimator.data.observation import Observation
 from estimator.energy.term import Cost
 from estimator.inference.motion import MotionPrior
 from estimator.search.mode_search import ModeSearch
-from estimator.tracking.smoothing.chain import REACH, Chain
+from estimator.tracking.smoothing.chain import REACH, FrameChain
 from estimator.tracking.smoothing.frames import flow_ties, renewed_cost
 from estimator.tracking.smoothing.settings import SmoothSettings
 from estimator.tracking.smoothing.ties import Ties
@@ -107,6 +107,6 @@ class Renewal:
                 costs[k] = costs[k].plus(others)
         return costs, ties
 
-    def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], low: int, high: int) -> Chain:
+    def _chain(self, costs: Sequence[Cost], ties: Sequence[Ties], low: int, high: int) -> FrameChain:
         times, tolerance = self._times[low:high], self._settings.tolerance
-        return Chain(self._search.body, costs, times, self._motion, tolerance, ties[1:])
+        return FrameChain(self._search.body, costs, times, self._motion, tolerance, ties[1:])

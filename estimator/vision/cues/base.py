@@ -28,7 +28,7 @@ from humanoid.support.idle import IdleRule
 LEAST_NOISE = 0.5  # px
 
 
-class Past(NamedTuple):
+class PastPose(NamedTuple):
     """How the body lay in the frame before, and where its velocity has taken it since, if that is known."""
 
     parent: PosedBody
@@ -48,14 +48,14 @@ class ContourMatch(NamedTuple):
     unassigned_label: str = ""
 
 
-class Shown(NamedTuple):
+class ExplainedPose(NamedTuple):
     """A pose that is to be explained: `posed`, its prediction, the prediction of the pose at which features were
     assigned, and the past that it was followed from, None where there is none or it is not known."""
 
     posed: PosedBody
     prediction: Prediction
     assigned: Prediction
-    past: Past | None
+    past: PastPose | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class Matcher:
         """Other terms around a pose, of which `prediction` is the view."""
         return []
 
-    def follow(self, pasts: Sequence[Past]) -> list[Any]:
+    def follow(self, pasts: Sequence[PastPose]) -> list[Any]:
         """What the image says of each past, for a cue that `follows`: small, picklable, taken by `since`."""
         return [None for _ in pasts]
 
@@ -126,7 +126,7 @@ class Matcher:
         where the cue cannot tell."""
         return None
 
-    def pictures(self, shown: Shown) -> Iterable[CuePicture]:
+    def pictures(self, shown: ExplainedPose) -> Iterable[CuePicture]:
         """What an explanation of a pose shows of the cue."""
         return ()
 

@@ -28,7 +28,7 @@ class Area(NamedTuple):
     colour: Colour
 
 
-class Lines(NamedTuple):
+class PixelLines(NamedTuple):
     """Lines between pixels (N, 2), fainter where weight (N,), 0 to 1, is small."""
 
     start: np.ndarray
@@ -55,7 +55,7 @@ class CuePicture(NamedTuple):
     name: str
     title: str
     base: np.ndarray
-    layers: Sequence[Area | Lines | Dots]
+    layers: Sequence[Area | PixelLines | Dots]
     legend: Sequence[tuple[str, Colour]]
 
 
@@ -70,10 +70,10 @@ def contour_dots(contours: Contours, radius: float = 2.2) -> list[Dots]:
     return [Dots(contours.pixels[contours.state == s], colour, radius) for s, colour in _CONTOURS.items()]
 
 
-def links(term: AssignedPoints, posed: PosedBody, colour: Colour) -> Lines:
+def links(term: AssignedPoints, posed: PosedBody, colour: Colour) -> PixelLines:
     """From where a pose has the points of a term to the features assigned to them."""
     features = term.features(posed)
-    return Lines(features.pixels, features.target, colour, relative(features.weight))
+    return PixelLines(features.pixels, features.target, colour, relative(features.weight))
 
 
 def relative(weight: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 from estimator.data.image_cues import ImageCues
 from estimator.energy.term import Term
 from estimator.vision.cues.assigned import AssignedPoints, Assignments, nothing, value_of
-from estimator.vision.cues.base import CameraView, ContourMatch, Matcher, Past, Shown
+from estimator.vision.cues.base import CameraView, ContourMatch, ExplainedPose, Matcher, PastPose
 from estimator.vision.cues.cue_picture import CuePicture
 from estimator.vision.likelihood.registry import cues_of
 from estimator.vision.likelihood.settings import CueSettings, ImageSettings, cue_settings
@@ -80,13 +80,13 @@ class ImageLikelihood:
     def followed(self, parent: PosedBody, predicted: PosedBody | None = None) -> list[Term]:
         """What ties a pose to the frame before, when the surface lay at `parent`; it is also looked for from where it
         lies at `predicted`."""
-        return self.followed_each([Past(parent, predicted)])[0]
+        return self.followed_each([PastPose(parent, predicted)])[0]
 
-    def followed_each(self, pasts: Sequence[Past]) -> list[list[Term]]:
+    def followed_each(self, pasts: Sequence[PastPose]) -> list[list[Term]]:
         """`followed` for many pasts: the pictures are searched once for the points of all of them."""
         return [self.terms_since(followed) for followed in self.follow(pasts)]
 
-    def follow(self, pasts: Sequence[Past]) -> list[list[Followed]]:
+    def follow(self, pasts: Sequence[PastPose]) -> list[list[Followed]]:
         """What each camera says of each past; `terms_since` makes terms of it."""
         by_camera = [camera.follow(pasts) for camera in self.cameras]
         return [list(of_past) for of_past in zip(*by_camera, strict=True)]
@@ -188,7 +188,7 @@ class CameraLikelihood:
         hidden = prediction.back_facing + s.occluded * prediction.occluded
         return self._weight * s.visibility_evidence * s.back_facing * hidden / len(prediction.state)
 
-    def follow(self, pasts: Sequence[Past]) -> list[Followed]:
+    def follow(self, pasts: Sequence[PastPose]) -> list[Followed]:
         """See `ImageLikelihood.follow`."""
         said = {name: self.matchers[name].follow(pasts) for name in self._following}
         return [{name: of_cue[k] for name, of_cue in said.items()} for k in range(len(pasts))]
@@ -207,6 +207,6 @@ class CameraLikelihood:
         shares = [matcher.agreement(prediction) for matcher in self.matchers.values()]
         return [share for share in shares if share is not None]
 
-    def pictures(self, shown: Shown) -> list[CuePicture]:
+    def pictures(self, shown: ExplainedPose) -> list[CuePicture]:
         """What an explanation of a pose shows of the cues."""
         return [picture for matcher in self.matchers.values() for picture in matcher.pictures(shown)]

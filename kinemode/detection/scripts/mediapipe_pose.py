@@ -68,7 +68,7 @@ MIN_CUTOFF, BETA, DERIVATE_CUTOFF = 0.01, 10.0, 1.0  # of the filter, as in Medi
 Point = tuple[float, float]
 
 
-class Pose:
+class MediapipePose:
     """Searches for people and looks at them; see `serving.Detector`."""
 
     def __init__(self, options: dict[str, Any]) -> None:
@@ -191,4 +191,4 @@ def _rgb(picture: np.ndarray) -> np.ndarray:
 if __name__ == "__main__":
     import serving
 
-    serving.main(Pose)
+    serving.main(MediapipePose)

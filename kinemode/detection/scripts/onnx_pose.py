@@ -56,7 +56,7 @@ def window(box: list[float], picture: tuple[int, int], size: tuple[int, int]) ->
     return 0.5 * (left + right - scale * size[0]), 0.5 * (top + bottom - scale * size[1]), scale
 
 
-class Pose:
+class OnnxPose:
     """Searches for people and looks at them; see `serving.Detector`."""
 
     def __init__(self, options: dict[str, Any]) -> None:
@@ -159,4 +159,4 @@ def _run(session: Any, prepared: np.ndarray) -> list[np.ndarray]:
 if __name__ == "__main__":
     import serving
 
-    serving.main(Pose)
+    serving.main(OnnxPose)

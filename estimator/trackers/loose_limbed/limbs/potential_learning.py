@@ -10,7 +10,7 @@ from scipy.special import ndtr, ndtri
 
 from estimator.inference.beliefs.learning import LearnSettings, RelativePlacements, learned_mixture, mirrored_points
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
-from estimator.trackers.loose_limbed.limbs.potentials import Edge, LimbPotentials, Steps, rest_offsets
+from estimator.trackers.loose_limbed.limbs.potentials import Edge, LimbPotentials, LimbSteps, rest_offsets
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
 
@@ -169,7 +169,7 @@ def learned_potentials(
                     learned_mixture(backward_points(there), settings, np.random.default_rng((seed, k)))[0],
                 )
             )
-        steps.append(Steps(dt, tuple(f for f, _ in both), tuple(b for _, b in both)))
+        steps.append(LimbSteps(dt, tuple(f for f, _ in both), tuple(b for _, b in both)))
     return LimbPotentials(graph.names, spatial, rest_offsets(graph, body), tuple(steps))
 
 

@@ -35,17 +35,17 @@ _REMEDY = (
 
 
 @dataclass(frozen=True)
-class Steps:
+class LimbSteps:
     """Where limbs (L) are `dt` [s] later in the frame that they are in now, and where they were dt earlier."""
 
     dt: float
     forward: tuple[RelativePlacements, ...]
     backward: tuple[RelativePlacements, ...]
 
-    def at(self, dt: float) -> Steps:
+    def at(self, dt: float) -> LimbSteps:
         """Of another time step, as at the same speeds: means and deviations grow with time."""
         by = dt / self.dt
-        return Steps(dt, tuple(_slower(p, by) for p in self.forward), tuple(_slower(p, by) for p in self.backward))
+        return LimbSteps(dt, tuple(_slower(p, by) for p in self.forward), tuple(_slower(p, by) for p in self.backward))
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class LimbPotentials:
     limbs: tuple[str, ...]
     spatial: Mapping[Edge, RelativePlacements]
     rest: Mapping[Edge, np.ndarray]
-    temporal: tuple[Steps, ...]
+    temporal: tuple[LimbSteps, ...]
 
     @property
     def longest(self) -> float:
         """The longest time step that `steps` knows [s]; 0 without any."""
         return (_FARTHEST + 1e-6) * max((s.dt for s in self.temporal), default=0.0)
 
-    def steps(self, dt: float) -> Steps:
+    def steps(self, dt: float) -> LimbSteps:
         """Those of a time step [s], from the nearest that was learned.
 
         Raises
@@ -184,7 +184,7 @@ def load_potentials(path: str | Path = SHIPPED) -> LimbPotentials:
     if any(len(of) < len(limbs) for of in of_step.values()):
         raise InputError(path, "lacks a limb at one of the time steps", place="temporal")
     steps = [
-        Steps(dt, tuple(of[k][0] for k in range(len(limbs))), tuple(of[k][1] for k in range(len(limbs))))
+        LimbSteps(dt, tuple(of[k][0] for k in range(len(limbs))), tuple(of[k][1] for k in range(len(limbs))))
         for dt, of in sorted(of_step.items())
     ]
     return LimbPotentials(limbs, spatial, rest, tuple(steps))

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimator.inference.beliefs.graph import Belief, Edge, Graph, LogLikelihood, Node
-from estimator.inference.beliefs.mixture import Box, Density, Mixture
+from estimator.inference.beliefs.mixture import Density, KernelMixture, UniformBox
 from estimator.inference.beliefs.potential import Potential
 from estimator.inference.beliefs.space import PLACEMENTS, placements_of
 from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio
@@ -34,14 +34,16 @@ class Instant:
 
 
 @dataclass(frozen=True)
-class Past:
+class PastBeliefs:
     """What was believed at an instant before, and stays. time [s]."""
 
     time: float
     beliefs: Beliefs
 
 
-def window(potentials: LimbPotentials, share: float, instants: Sequence[Instant], past: Past | None = None) -> Graph:
+def window(
+    potentials: LimbPotentials, share: float, instants: Sequence[Instant], past: PastBeliefs | None = None
+) -> Graph:
     """The graph of one instant or more: limb l at instant k is node k L + l, and behind them the limbs of the past.
 
     Limbs of an instant are connected as the body is, every limb with itself at the instants beside. The past tells the
@@ -56,24 +58,24 @@ def window(potentials: LimbPotentials, share: float, instants: Sequence[Instant]
     nodes = [_node(instant, limb) for instant in instants for limb in range(count)]
     links: dict[Edge, Potential] = {}
     for k, instant in enumerate(instants):
-        outlier = Box(PLACEMENTS, *instant.box)
+        outlier = UniformBox(PLACEMENTS, *instant.box)
         for (i, j), placements in potentials.spatial.items():
             links[k * count + i, k * count + j] = placements.potential(outlier, share)
     for k, (earlier, later) in enumerate(pairwise(instants)):
         steps = potentials.steps(later.time - earlier.time)
-        before, after = Box(PLACEMENTS, *earlier.box), Box(PLACEMENTS, *later.box)
+        before, after = UniformBox(PLACEMENTS, *earlier.box), UniformBox(PLACEMENTS, *later.box)
         for limb, (forward, backward) in enumerate(zip(steps.forward, steps.backward, strict=True)):
             here, there = k * count + limb, (k + 1) * count + limb
             links[here, there], links[there, here] = forward.potential(after, share), backward.potential(before, share)
     if past is not None:
-        outlier, first = Box(PLACEMENTS, *instants[0].box), len(nodes)
+        outlier, first = UniformBox(PLACEMENTS, *instants[0].box), len(nodes)
         forwards = potentials.steps(instants[0].time - past.time).forward
         nodes += [Node(fixed=belief) for belief in past.beliefs]
         links |= {(first + limb, limb): forward.potential(outlier, share) for limb, forward in enumerate(forwards)}
     return Graph(PLACEMENTS, tuple(nodes), links)
 
 
-def said_by(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, Mixture]:
+def said_by(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, KernelMixture]:
     """First messages of a window's graph of so many limbs, as if in all its instants each limb were believed at some
     placements, points (L, K, 7), alike."""
     count = points.shape[1]

@@ -1,4 +1,4 @@
-"""What a shouter says."""
+"""What a part detector says."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Shout:
+class PartProposals:
     """Where a limb may be, by what is seen of one instant alone: placements as points (K, 7)
     (`estimator.inference.beliefs.space.PLACEMENTS`) and weights (K,) above 0, which need not sum to 1; K may be 0."""
 
@@ -16,5 +16,5 @@ class Shout:
     weights: np.ndarray
 
 
-Shouts = tuple[Shout, ...]
+AllPartProposals = tuple[PartProposals, ...]
 """One a limb, in the graph's order."""

@@ -1,4 +1,5 @@
-"""Limbs shouted by what fits a visual hull: the places inside it, in all directions, that a limb's likelihood likes."""
+"""Limbs proposed by what fits a visual hull: the places inside it, in all directions, that a limb's likelihood
+likes."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from estimator.inference.beliefs.space import PLACEMENTS, placements_of, points_
 from estimator.trackers.loose_limbed.limbs.features import cone_of
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbView
 from estimator.trackers.loose_limbed.limbs.visual_hull import ALL, MOST, VisualHull, visual_hull
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.support.compiled import jit
 from humanoid.support.settings import check, setting
@@ -60,13 +61,13 @@ class HullSettings:
         check(self)
 
 
-def hull_shouts(
+def hull_proposals(
     rng: np.random.Generator,
     graph: LimbGraph,
     likelihood: LimbLikelihood,
     views: Sequence[LimbView],
     settings: HullSettings | None = None,
-) -> Shouts:
+) -> AllPartProposals:
     """Candidates of every limb of a graph by one instant's foreground and likelihood, of which neither knows a pose.
 
     Limbs are tried in the cells of the hull of what every view takes for the person, where their axis lies inside it
@@ -78,17 +79,17 @@ def hull_shouts(
     """
     settings = settings or HullSettings()
     hull = visual_hull(views, likelihood.box, settings.spacing, settings.overlooked)
-    return tuple(_shout(rng, hull, limb, likelihood, i, settings) for i, limb in enumerate(graph.limbs))
+    return tuple(_detectors(rng, hull, limb, likelihood, i, settings) for i, limb in enumerate(graph.limbs))
 
 
-def _shout(
+def _detectors(
     rng: np.random.Generator,
     hull: VisualHull,
     limb: Limb,
     likelihood: LimbLikelihood,
     index: int,
     settings: HullSettings,
-) -> Shout:
+) -> PartProposals:
     middle, axis = _fitting(rng, hull, limb, settings)
     half = 0.5 * (limb.start + limb.end)
     axis = np.concatenate([axis, -axis])
@@ -103,7 +104,9 @@ def _shout(
         t, R = np.concatenate([t, more_t[inside]]), np.concatenate([R, more_R[inside]])
         log = np.concatenate([log, likelihood.log_ratio(index, more_t[inside], more_R[inside])])
     best = _distinct(t, R, log, settings.count, settings.apart, settings.turned)
-    return Shout(points_of(t[best], R[best]), np.exp(settings.temper * (log[best] - log[best].max(initial=-np.inf))))
+    return PartProposals(
+        points_of(t[best], R[best]), np.exp(settings.temper * (log[best] - log[best].max(initial=-np.inf)))
+    )
 
 
 def _fitting(

@@ -1,4 +1,4 @@
-"""Limbs shouted by keypoints: where a detector's points put them, by every pair of views, or by one view and their
+"""Limbs proposed by keypoints: where a detector's points put them, by every pair of views, or by one view and their
 length."""
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from estimator.data.cameras.epipolar import meeting_points
 from estimator.data.observation import Observation
 from estimator.inference.beliefs.space import points_of
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs, longest_of
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.trackers.loose_limbed.part_detectors.keypoint_fits import Fits, onto_points, turned_about, usable
 from estimator.trackers.loose_limbed.part_detectors.keypoint_views import ViewRays, of_view, person_depth
 from humanoid.kinematics.body import Body
@@ -29,7 +29,7 @@ _OFF_AXIS = 0.15  # of the limb's length: a landmark nearer to the axis says not
 
 
 @dataclass(frozen=True)
-class KeypointShoutSettings:
+class KeypointDetectorSettings:
     """How limbs are placed by keypoints; lengths are shares of the body's longest limb, as errors of detectors grow
     with the person.
 
@@ -58,7 +58,7 @@ class KeypointShoutSettings:
         check(self)
 
 
-NOTHING = Shout(np.zeros((0, 7)), np.zeros(0))
+NOTHING = PartProposals(np.zeros((0, 7)), np.zeros(0))
 
 
 class _Pairs(NamedTuple):
@@ -72,13 +72,13 @@ class _Pairs(NamedTuple):
     log_prior: np.ndarray
 
 
-def keypoint_shouts(
+def keypoint_proposals(
     body: Body,
     graph: LimbGraph,
     observation: Observation,
-    settings: KeypointShoutSettings | None = None,
+    settings: KeypointDetectorSettings | None = None,
     landmarks: Sequence[LimbLandmarks] | None = None,
-) -> Shouts:
+) -> AllPartProposals:
     """Candidates of every limb of a graph by an instant's keypoints, NaN where missing; none for a limb that they do
     not show.
 
@@ -90,20 +90,20 @@ def keypoint_shouts(
 
     landmarks: `landmarks_of_limbs(body, graph)`, for callers with many instants.
     """
-    settings = settings or KeypointShoutSettings()
+    settings = settings or KeypointDetectorSettings()
     landmarks = landmarks or landmarks_of_limbs(body, graph)
     size = longest_of(graph)
     readings = _readings(body, observation)
     pairs = _pairs(observation.cameras, readings, settings, size)
     views: list[ViewRays] | None = None
-    shouts = []
+    part_proposals = []
     for limb, of in zip(graph.limbs, landmarks, strict=True):
-        shout = NOTHING if pairs is None else _by_pairs(limb, of, pairs, settings, size)
-        if settings.alone and not len(shout.weights):
+        proposals = NOTHING if pairs is None else _by_pairs(limb, of, pairs, settings, size)
+        if settings.alone and not len(proposals.weights):
             views = _views(observation.cameras, readings, landmarks, settings, size) if views is None else views
-            shout = _by_views(limb, of, views, settings, size)
-        shouts.append(shout)
-    return tuple(shouts)
+            proposals = _by_views(limb, of, views, settings, size)
+        part_proposals.append(proposals)
+    return tuple(part_proposals)
 
 
 def _readings(body: Body, observation: Observation) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -122,7 +122,7 @@ def _readings(body: Body, observation: Observation) -> list[tuple[np.ndarray, np
 def _pairs(
     cameras: Sequence[Camera],
     readings: list[tuple[np.ndarray, np.ndarray]],
-    settings: KeypointShoutSettings,
+    settings: KeypointDetectorSettings,
     size: float,
 ) -> _Pairs | None:
     made = []
@@ -141,7 +141,9 @@ def _pairs(
     return _Pairs(*(np.array(values) for values in zip(*made, strict=True))) if made else None
 
 
-def _by_pairs(limb: Limb, of: LimbLandmarks, pairs: _Pairs, settings: KeypointShoutSettings, size: float) -> Shout:
+def _by_pairs(
+    limb: Limb, of: LimbLandmarks, pairs: _Pairs, settings: KeypointDetectorSettings, size: float
+) -> PartProposals:
     noise = settings.noise * size
     weight, line = usable(of, pairs.confidence[:, of.landmark], noise, limb.length)
     rows = np.flatnonzero(np.isfinite(line[:, 0]))
@@ -156,11 +158,11 @@ def _by_pairs(limb: Limb, of: LimbLandmarks, pairs: _Pairs, settings: KeypointSh
     log_weight -= 0.5 * gap / noise**2 + 0.5 * np.square(misfit / allowed)
     fits = Fits(R, t, log_weight, rows, line, share @ of.place)
     fits = fits.of(np.flatnonzero(misfit <= settings.misfit * size * allowed / noise))
-    return _shout(_rolled(limb, of, _likeliest(fits, settings), settings, pairs))
+    return _detectors(_rolled(limb, of, _likeliest(fits, settings), settings, pairs))
 
 
 def _rolled(
-    limb: Limb, of: LimbLandmarks, fits: Fits, settings: KeypointShoutSettings, pairs: _Pairs | None = None
+    limb: Limb, of: LimbLandmarks, fits: Fits, settings: KeypointDetectorSettings, pairs: _Pairs | None = None
 ) -> Fits:
     """The turns about its line of every fit: where other landmarks tell, theirs and one to either side by as much as it
     is uncertain; else several, evenly."""
@@ -204,7 +206,7 @@ def _views(
     cameras: Sequence[Camera],
     readings: list[tuple[np.ndarray, np.ndarray]],
     landmarks: Sequence[LimbLandmarks],
-    settings: KeypointShoutSettings,
+    settings: KeypointDetectorSettings,
     size: float,
 ) -> list[ViewRays]:
     """Views with a person of some depth in them, in every reading."""
@@ -224,23 +226,23 @@ def _views(
 
 
 def _by_views(
-    limb: Limb, of: LimbLandmarks, views: list[ViewRays], settings: KeypointShoutSettings, size: float
-) -> Shout:
+    limb: Limb, of: LimbLandmarks, views: list[ViewRays], settings: KeypointDetectorSettings, size: float
+) -> PartProposals:
     noise = settings.noise * size
     fits = [fit for view in views if (fit := of_view(limb, of, view, noise, settings.misfit * size)) is not None]
     if not fits:
         return NOTHING
     together = Fits(*(np.concatenate(values) for values in zip(*fits, strict=True)))
-    return _shout(_rolled(limb, of, _likeliest(together, settings), settings))
+    return _detectors(_rolled(limb, of, _likeliest(together, settings), settings))
 
 
-def _likeliest(fits: Fits, settings: KeypointShoutSettings) -> Fits:
+def _likeliest(fits: Fits, settings: KeypointDetectorSettings) -> Fits:
     """Those of enough weight, whose turns are then tried: what is spread over many turns is no less likely for it."""
     best = fits.log_weight.max(initial=-np.inf)
     return fits.of(np.flatnonzero(fits.log_weight > best + np.log(max(settings.least, 1e-300))))
 
 
-def _shout(fits: Fits) -> Shout:
+def _detectors(fits: Fits) -> PartProposals:
     if not len(fits.t):
         return NOTHING
-    return Shout(points_of(fits.t, fits.R), np.exp(fits.log_weight - fits.log_weight.max()))
+    return PartProposals(points_of(fits.t, fits.R), np.exp(fits.log_weight - fits.log_weight.max()))

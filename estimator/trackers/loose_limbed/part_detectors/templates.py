@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.observation import Observation
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from estimator.vision.eigen_templates import EigenSpace
 from estimator.vision.foreground_rays import ray_places
 from estimator.vision.patches import PatchView, patch_view, patches_at
@@ -127,18 +127,18 @@ def observed_views(observation: Observation) -> tuple[PatchView, ...]:
     return tuple(views)
 
 
-def template_shouts(
+def template_proposals(
     templates: LimbTemplates,
     graph: LimbGraph,
     views: Sequence[PatchView],
     settings: TemplateSettings | None = None,
     limbs: Sequence[str] | None = None,
-) -> Shouts:
+) -> AllPartProposals:
     """Where the limbs of a graph may be, by the templates that they have; nothing of others.
 
-    A limb and that of the other side have one template, and the same shouts: patches do not tell which it is. Each of
-    the best places has the offsets and orientations of the training examples that look most like it, all with a weight
-    that falls by a factor e with each deviation of the scores of the limb's own patches.
+    A limb and that of the other side have one template, and the same proposals: patches do not tell which it is. Each
+    of the best places has the offsets and orientations of the training examples that look most like it, all with a
+    weight that falls by a factor e with each deviation of the scores of the limb's own patches.
 
     views: of one instant, in the order of the cameras (`observed_views`, `patch_view`). limbs: names of those that are
     looked for, all that have templates unless given.
@@ -150,15 +150,15 @@ def template_shouts(
     settings = settings or TemplateSettings()
     templates.check_rig([view.camera for view in views])
     templates.check_graph(graph)
-    nothing = Shout(np.zeros((0, 7)), np.zeros(0))
-    shouts = dict.fromkeys(graph.names, nothing)
+    nothing = PartProposals(np.zeros((0, 7)), np.zeros(0))
+    part_proposals = dict.fromkeys(graph.names, nothing)
     places = _places(views, templates.box, settings)
     for template in templates.templates if len(places) else ():
         wanted = [name for name in template.limbs if limbs is None or name in limbs]
         if wanted:
             patches = patches_at(views, places, template.metres, templates.side, templates.contrast)
-            shouts.update(dict.fromkeys(wanted, _shout(template, places, patches, settings)))
-    return tuple(shouts[name] for name in graph.names)
+            part_proposals.update(dict.fromkeys(wanted, _detectors(template, places, patches, settings)))
+    return tuple(part_proposals[name] for name in graph.names)
 
 
 def _places(views: Sequence[PatchView], box: np.ndarray, settings: TemplateSettings) -> np.ndarray:
@@ -171,7 +171,9 @@ def _places(views: Sequence[PatchView], box: np.ndarray, settings: TemplateSetti
     return places
 
 
-def _shout(template: LimbTemplate, places: np.ndarray, patches: np.ndarray, settings: TemplateSettings) -> Shout:
+def _detectors(
+    template: LimbTemplate, places: np.ndarray, patches: np.ndarray, settings: TemplateSettings
+) -> PartProposals:
     """Of places (N, 3) with their patches (N, D)."""
     score = template.score(patches, settings.score)
     best = best_apart(places, score, settings.places, settings.apart)
@@ -180,7 +182,7 @@ def _shout(template: LimbTemplate, places: np.ndarray, patches: np.ndarray, sett
     points = np.concatenate([t, template.quaternion[like].reshape(-1, 4)], axis=1)
     deviation = float(template.deviation[int(settings.score == "residual")])
     weight = np.exp(np.maximum((score[best] - score[best[0]]) / deviation, -30.0))
-    return Shout(points, np.repeat(weight / like.shape[1], like.shape[1]))
+    return PartProposals(points, np.repeat(weight / like.shape[1], like.shape[1]))
 
 
 def best_apart(places: np.ndarray, score: np.ndarray, count: int, apart: float) -> np.ndarray:

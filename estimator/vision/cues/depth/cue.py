@@ -10,17 +10,17 @@ import numpy as np
 from estimator.energy.point_targets import PointTargets
 from estimator.energy.term import Term
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
-from estimator.vision.cues.base import CameraView, Cue, Matcher, Shown
+from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CuePicture, Dots, dimmed
 from estimator.vision.cues.depth.matching import (
-    Pairs,
+    NodePointPairs,
     closest_nodes,
     closest_points,
     surface_precision,
 )
 from estimator.vision.cues.depth.reading import DepthReading, PersonPoints
 from estimator.vision.cues.depth.settings import IDLE, DepthLikelihoodSettings, DepthSettings
-from estimator.vision.depth_map import Points
+from estimator.vision.depth_map import DepthPoints
 from estimator.vision.prediction import Prediction
 from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
 
@@ -62,7 +62,7 @@ class DepthMatcher(Matcher):
         super().__init__(view)
         assert isinstance(view.likelihood, DepthLikelihoodSettings)
         self._settings = view.likelihood
-        self._points: Points = view.cues[Depth.name].points
+        self._points: DepthPoints = view.cues[Depth.name].points
 
     def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
         """The closest pairs, from the nodes that should be seen to the points and back (ELMO eq. 1)."""
@@ -91,7 +91,7 @@ class DepthMatcher(Matcher):
             )
         ]
 
-    def _pairs(self, posed: PosedBody, prediction: Prediction) -> tuple[Pairs, Pairs]:
+    def _pairs(self, posed: PosedBody, prediction: Prediction) -> tuple[NodePointPairs, NodePointPairs]:
         """From nodes to points and back. A body of which nothing is in the picture pays with all its nodes: what is
         seen is somebody's."""
         surface = self.view.surface
@@ -116,7 +116,7 @@ class DepthMatcher(Matcher):
         away = np.abs(1.0 / np.maximum(nearness, 1e-9) - depth)
         return np.asarray(away < AGREES * np.hypot(points.along, self._settings.depth_noise))
 
-    def pictures(self, shown: Shown) -> Iterator[CuePicture]:
+    def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         explained, at = self._explained(shown.prediction), self.view.camera.project(self._points.places)
         layers = [

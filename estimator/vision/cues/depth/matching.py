@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.numerics.closest import closest
-from estimator.vision.depth_map import Points
+from estimator.vision.depth_map import DepthPoints
 
 BACK = 400  # points that look for a node, at most
 
 
-class Pairs(NamedTuple):
+class NodePointPairs(NamedTuple):
     """Nodes (P,) int, and the points (P,) int that they are paired with."""
 
     node: np.ndarray
@@ -24,19 +24,19 @@ def spread_over(count: int, most: int) -> np.ndarray:
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
 
 
-def closest_points(points: Points, places: np.ndarray, nodes: np.ndarray) -> Pairs:
+def closest_points(points: DepthPoints, places: np.ndarray, nodes: np.ndarray) -> NodePointPairs:
     """For each of some nodes (N,) int, at places (N, 3) [m], the closest of the points."""
-    return Pairs(nodes, closest(places, points.places)[0])
+    return NodePointPairs(nodes, closest(places, points.places)[0])
 
 
-def closest_nodes(points: Points, places: np.ndarray, nodes: np.ndarray) -> Pairs:
+def closest_nodes(points: DepthPoints, places: np.ndarray, nodes: np.ndarray) -> NodePointPairs:
     """For some of the points the closest of the nodes (N,) int at places (N, 3) [m]: what is seen has to be somebody's,
     or an arm could hide in the trunk."""
     chosen = spread_over(len(points), BACK)
-    return Pairs(nodes[closest(points.places[chosen], places)[0]], chosen)
+    return NodePointPairs(nodes[closest(points.places[chosen], places)[0]], chosen)
 
 
-def surface_precision(points: Points, normals: np.ndarray, noise: float, slide: float) -> np.ndarray:
+def surface_precision(points: DepthPoints, normals: np.ndarray, noise: float, slide: float) -> np.ndarray:
     """Precision (P, 3, 3) [1/m^2] of the difference between a node and the point (P) that it is paired with: across the
     surface, whose normals are (P, 3), that of the point and of the body's shape, `noise` [m]; along it `slide` [m],
     since the point may be a neighbour's (point to plane)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from estimator.vision.depth_map import Points
+from estimator.vision.depth_map import DepthPoints
 
 LEAST_AREA, LEAST_HEIGHT = 0.08, 0.35  # m^2 and m of a person that can be seen, who may be cut off by the picture
 LEAST_MOVING_AREA = 0.04  # m^2, of a person seen from the side, in pieces, where scenery is out of the question
@@ -16,7 +16,7 @@ _TOUCHING = np.ones((3, 3, 3), bool)
 
 
 def nearest_thing(
-    points: Points,
+    points: DepthPoints,
     area: np.ndarray,
     up: np.ndarray,
     gap: float,
@@ -64,7 +64,7 @@ def _beside(labels: np.ndarray, thing: int, cells: int) -> list[int]:
     return numbers
 
 
-def _nearest(points: Points, thing: np.ndarray, areas: np.ndarray, moves: np.ndarray, up: np.ndarray) -> int:
+def _nearest(points: DepthPoints, thing: np.ndarray, areas: np.ndarray, moves: np.ndarray, up: np.ndarray) -> int:
     """Number of the nearest thing that can be a person and moves, or of the nearest if none does, 0 for none. thing
     (N,): each point's, from 1. areas [m^2], moves (bool): of each thing."""
     nearest, best = (True, np.inf), 0

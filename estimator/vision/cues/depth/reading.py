@@ -8,14 +8,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from estimator.energy.upright import world_up
+from estimator.energy.gravity_prior import world_up
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.depth.floor import Floor, found_floor
 from estimator.vision.cues.depth.matching import spread_over
 from estimator.vision.cues.depth.person import nearest_thing
 from estimator.vision.cues.depth.settings import DepthSettings
 from estimator.vision.cues.depth.sources import DepthSource, depth_source
-from estimator.vision.depth_map import DepthMap, Points
+from estimator.vision.depth_map import DepthMap, DepthPoints
 
 _ON_GRID = 20_000  # pixels that are looked at, about
 _JUMP, _FAR = 0.15, 1e3  # m, of the depth from a pixel to the next
@@ -52,7 +52,7 @@ class PersonPoints:
     step [px]: between neighbouring ones.
     """
 
-    points: Points
+    points: DepthPoints
     pixels: np.ndarray
     step: float
 
@@ -147,7 +147,7 @@ def _jumps(depth: DepthMap, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     return jump[rows, columns], (jump & (values - near > _ASIDE * least))[rows, columns]
 
 
-def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[Points, np.ndarray]:
+def _seen(depth: DepthMap, grid: Grid, settings: DepthSettings) -> tuple[DepthPoints, np.ndarray]:
     """The places that a depth picture shows, and which of the grid's pixels these are."""
     values = depth.depth[grid.rows, grid.columns]
     where = np.flatnonzero(np.isfinite(values) & (values < settings.farthest))

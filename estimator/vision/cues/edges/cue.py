@@ -11,7 +11,7 @@ import numpy as np
 from estimator.numerics.robust import LECLERC
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.assigned import Assignments, nothing
-from estimator.vision.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
+from estimator.vision.cues.base import CameraView, ContourMatch, Cue, ExplainedPose, Matcher
 from estimator.vision.cues.cue_picture import CONTOUR_LEGEND, CuePicture, contour_dots, links
 from estimator.vision.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
 from estimator.vision.cues.edges.matching import edge_assignments
@@ -79,7 +79,7 @@ class EdgeMatcher(Matcher):
         silhouette = self.view.cues.get("silhouette")
         return _NONE if silhouette is None else np.where(silhouette.known, silhouette.distance, np.float32(0.0))
 
-    def pictures(self, shown: Shown) -> Iterator[CuePicture]:
+    def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         groups = [match.features for match in self.contours(shown.assigned)]
         terms = [self.view.on_contours(shown.assigned, g) for g in groups if len(g.point)]

@@ -12,8 +12,16 @@ from estimator.energy.term import Term
 from estimator.numerics.robust import LORENTZIAN
 from estimator.vision.camera_pictures import CameraPictures
 from estimator.vision.cues.assigned import AssignedPoints, assignments, isotropic
-from estimator.vision.cues.base import CameraView, Cue, Matcher, Past, Shown
-from estimator.vision.cues.cue_picture import CONTOUR_LEGEND, CuePicture, Dots, Lines, contour_dots, dimmed, relative
+from estimator.vision.cues.base import CameraView, Cue, ExplainedPose, Matcher, PastPose
+from estimator.vision.cues.cue_picture import (
+    CONTOUR_LEGEND,
+    CuePicture,
+    Dots,
+    PixelLines,
+    contour_dots,
+    dimmed,
+    relative,
+)
 from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.vision.cues.flow.point_flow import follow_points
 from estimator.vision.cues.flow.settings import IDLE, FlowLikelihoodSettings
@@ -64,7 +72,7 @@ class FlowMatcher(Matcher):
         self._settings = view.likelihood
         self._flow: FlowField = view.cues[Flow.name]
 
-    def follow(self, pasts: Sequence[Past]) -> list[Followed]:
+    def follow(self, pasts: Sequence[PastPose]) -> list[Followed]:
         """The nodes seen in each past and where they are now: the image is searched once for the points of all."""
         if not pasts or self._settings.flow_evidence <= 0.0:
             return [_LOST for _ in pasts]
@@ -99,7 +107,7 @@ class FlowMatcher(Matcher):
         surface = view.surface
         return [AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name=Flow.name)]
 
-    def _seen(self, past: Past) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _seen(self, past: PastPose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (N,) seen in the frame before, where they were, (N, 2), and where they are expected, (N, 2), or NaN."""
         surface, prediction = self.view.surface, self.view.predictor.predict(past.parent)
         usable, enough = prediction.visible, round(FLOW_NODES * max(self.view.weight, _FEWEST))
@@ -111,7 +119,7 @@ class FlowMatcher(Matcher):
             guess = self.view.camera.project(world)
         return point, prediction.pixels[point], guess
 
-    def pictures(self, shown: Shown) -> Iterator[CuePicture]:
+    def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         picture = self.view.cues.picture
         motion = cv2.applyColorMap((255.0 * (1.0 - self._flow.whole_boundary())).astype(np.uint8), cv2.COLORMAP_INFERNO)
@@ -135,17 +143,17 @@ class FlowMatcher(Matcher):
             ],
         )
 
-    def _ways(self, shown: Shown, past: Past) -> list[Lines | Dots]:
+    def _ways(self, shown: ExplainedPose, past: PastPose) -> list[PixelLines | Dots]:
         (followed,) = self.follow([past])
-        layers: list[Lines | Dots] = []
+        layers: list[PixelLines | Dots] = []
         for term in self.since(followed):
             assert isinstance(term, AssignedPoints)
             there = term.features(shown.posed)
             weight = relative(there.weight)
             before = self.view.camera.project(points_in_world(past.parent, there.joint, there.local))
             layers += [
-                Lines(before, there.target, "warn", weight),
-                Lines(there.target, there.pixels, "bad", weight),
+                PixelLines(before, there.target, "warn", weight),
+                PixelLines(there.target, there.pixels, "bad", weight),
                 Dots(there.target, "good"),
             ]
         return layers

@@ -13,8 +13,8 @@ from estimator.data.image_cues import ImageCues
 from estimator.numerics.robust import LECLERC, LORENTZIAN
 from estimator.vision.camera_pictures import CameraPictures, PersonMasks
 from estimator.vision.cues.assigned import Assignments, nothing
-from estimator.vision.cues.base import CameraView, ContourMatch, Cue, Matcher, Shown
-from estimator.vision.cues.cue_picture import Area, CuePicture, Dots, Lines, dimmed, links
+from estimator.vision.cues.base import CameraView, ContourMatch, Cue, ExplainedPose, Matcher
+from estimator.vision.cues.cue_picture import Area, CuePicture, Dots, PixelLines, dimmed, links
 from estimator.vision.cues.silhouette.background import FEWEST_FRAMES, KnownBody
 from estimator.vision.cues.silhouette.foreground import (
     Background,
@@ -218,10 +218,10 @@ class OutlineMatcher(Matcher):
         trust = LEAST_TRUST + (1.0 - LEAST_TRUST) * np.minimum(1.0, best / SURE_EDGE)
         return np.where(silhouette.certain, trust, 0.0)
 
-    def pictures(self, shown: Shown) -> Iterator[CuePicture]:
+    def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""
         contours = shown.prediction.contours
-        layers: list[Area | Lines | Dots] = [Area(np.where(self._silhouette.mask, 70, 0).astype(np.uint8), "text")]
+        layers: list[Area | PixelLines | Dots] = [Area(np.where(self._silhouette.mask, 70, 0).astype(np.uint8), "text")]
         for match, colour in zip(self.contours(shown.assigned), ("left", "right"), strict=False):
             if len(match.features.point):
                 lines = links(self.view.on_contours(shown.assigned, match.features), shown.posed, colour)

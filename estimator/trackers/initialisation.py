@@ -21,9 +21,10 @@ def observable(observation: Observation) -> bool:
     return enough_keypoints(observation) or any(len(cues) for cues in observation.cues)
 
 
-class Begins:
+class Initialisation:
     """The beginning of trackers that find their first pose by `estimator.search.first_pose.start_modes` (see
-    `estimator.trackers.base.Tracker`): from keypoints, or where `ModeSearchSettings.start` says so from an index."""
+    `estimator.trackers.base.TrackerProtocol`): from keypoints, or where `ModeSearchSettings.start` says so from an
+    index."""
 
     search: ModeSearch
 
@@ -34,7 +35,7 @@ class Begins:
 
     @property
     def needed_cues(self) -> tuple[str, ...]:
-        """What poses are looked up by (see `estimator.trackers.capabilities.GoesByCue`)."""
+        """What poses are looked up by (see `estimator.trackers.capabilities.RequiresCues`)."""
         return () if self.needs_keypoints else CUES
 
     def can_start(self, observation: Observation) -> bool:

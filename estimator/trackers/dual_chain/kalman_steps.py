@@ -53,7 +53,7 @@ class Length(NamedTuple):
     std: np.ndarray
 
 
-def led_steps(
+def kalman_steps(
     centres: np.ndarray,
     lengths: Sequence[Length],
     told: FeatureDensity,

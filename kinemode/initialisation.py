@@ -7,10 +7,10 @@ from typing import Any
 
 from estimator.data.observation import Observation
 from estimator.search.settings import BY_INDEX
-from estimator.trackers.base import Tracker
-from estimator.trackers.beginning import MIN_KEYPOINTS, enough_keypoints
-from estimator.trackers.capabilities import GoesByCue, HasEnergy, SharesWork
+from estimator.trackers.base import TrackerProtocol
+from estimator.trackers.capabilities import Parallel, RequiresCues, SupportsSmoothing
 from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
 from estimator.vision.cues.base import Cue
 from estimator.vision.likelihood.registry import CUES
 from humanoid.subject.subject import Subject
@@ -25,7 +25,7 @@ def check_keypoints(subject: Subject, observations: Sequence[Observation]) -> No
 
 
 def check_beginning(
-    tracker: Tracker[Any], name: str, subject: Subject, observations: Sequence[Observation], pictures: bool
+    tracker: TrackerProtocol[Any], name: str, subject: Subject, observations: Sequence[Observation], pictures: bool
 ) -> None:
     """Raise InputError where a tracker, of some name, can begin in no frame.
 
@@ -41,17 +41,17 @@ def check_beginning(
         raise InputError("cues", problem, remedy="give the clips and let their pictures be looked at (--cues)")
 
 
-def check_start(tracker: Tracker[Any], chosen: Chosen) -> None:
+def check_start(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
     """Raise InputError where a tracker is to begin by an index and does not."""
-    begins = isinstance(tracker, GoesByCue) and bool(tracker.needed_cues) and not tracker.needs_keypoints
+    begins = isinstance(tracker, RequiresCues) and bool(tracker.needed_cues) and not tracker.needs_keypoints
     if chosen.settings.search.start == BY_INDEX and not begins:
         raise InputError("start", f"{chosen.tracker} does not begin by an index", remedy="leave it out")
 
 
-def check_cue(tracker: Tracker[Any], name: str, cues: Collection[str]) -> None:
+def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -> None:
     """Raise InputError where a tracker, of some name, goes by cues of which none is looked at."""
-    if isinstance(tracker, GoesByCue) and tracker.needed_cues and not set(tracker.needed_cues) & set(cues):
-        problem = f"{name} goes by {' or '.join(tracker.needed_cues)}, which is not looked at"
+    if isinstance(tracker, RequiresCues) and tracker.needed_cues and not set(tracker.needed_cues) & set(cues):
+        problem = f"{name} needs {' or '.join(tracker.needed_cues)}, which is not looked at"
         raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))
 
 
@@ -64,12 +64,12 @@ def _how_to_give(cue: Cue) -> str:
     return f"--cues {cue.name}"
 
 
-def check_capabilities(tracker: Tracker[Any], chosen: Chosen, workers: int) -> None:
+def check_capabilities(tracker: TrackerProtocol[Any], chosen: Chosen, workers: int) -> None:
     """Raise InputError where a tracker is asked for what it cannot do; smoothing that was not asked for is left out."""
-    if workers > 1 and not isinstance(tracker, SharesWork):
+    if workers > 1 and not isinstance(tracker, Parallel):
         raise InputError("workers", f"{chosen.tracker} works in one process", remedy="leave it out")
     asked = chosen.settings.smooth.enabled and "smooth" in chosen.changes
-    if asked and not isinstance(tracker, HasEnergy):
+    if asked and not isinstance(tracker, SupportsSmoothing):
         problem = f"the hypotheses of {chosen.tracker} have no energy that could be smoothed"
         raise InputError(chosen.source or "settings", problem, place="[smooth]", remedy="leave it out")
 
@@ -78,7 +78,7 @@ def note_on_beginning(name: str, results: Sequence[FrameResult]) -> list[str]:
     """What to tell where a tracker, of some name, found nothing to begin with in any frame."""
     if not results or any(len(r.q) for r in results):
         return []
-    return [f"{name} could begin in no frame: look at what it goes by, with more cues (--cues) or keypoints"]
+    return [f"{name} could begin in no frame: look at what it uses, with more cues (--cues) or keypoints"]
 
 
 def notes_on_fit(observations: Sequence[Observation]) -> list[str]:

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
-from estimator.trackers.dual_chain.led_steps import Length, led_steps
+from estimator.trackers.dual_chain.kalman_steps import Length, kalman_steps
 
 NAMES = ("head", "hand")
 STD = np.array([0.2, 0.1, 0.3])
@@ -32,7 +32,7 @@ def told(spread: float = 5.0) -> FeatureDensity:
 def test_each_kernel_is_the_linear_gaussian_posterior() -> None:
     predicted, jacobian = linear()
     density = told()
-    led = led_steps(CENTRES, [Length(1.0, STD)], density, predicted, jacobian)
+    led = kalman_steps(CENTRES, [Length(1.0, STD)], density, predicted, jacobian)
     for n, centre in enumerate(CENTRES):
         log_weights = []
         for k in range(2):
@@ -52,7 +52,7 @@ def test_each_kernel_is_the_linear_gaussian_posterior() -> None:
 def test_the_density_is_that_of_what_is_drawn() -> None:
     """One over the density, as an average over what is drawn inside of a box, is the volume of the box."""
     predicted, jacobian = linear()
-    led = led_steps(CENTRES, [Length(1.0, STD)], told(20.0), predicted, jacobian)
+    led = kalman_steps(CENTRES, [Length(1.0, STD)], told(20.0), predicted, jacobian)
     drawn = led.sample(np.random.default_rng(1), 200_000)
     log_density = led.log_density(drawn)
     for n in range(2):
@@ -65,8 +65,8 @@ def test_the_density_is_that_of_what_is_drawn() -> None:
 
 def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
     predicted, jacobian = linear()
-    plain = led_steps(CENTRES, [Length(1.0, STD)], uniform(NAMES), predicted, jacobian)
-    unseen = led_steps(CENTRES, [Length(1.0, STD)], told(), np.full_like(predicted, np.nan), jacobian)
+    plain = kalman_steps(CENTRES, [Length(1.0, STD)], uniform(NAMES), predicted, jacobian)
+    unseen = kalman_steps(CENTRES, [Length(1.0, STD)], told(), np.full_like(predicted, np.nan), jacobian)
     np.testing.assert_allclose(plain.mean[:, 0], CENTRES)
     np.testing.assert_allclose(unseen.mean, np.repeat(CENTRES[:, None], 2, axis=1), atol=1e-12)
     for root in (plain.root[:, 0], unseen.root[:, 1]):
@@ -76,8 +76,8 @@ def test_nothing_told_or_no_image_leaves_a_step_as_it_is() -> None:
 def test_a_long_step_is_led_where_a_short_one_does_not_reach() -> None:
     predicted, jacobian = linear()
     lengths = [Length(0.9, 1e-3 * STD), Length(0.1, STD)]
-    led = led_steps(CENTRES, lengths, told(), predicted, jacobian)
+    led = kalman_steps(CENTRES, lengths, told(), predicted, jacobian)
     assert led.mean.shape == (2, 4, 3)  # of both lengths and both ways
-    alone = led_steps(CENTRES, lengths[1:], told(), predicted, jacobian)
+    alone = kalman_steps(CENTRES, lengths[1:], told(), predicted, jacobian)
     np.testing.assert_allclose(led.mean[:, 2:], alone.mean)
     assert (np.exp(led.log_weight[:, 2:]).sum(axis=1) > 0.99).all()

@@ -1,4 +1,4 @@
-"""Limbs shouted by a visual hull: candidates lie in it, true limbs of any body are among them, nothing gives none."""
+"""Limbs proposed by a visual hull: candidates lie in it, true limbs of any body are among them, nothing gives none."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from estimator.trackers.loose_limbed.limbs.features import PERSON, SCENE
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbView, limb_view
 from estimator.trackers.loose_limbed.limbs.visual_hull import visual_hull
-from estimator.trackers.loose_limbed.part_detectors.contract import Shout, Shouts
-from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_shouts
+from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
+from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
 from humanoid.limbs.graph import limb_graph
 from humanoid.limbs.limb import LimbGraph, limb_placements
 from tests.builders import bent, body_of, camera_at
@@ -51,10 +51,12 @@ def scene_of(name: str, cameras: int, **angles: float) -> Scene:
     return graph, [painted(graph, t, R, camera) for camera in seen_by], t, R
 
 
-def shouts_of(scene: Scene, settings: HullSettings = SMALL, views: Sequence[LimbView] | None = None) -> Shouts:
+def proposals_of(
+    scene: Scene, settings: HullSettings = SMALL, views: Sequence[LimbView] | None = None
+) -> AllPartProposals:
     graph, own, _, _ = scene
     views = own if views is None else views
-    return hull_shouts(np.random.default_rng(4), graph, LimbLikelihood(graph.limbs, views), views, settings)
+    return hull_proposals(np.random.default_rng(4), graph, LimbLikelihood(graph.limbs, views), views, settings)
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +65,14 @@ def person() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def shouted(person: Scene) -> Shouts:
-    return shouts_of(person)
+def proposed(person: Scene) -> AllPartProposals:
+    return proposals_of(person)
 
 
-def test_candidates_lie_where_all_views_see_the_person(person, shouted) -> None:
+def test_candidates_lie_where_all_views_see_the_person(person, proposed) -> None:
     graph, views, _, _ = person
-    for limb, shout in zip(graph.limbs, shouts_of(person, HullSettings(overlooked=0, poses=1000)), strict=True):
-        t, R = placements_of(shout.points)
+    for limb, proposals in zip(graph.limbs, proposals_of(person, HullSettings(overlooked=0, poses=1000)), strict=True):
+        t, R = placements_of(proposals.points)
         middle = t + 0.5 * (limb.start + limb.end) * R[:, :, 2]
         for view in views:
             away = cv2.distanceTransform((view.foreground == 0).astype(np.uint8), cv2.DIST_L2, 5)
@@ -80,24 +82,24 @@ def test_candidates_lie_where_all_views_see_the_person(person, shouted) -> None:
             # half a cell of 60 mm to its middle, and half its diagonal, of 714 px a metre at a distance of 1 m
             depth = (middle @ view.camera.R_camera_world.T + view.camera.t_camera_world)[:, 2]
             assert (away[y[shown], x[shown]] * depth[shown]).max() < 714.0 * (0.03 + 0.052) * 1.1
-    for shout in shouted:
-        assert 10 < len(shout.points) <= SMALL.count
-        assert shout.weights.max() == 1.0
-        assert (shout.weights > 0.0).all()
-        np.testing.assert_allclose(np.linalg.norm(shout.points[:, 3:], axis=1), 1.0)
+    for proposals in proposed:
+        assert 10 < len(proposals.points) <= SMALL.count
+        assert proposals.weights.max() == 1.0
+        assert (proposals.weights > 0.0).all()
+        np.testing.assert_allclose(np.linalg.norm(proposals.points[:, 3:], axis=1), 1.0)
 
 
-def test_candidates_differ(shouted) -> None:
-    for shout in shouted:
-        t, R = placements_of(shout.points)
+def test_candidates_differ(proposed) -> None:
+    for proposals in proposed:
+        t, R = placements_of(proposals.points)
         far = np.linalg.norm(t[:, None] - t, axis=2) >= SMALL.apart
         turned = R[:, :, 2] @ R[:, :, 2].T <= np.cos(SMALL.turned) + 1e-9
         assert (far | turned | np.eye(len(t), dtype=bool)).all()
 
 
-def test_true_limbs_are_among_the_candidates(person, shouted) -> None:
+def test_true_limbs_are_among_the_candidates(person, proposed) -> None:
     graph, _, t, R = person
-    rates = instant_rates(shouted, t, R, graph.mirror)
+    rates = instant_rates(proposed, t, R, graph.mirror)
     assert rates[:, RATES.index("recall, either side")].mean() >= 0.7
 
 
@@ -105,12 +107,12 @@ def test_true_limbs_are_among_the_candidates(person, shouted) -> None:
 def test_other_bodies_and_fewer_cameras(name: str, cameras: int) -> None:
     scene = scene_of(name, cameras)
     graph, _, t, R = scene
-    rates = instant_rates(shouts_of(scene), t, R, graph.mirror)
+    rates = instant_rates(proposals_of(scene), t, R, graph.mirror)
     assert rates[:, RATES.index("recall, either side")].mean() >= 0.6
 
 
-def test_equal_seeds_give_equal_bits(person, shouted) -> None:
-    for a, b in zip(shouted, shouts_of(person), strict=True):
+def test_equal_seeds_give_equal_bits(person, proposed) -> None:
+    for a, b in zip(proposed, proposals_of(person), strict=True):
         assert a.points.tobytes() == b.points.tobytes()
         assert a.weights.tobytes() == b.weights.tobytes()
 
@@ -119,17 +121,17 @@ def test_nobody_gives_no_candidates_and_no_background_some(person) -> None:
     graph, views, _, _ = person
     black = np.zeros((480, 640, 3), np.uint8)
     empty = [limb_view(v.camera, black, np.zeros((480, 640), bool)) for v in views]
-    assert [len(s.points) for s in shouts_of(person, views=empty)] == [0] * len(graph.limbs)
+    assert [len(s.points) for s in proposals_of(person, views=empty)] == [0] * len(graph.limbs)
     one_sees = [empty[0], empty[1], views[2]]
-    assert [len(s.points) for s in shouts_of(person, views=one_sees)] == [0] * len(graph.limbs)
+    assert [len(s.points) for s in proposals_of(person, views=one_sees)] == [0] * len(graph.limbs)
     for masked in (None, np.zeros((480, 640), bool)):  # without a background, and with nothing known of it
         bare = [limb_view(v.camera, black, masked, masked) for v in views]
-        for shout in shouts_of(person, HullSettings(poses=500, rounds=1), bare):
-            assert np.isfinite(shout.points).all()
-            assert np.isfinite(shout.weights).all()
-    for shout in shouts_of(person, views=views[:1]):  # one camera
-        assert len(shout.points)
-        assert np.isfinite(shout.points).all()
+        for proposals in proposals_of(person, HullSettings(poses=500, rounds=1), bare):
+            assert np.isfinite(proposals.points).all()
+            assert np.isfinite(proposals.weights).all()
+    for proposals in proposals_of(person, views=views[:1]):  # one camera
+        assert len(proposals.points)
+        assert np.isfinite(proposals.points).all()
 
 
 def test_a_view_may_overlook_what_two_others_see(person) -> None:
@@ -150,9 +152,9 @@ def test_what_is_right() -> None:
     R[2] = [[1.0, 0.0, 0.0], [0.0, np.cos(tilt), -np.sin(tilt)], [0.0, np.sin(tilt), np.cos(tilt)]]
     R[3] = np.diag([-1.0, -1.0, 1.0])  # turned about its axis alone
     t = np.array([[0.0, 0.0, 0.09], [0.0, 0.0, 0.11], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    shout = Shout(points_of(t, R), np.array([4.0, 1.0, 1.0, 2.0]))
-    assert right(shout, np.zeros(3), np.eye(3)).tolist() == [True, False, False, True]
-    rates = instant_rates((shout, shout), np.array([[0.0, 0.0, 5.0], np.zeros(3)]), R[:2], (1, 0))
+    proposals = PartProposals(points_of(t, R), np.array([4.0, 1.0, 1.0, 2.0]))
+    assert right(proposals, np.zeros(3), np.eye(3)).tolist() == [True, False, False, True]
+    rates = instant_rates((proposals, proposals), np.array([[0.0, 0.0, 5.0], np.zeros(3)]), R[:2], (1, 0))
     np.testing.assert_allclose(rates, [[0.0, 1.0, 0.5, 0.75, 4.0], [1.0, 1.0, 0.5, 0.75, 4.0]])
 
 
@@ -179,6 +181,6 @@ def test_a_forearm_taken_for_the_trunk_is_shouted_where_it_is(person) -> None:
     assert set(places) <= set(outermost(graph))
     length = graph.limbs[arm].length
     true = np.stack([t[arm], t[arm] + length * R[arm, :, 2]])
-    heard = [placements_of(place.point[None]) for place in places[arm]]
-    ends = [np.stack([a[0], a[0] + length * b[0, :, 2]]) for a, b in heard]
+    received = [placements_of(place.point[None]) for place in places[arm]]
+    ends = [np.stack([a[0], a[0] + length * b[0, :, 2]]) for a, b in received]
     assert min(np.linalg.norm(e - true, axis=1).mean() for e in ends) < 0.1

@@ -14,7 +14,7 @@ from humanoid.kinematics.body import ROOT_JOINT, Body, PlacedBodies, PosedBody
 from humanoid.support.compiled import jit
 
 
-class Upright(BatchTerm):
+class GravityPrior(BatchTerm):
     """1/2 rho(|u - up|^2 / std^2), u being the root's own up axis in the world.
 
     A stabiliser (CSS 3.2.2) of the root's tilt; its heading stays free. |u - up| is the tilt [rad] to second order.
