@@ -18,6 +18,7 @@ html_title = "kinemode"
 html_show_sphinx = False
 html_copy_source = False
 exclude_patterns = ["site"]
+smartquotes = False  # they would make a dash of the two before an option
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4  # links into pages go by GitHub's anchors, so that they work there too
 

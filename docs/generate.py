@@ -88,10 +88,15 @@ def commands() -> str:
     """Every command with its arguments and options, from the command line itself."""
     from kinemode.cli import app
 
-    page = app.generate_docs(output_format="markdown")
+    arguments, sys.argv = sys.argv, ["kinemode"]  # by which the usage lines call the program
+    try:
+        page = app.generate_docs(output_format="markdown")
+    finally:
+        sys.argv = arguments
     first = page.index("\n## ", page.index("**Commands**"))
     text = re.sub(r"^```console$", "```text", page[first:], flags=re.MULTILINE)
     text = re.sub(r"^Example: (kinemode .*)$", r"Example:\n\n\1", text, flags=re.MULTILINE)
+    text = re.sub(r"\[default: \('([^']*)',\)\]", r"[default: \1]", text)  # a tuple of one
     return re.sub(r"(?<!```text\n)^(kinemode .*)$", r"    \1", text, flags=re.MULTILINE)  # the usage is code already
 
 
