@@ -221,6 +221,9 @@ def test_the_site_has_every_page_and_the_reference_all_that_there_is(
         assert re.search(rf"^## kinemode {command}\n\n```text\nkinemode {command}(?! -m)", commands, re.MULTILINE)
         missing = {option for option in options(command) - ALWAYS if not re.search(rf"{option}\b", commands)}
         assert missing == set()
+    examples = re.findall(r"^    (kinemode .*)$", commands, re.MULTILINE)
+    assert len(examples) > len(COMMANDS)
+    assert [line for line in examples if not understood(line)] == []
     for name in registry.TRACKERS:
         assert f"\n## {name}\n" in settings
         assert f"| `{name}`" in trackers
