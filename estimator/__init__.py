@@ -1,1 +1,2 @@
-"""How a body is estimated: pictures, energies, searches, trackers, results. `docs/design.md` has the floors."""
+"""How a body is estimated: pictures, energies, searches, trackers, results. Ten packages, the lowest first, in
+`docs/design.md`."""

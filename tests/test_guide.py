@@ -1,47 +1,103 @@
-"""The guide's commands and programs, run as they stand there, and its pages as a site without a warning."""
+"""The commands and programs of README and guide, run as they stand there; the pages as a site without a warning; the
+reference pages, which have every command, setting, tracker, format and public name."""
 
 from __future__ import annotations
 
+import io
 import re
 import shlex
-import subprocess
+import shutil
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
+import cyclopts
 import pytest
 
+import kinemode as km
 from benchmarks.support.common import ROOT
+from estimator.tracking import registry
+from estimator.tracking.setting_changes import changed
 from kinemode import __main__ as front
+from kinemode import cli, jobs
+from kinemode.detection import clip as detection
 from tests.made_once import made_once
 from tests.tiers import later
+from tests.tiny_clip import QUICK_BY_KEYPOINTS
 
 DOCS = ROOT / "docs"
-PAGES = ("first-clip", "uncertainty", "opensim", "several-cameras", "own-robot", "your-video")
+GUIDE = sorted((DOCS / "guide").glob("*.md"))
+FIRST = "first-clip"
+RUNNABLE = ("concepts", "commands", "uncertainty", "opensim", "own-robot", "cues")
+QUICKLY = ("README", "your-video", "several-cameras", "input", "python", "trackers")
+"""Pages whose tracks are made with few searches and of the subject as it is: other pages fit it."""
+PAGES = (FIRST, *RUNNABLE, *QUICKLY, "conventions", "install", "troubleshooting")
+COMMANDS = {name for name in cli.app if not name.startswith("-")}
+ALWAYS = {"--help", "--debug"}
+QUIET = "ignore:.*Check CHANGES for Sphinx API modifications"
 SECONDS = re.compile(r"--seconds [0-9.]+")
-BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^ *```(sh|python|console)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+MENTIONED = re.compile(r"`(?:\.venv/bin/)?kinemode ([a-z][a-z-]*)((?:[^`]|\n)*)`")
+
+
+def page_of(name: str) -> Path:
+    return ROOT / "README.md" if name == "README" else DOCS / "guide" / f"{name}.md"
+
+
+def blocks(name: str) -> list[tuple[str, str]]:
+    return BLOCK.findall(page_of(name).read_text(encoding="utf-8"))
 
 
 @pytest.fixture
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the first page has made, which the others use."""
+def folder(tmp_path_factory: pytest.TempPathFactory, tmp_path: Path) -> Path:
+    """A copy of what the first page has made, which the others use, with a clip, its keypoints, calibration and truth
+    under the names of a reader's own files."""
 
     def first_page(empty: Path) -> Path:
-        follow(PAGES[0], empty)
+        follow(FIRST, empty)
+        made = empty / "reach"
+        shutil.copy(made / "cam01.mp4", empty / "walk.mp4")
+        shutil.copy(made / "keypoints" / "cam01.json", empty / "walk.json")
+        shutil.copy(made / "cameras.json", empty / "calibration.json")
+        shutil.copy(made / "truth.npz", empty)
         return empty
 
-    return made_once(tmp_path_factory, "guide", first_page)
+    return Path(shutil.copytree(made_once(tmp_path_factory, "guide", first_page), tmp_path / "guide"))
 
 
-def follow(page: str, folder: Path) -> None:
+@pytest.fixture
+def detector(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A detector that finds in every clip what is in walk.json."""
+    monkeypatch.setattr(detection, "detect_clip", lambda clip, file, *_: shutil.copy("walk.json", file))
+
+
+@pytest.fixture
+def few_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trackers whose defaults make a frame short, and no fit before."""
+    usual = registry._defaults
+
+    def few(spec: Any) -> Any:
+        groups = {group: values for group, values in QUICK_BY_KEYPOINTS.items() if group in ("search", spec.group)}
+        return changed(usual(spec), groups)
+
+    monkeypatch.setattr(registry, "_defaults", few)
+    monkeypatch.setattr(jobs, "_fitted", lambda job, subject, *_: (subject, job.estimates))
+
+
+def follow(name: str, folder: Path) -> None:
     """Do what a page says, all of it in this process, and of shorter clips: what takes long is the same frame after
-    frame."""
-    blocks = BLOCK.findall((DOCS / "guide" / f"{page}.md").read_text(encoding="utf-8"))
-    assert blocks
+    frame. Blocks called "console" need files or devices that a test does not have."""
+    steps = [block for block in blocks(name) if block[0] != "console"]
+    assert steps
+    names: dict[str, Any] = {"__name__": "__main__"}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for kind, text in blocks:
+        for kind, text in steps:
             if kind == "python":
-                exec(compile(text, f"{page}.md", "exec"), {"__name__": "__main__"})
+                exec(compile(text, f"{name}.md", "exec"), names)
                 continue
             for line in text.splitlines():
                 program, *words = shlex.split(SECONDS.sub("--seconds 0.1", line))
@@ -49,17 +105,168 @@ def follow(page: str, folder: Path) -> None:
                 assert front.main(words) == 0, line
 
 
-@pytest.mark.parametrize("page", later(PAGES, "own-robot"))
-def test_what_a_page_says_works(page: str, folder: Path) -> None:
-    if page != PAGES[0]:  # that is done already
-        follow(page, folder)
+@pytest.mark.usefixtures("detector")
+@pytest.mark.parametrize("name", later((FIRST, *RUNNABLE), "own-robot"))
+def test_what_a_page_says_works(name: str, folder: Path) -> None:
+    if name != FIRST:  # that is done already
+        follow(name, folder)
     assert (folder / "reach.run").exists()
 
 
-def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
-    pytest.importorskip("sphinx", reason="Sphinx is not installed")
-    line = ["-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path)]
-    ended = subprocess.run([sys.executable, *line], capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr
-    pages = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.html")}
-    assert {f"{path.relative_to(DOCS).with_suffix('').as_posix()}.html" for path in DOCS.rglob("*.md")} <= pages
+@pytest.mark.usefixtures("detector", "few_searches")
+@pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
+@pytest.mark.parametrize("name", QUICKLY)
+def test_what_a_page_says_works_with_few_searches(name: str, folder: Path) -> None:
+    follow(name, folder)
+
+
+def understood(line: str) -> bool:
+    """Whether a command line has all that its command needs and no option that the command lacks."""
+    program, *words = shlex.split(line, comments=True)
+    try:
+        cli.app.parse_args(words, exit_on_error=False, print_error=False)
+    except cyclopts.CycloptsError:
+        return False
+    return program == "kinemode"
+
+
+def unknown_words(text: str) -> list[str]:
+    """Commands and options between backticks that there are not."""
+    unknown = []
+    for command, rest in MENTIONED.findall(text):
+        if command not in COMMANDS:
+            unknown.append(command)
+            continue
+        unknown += [f"{command} {o}" for o in re.findall(r"--[a-z][a-z-]*", rest) if o not in options(command)]
+    return unknown
+
+
+@cache
+def options(command: str) -> set[str]:
+    names = {name for argument in cli.app[command].assemble_argument_collection() for name in argument.names}
+    return {name for name in names if name.startswith("-")} | ALWAYS
+
+
+def test_every_command_with_files_of_a_reader_is_understood() -> None:
+    lines = [line for name in PAGES for kind, text in blocks(name) if kind == "console" for line in text.splitlines()]
+    ours = [line for line in map(str.strip, lines) if not line.startswith(("make ", "pip "))]
+    gait_models = re.findall(r"^    (kinemode .*)$", (DOCS / "opensim.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(ours) > 10
+    assert len(gait_models) > 5
+    assert [line for line in (*ours, *gait_models) if not understood(line)] == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_command_and_option_in_a_sentence_exists(name: str) -> None:
+    assert unknown_words(page_of(name).read_text(encoding="utf-8")) == []
+
+
+def test_faults_in_a_command_line_would_be_seen() -> None:
+    assert understood("kinemode gait walk.run --out strides.csv")
+    for line in ("kinemode gait", "kinemode gate walk.run", "kinemode gait walk.run --outt a.csv"):
+        assert not understood(line)
+    assert not understood("kinemode explain walk.run --frame first")
+    assert unknown_words("`kinemode gate`, `kinemode gait RUN --outt FILE`, `kinemode track\n--fit off`") == [
+        "gate",
+        "gait --outt",
+    ]
+
+
+def test_every_page_is_tested_and_no_block_is_without_a_kind() -> None:
+    assert set(PAGES) == {"README", *(path.stem for path in GUIDE)}
+    for name in PAGES:
+        fences = re.findall(r"^ *```(\w*)$", page_of(name).read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(fences[::2]) <= {"sh", "python", "console", "toml"}, name
+        assert set(fences[1::2]) <= {""}, name
+
+
+def test_readme_and_table_have_every_command_and_target() -> None:
+    table = page_of("commands").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `kinemode ([a-z-]+)", table, re.MULTILINE)) == COMMANDS
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    readme = page_of("README").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 90
+    for name in ("README", "install"):
+        targets = set(re.findall(r"\bmake (?=[a-z])([a-z-]+)", page_of(name).read_text(encoding="utf-8")))
+        assert {"demo", "test"} <= targets
+        assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets - {"a"}), targets
+
+
+def site(builder: str, out: Path) -> ModuleType:
+    """Build the documentation in this process, which has loaded what the reference is written from; the module that
+    wrote it."""
+    application = pytest.importorskip("sphinx.application", reason="Sphinx is not installed")
+    docutils = pytest.importorskip("sphinx.util.docutils")
+    warnings = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, docutils.patch_docutils(DOCS), docutils.docutils_namespace():
+        patch.setattr(sys, "path", list(sys.path))  # docs/conf.py adds its folder
+        made = application.Sphinx(DOCS, DOCS, out, out / ".doctrees", builder, status=None, warning=warnings)
+        made.build()
+    assert warnings.getvalue() == ""
+    return sys.modules["generate"]
+
+
+@pytest.mark.filterwarnings(QUIET)
+def test_the_site_has_every_page_and_the_reference_all_that_there_is(
+    tmp_path: Path,
+) -> None:
+    generate = site("dummy", tmp_path)  # all but the writing of pages
+    built = {path.relative_to(tmp_path / ".doctrees").with_suffix("") for path in tmp_path.rglob("*.doctree")}
+    assert built == {path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md")}
+    assert set(generate.PAGES) == {path.stem for path in (DOCS / "reference").glob("*.md")}
+    commands, settings, trackers, formats, interface = (
+        generate.PAGES[name]() for name in ("commands", "settings", "trackers", "formats", "interface")
+    )
+    for command in COMMANDS:
+        assert re.search(rf"^## kinemode {command}\n\n```text\nkinemode {command}(?! -m)", commands, re.MULTILINE)
+        missing = {option for option in options(command) - ALWAYS if not re.search(rf"{option}\b", commands)}
+        assert missing == set()
+    examples = re.findall(r"^    (kinemode .*)$", commands, re.MULTILINE)
+    assert len(examples) > len(COMMANDS)
+    assert [line for line in examples if not understood(line)] == []
+    for name in registry.TRACKERS:
+        assert f"\n## {name}\n" in settings
+        assert f"| `{name}`" in trackers
+        for setting in own_settings(name):
+            assert re.search(rf"^{setting} = ", settings, re.MULTILINE), setting
+    assert all(f"`{name}`" in formats for name in ("npz", "c3d", "osim", "glb", "rrd", "mediapipe33"))
+    assert all(f"\n### `{name}`\n" in interface for name in km.__all__ if not name.startswith("_"))
+    assert generate.markdown(DOCSTRING).split("\n\n") == [
+        "What it is: a \\* b.",
+        "- `size, other [m]`: of a thing,\n  and more.",
+        "**Raises**",
+        "- `InputError`: never.",
+        '```text\n{"a": 1}\n```',
+    ]
+
+
+DOCSTRING = """What it is: a * b.
+
+    size, other [m]: of a thing,
+        and more.
+
+    Raises
+    ------
+    InputError: never.
+
+        {"a": 1}
+    """
+
+
+def own_settings(name: str) -> set[str]:
+    """The last words of a tracker's settings, of all groups."""
+
+    def last(values: dict[str, Any]) -> Iterator[str]:
+        for key, value in values.items():
+            yield from last(value) if isinstance(value, dict) else (key,)
+
+    return set(last(registry.settings_for(name).to_dict()))
+
+
+@pytest.mark.filterwarnings(QUIET)
+@pytest.mark.paper  # a long example: the quicker test above finds all but what the writing of pages alone finds
+def test_the_pages_are_written_without_a_warning(tmp_path: Path) -> None:
+    site("html", tmp_path)
+    commands = (tmp_path / "reference" / "commands.html").read_text(encoding="utf-8")
+    assert "With --occlusion:" in commands  # no dash in place of the two
+    assert (tmp_path / "guide" / "concepts.html").exists()
