@@ -49,7 +49,7 @@ def check_start(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
 
 
 def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -> None:
-    """Raise InputError where a tracker, of some name, goes by cues of which none is looked at."""
+    """Raise InputError where a tracker, of some name, uses cues of which none is looked at."""
     if isinstance(tracker, RequiresCues) and tracker.needed_cues and not set(tracker.needed_cues) & set(cues):
         problem = f"{name} needs {' or '.join(tracker.needed_cues)}, which is not looked at"
         raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))

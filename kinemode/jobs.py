@@ -251,13 +251,13 @@ def _track_into(
                     tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
                 )
             writer.put_smoothed(smoothed)
-        against = said_against(Run.open(target.path))
+        against = run_findings(Run.open(target.path))
         writer.put_findings(against)
         writer.finish()
     return against
 
 
-def said_against(run: Run) -> tuple[str, ...]:
+def run_findings(run: Run) -> tuple[str, ...]:
     """What a run whose frames are all there says against its subject or its input."""
     results = list(run)
     leapt = leap_note(leaps(run.body, results))

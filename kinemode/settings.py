@@ -49,7 +49,7 @@ class Chosen:
 
     @property
     def for_fit(self) -> Settings:
-        """What a fit of the subject goes by, see `estimator.tracking.idle_settings.fit_settings`."""
+        """What a fit of the subject uses, see `estimator.tracking.idle_settings.fit_settings`."""
         return fit_settings(self.tracker, self.settings, self.changes)
 
     def idle(self, fits: bool) -> list[Idle]:

@@ -58,7 +58,7 @@ class Told(NamedTuple):
 
 
 def track_line(inputs: Sequence[object], out: Path) -> list[str]:
-    """The command line that starts a run and goes on with it."""
+    """The command line that starts a run and continues it."""
     return ["track", *map(str, inputs), "--out", str(out), "--resume"]
 
 

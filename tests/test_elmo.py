@@ -431,7 +431,7 @@ def test_settled_modes_agree_better_with_picture_and_past(clip: RenderedClip, fi
 
     def energy(mode: Mode) -> float:
         parent = before.mixture.modes[mode.parent]
-        return -search.look(Hypothesis(mode.q, 0, Origin(Family.KEPT, PreviousPose(parent.q))))
+        return -search.score(Hypothesis(mode.q, 0, Origin(Family.KEPT, PreviousPose(parent.q))))
 
     a, b = settled.mixture.modes[0], likely.mixture.modes[0]
     assert a.parent == b.parent >= 0
@@ -449,7 +449,7 @@ def test_the_silhouette_ranks_and_refines_what_depth_has_found(clip: RenderedCli
     case = FrameProblem(tracker.search.associations(by_both), 0.0, likelihood)
     search = tracker.search.frame(case)
     energy = [
-        -search.look(
+        -search.score(
             Hypothesis(tracker.init(np.random.default_rng(0), seen)[0].mixture.modes[0].q, 0, Origin(Family.KEPT))
         )
         for seen in (by_depth, by_both)

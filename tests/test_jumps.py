@@ -13,7 +13,7 @@ from estimator.search.jumps.angles import limb_turns
 from estimator.search.jumps.descent import placed
 from estimator.search.jumps.interpretations import JointPrior
 from estimator.search.jumps.limb_solutions import limb_solutions
-from estimator.search.jumps.sight import PoseOnRays, sight_of, turned
+from estimator.search.jumps.pose_on_rays import PoseOnRays, pose_on_rays, turned
 from estimator.search.proposals import LimbProposal
 from humanoid.kinematics.body import Body
 from humanoid.subject.example_robots import installed
@@ -38,9 +38,9 @@ def body_named(name: str) -> Body:
     return Body(load_subject(name))
 
 
-def slopes(sight: PoseOnRays, points: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
+def slopes(evidence: PoseOnRays, points: np.ndarray, landmarks: np.ndarray) -> np.ndarray:
     """By how much the outer end of each segment is behind the point of its ray nearest to the inner end [m], (2,)."""
-    return np.einsum("ij,ij->i", np.diff(points[landmarks], axis=0), sight.rays[landmarks[1:]])
+    return np.einsum("ij,ij->i", np.diff(points[landmarks], axis=0), evidence.rays[landmarks[1:]])
 
 
 @pytest.mark.parametrize("name", LIMBS)
@@ -81,20 +81,22 @@ def test_solutions_keep_rays_and_limits(name: str) -> None:
     jumps = KinematicJumps(body)
     for _ in range(12):
         q = random_pose(body, rng, share=0.6, turn=0.6)
-        sight = sight_of(body, q, CAMERA)
+        evidence = pose_on_rays(body, q, CAMERA)
         for limb in jumps.limbs:
-            now = slopes(sight, sight.points, limb.landmarks)
-            for solution in limb_solutions(body, sight, limb):
+            now = slopes(evidence, evidence.points, limb.landmarks)
+            for solution in limb_solutions(body, evidence, limb):
                 other = turned(body, q, limb.dofs, solution.turns)
                 assert inside(body, other)
                 others = np.setdiff1d(np.arange(body.nv), limb.dofs)
                 np.testing.assert_allclose(body.difference(q, other)[others], 0.0, atol=1e-12)
                 if solution.error < 1e-8:
                     points = body.landmarks(body.at(other))
-                    off = CAMERA.project(points)[limb.landmarks[1:]] - CAMERA.project(sight.points)[limb.landmarks[1:]]
+                    off = (
+                        CAMERA.project(points)[limb.landmarks[1:]] - CAMERA.project(evidence.points)[limb.landmarks[1:]]
+                    )
                     assert np.abs(off).max() < 1e-5
                     if abs(now[0]) > 1e-3 and name in ("human34", "arm8"):  # their axes go through the root exactly
-                        assert abs(slopes(sight, points, limb.landmarks)[0]) == pytest.approx(abs(now[0]), abs=1e-6)
+                        assert abs(slopes(evidence, points, limb.landmarks)[0]) == pytest.approx(abs(now[0]), abs=1e-6)
                     exact += solution.moved > 0.01
     assert exact > 0
 
@@ -106,14 +108,14 @@ def test_no_solution_is_overlooked() -> None:
     limb = jumps.limbs[0]
     for _ in range(3):
         q = random_pose(body, rng, share=0.5)
-        sight = sight_of(body, q, CAMERA)
+        evidence = pose_on_rays(body, q, CAMERA)
         low, high = (x[limb.dofs] for x in body.tangent_bounds(q))
         known: list[np.ndarray] = []
         for x in product(*(np.linspace(a, b, 5)[1:-1] for a, b in zip(low, high, strict=True))):
-            end = onto_pixels(body, sight, limb.landmarks[1:], limb.dofs, np.array(x), low, high)
+            end = onto_pixels(body, evidence, limb.landmarks[1:], limb.dofs, np.array(x), low, high)
             if end is not None and all(np.linalg.norm(end - k, axis=1).max() > 0.02 for k in known):
                 known.append(end)
-        solutions = limb_solutions(body, sight, limb)
+        solutions = limb_solutions(body, evidence, limb)
         mine = [body.landmarks(body.at(turned(body, q, limb.dofs, r.turns)))[limb.landmarks[1:]] for r in solutions]
         assert len(known) > 0
         for end in known:
@@ -122,7 +124,7 @@ def test_no_solution_is_overlooked() -> None:
 
 def onto_pixels(
     body: Body,
-    sight: PoseOnRays,
+    evidence: PoseOnRays,
     landmarks: np.ndarray,
     dofs: np.ndarray,
     x: np.ndarray,
@@ -131,10 +133,10 @@ def onto_pixels(
 ) -> np.ndarray | None:
     """Places (2, 3) [m] of a limb's joints on their rays, by clamped Gauss-Newton steps from turns x, or None."""
     for _ in range(15):
-        posed = body.at(turned(body, sight.q, dofs, x))
+        posed = body.at(turned(body, evidence.q, dofs, x))
         points = body.landmarks(posed)[landmarks]
-        off = points - sight.eyes[landmarks]
-        across = np.eye(3) - sight.rays[landmarks][:, :, None] * sight.rays[landmarks][:, None, :]
+        off = points - evidence.eyes[landmarks]
+        across = np.eye(3) - evidence.rays[landmarks][:, :, None] * evidence.rays[landmarks][:, None, :]
         miss = np.einsum("kij,kj->ki", across, off).ravel()
         if np.abs(miss).max() < 1e-7:
             return np.asarray(points)
@@ -163,8 +165,8 @@ def test_interpretations_combine_limbs_best_first() -> None:
     of the joints' prior."""
     body = body_of("human34")
     q = bent(body, left_shoulder_elevation=0.9, left_elbow_flexion=0.8, right_hip_flexion=0.6, right_knee_flexion=0.9)
-    jumps, sight = KinematicJumps(body), sight_of(body, q, CAMERA)
-    solutions = [limb_solutions(body, sight, limb) for limb in jumps.limbs]
+    jumps, evidence = KinematicJumps(body), pose_on_rays(body, q, CAMERA)
+    solutions = [limb_solutions(body, evidence, limb) for limb in jumps.limbs]
     stays = [sum(r.moved <= jumps.anatomy.same for r in readings) for readings in solutions]
     poses = list(jumps.interpretations(q, CAMERA))
     assert len({x.tobytes() for x in poses}) == len(poses)
@@ -174,7 +176,7 @@ def test_interpretations_combine_limbs_best_first() -> None:
     held = [x for x in poses if np.abs(body.difference(q, x)[trunk]).max() < 1e-12]
     assert len(held) == np.prod([len(r) for r in solutions]) - np.prod(stays)
     outer = np.concatenate([limb.landmarks[1:] for limb in jumps.limbs])
-    off = [CAMERA.project(body.landmarks(body.at(x))[outer]) - CAMERA.project(sight.points[outer]) for x in held]
+    off = [CAMERA.project(body.landmarks(body.at(x))[outer]) - CAMERA.project(evidence.points[outer]) for x in held]
     energies = [JointPrior(body).energy(x, limbs) for x, o in zip(held, off, strict=True) if np.abs(o).max() < 1e-3]
     assert len(energies) >= 5
     assert np.all(np.diff(energies) > -1e-3)

@@ -24,7 +24,7 @@ from estimator.data.formats.cameras_json import camera_from_json, camera_to_json
 from estimator.data.formats.keypoints import load_keypoints
 from estimator.search.jumps import KinematicJumps
 from estimator.search.jumps.limb_solutions import limb_solutions
-from estimator.search.jumps.sight import sight_of, turned
+from estimator.search.jumps.pose_on_rays import pose_on_rays, turned
 from estimator.search.views import view_sphere
 from estimator.synthesis import Renderer, SceneSettings, ViewSettings, framing_cameras
 from estimator.tracking.registry import make_tracker, settings_for
@@ -217,10 +217,10 @@ def test_flips_keep_the_image_and_mirror_the_depth(name: str) -> None:
     jumps, mirrored = KinematicJumps(body), 0
     for _ in range(6):
         q = random_pose(body, rng, share=0.7, turn=0.5)
-        sight = sight_of(body, q, camera)
+        evidence = pose_on_rays(body, q, camera)
         for limb in jumps.limbs:
-            before = sight.points[limb.landmarks]
-            for solution in limb_solutions(body, sight, limb):
+            before = evidence.points[limb.landmarks]
+            for solution in limb_solutions(body, evidence, limb):
                 after = body.landmarks(body.at(turned(body, q, limb.dofs, solution.turns)))[limb.landmarks]
                 off = np.abs(camera.project(after) - camera.project(before)).max()
                 assert off < 190.0 * solution.error + 1e-6

@@ -154,7 +154,7 @@ class Unseeded(Still):
 
 
 class KeepsCount(Still):
-    """Its own counter moves the pose: the state is not all that it goes by."""
+    """Its own counter moves the pose: the state is not all that it uses."""
 
     def __init__(self) -> None:
         super().__init__()

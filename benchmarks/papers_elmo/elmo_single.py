@@ -97,7 +97,7 @@ def main(
     for count in counts:
         for name, chosen in (("neighbours", known), ("random examples", AtRandom(**vars(known)))):
             tracker.settings = replace(tracker.settings, neighbours=count)
-            tracker.search.__dict__["examples"] = Examples(chosen, body, tracker.search.sight)
+            tracker.search.__dict__["examples"] = Examples(chosen, body, tracker.search.evidence)
             rows.append(searched(tracker, name, count, frames, true))
             tell(f"{name}, {count}: median {np.median(rows[-1].error):.0f} mm")
     show(rows)

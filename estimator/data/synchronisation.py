@@ -78,7 +78,7 @@ def synchronised(
     lags = coarse.lags.best(len(cameras), held)
     nearer = [of - step * lag for of, lag in zip(times, lags.tolist(), strict=True)]
     more, errors = _refined(_courses(cameras, pixels, nearer, step / _PARTS), len(cameras), held)
-    margins, distances = coarse.judged(lags)
+    margins, distances = coarse.assess(lags)
     far = distances > SURE_DISTANCE * max(max(camera.image_size) for camera in cameras)
     margin = _weakest_links(coarse.lags, np.where(far, 0.0, margins), len(cameras), held)
     limit = SURE_ERROR * max(of for of in steps if np.isfinite(of))
@@ -149,7 +149,7 @@ class _Coarse:
     rays: np.ndarray
     step: float
 
-    def judged(self, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def assess(self, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of each pair (P,) at these lags (C,): by how much they are better than all that are further off, 0 where
         they are not, and the distance [px]."""
         margins, distances = np.zeros(len(self.rays)), np.full(len(self.rays), np.inf)

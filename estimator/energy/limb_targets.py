@@ -118,7 +118,7 @@ def limb_loads(  # type: ignore[no-untyped-def]
     for n in range(joint.shape[0]):
         if weight[n] == 0.0:
             continue
-        square = _strayed(placements[joint[n]], local[n], target[n], precision[n], R, p, e, pull)
+        square = _placement_error(placements[joint[n]], local[n], target[n], precision[n], R, p, e, pull)
         cost, slope, bending = rho(kind, square, nu)
         value += 0.5 * weight[n] * cost
         slope, curve = weight[n] * slope, 2.0 * weight[n] * bending if exact else 0.0
@@ -162,13 +162,13 @@ def limb_values(placements, joint, local, target, precision, weight, kind, nu, v
         for n in range(joint.shape[0]):
             if weight[n] == 0.0:
                 continue
-            square = _strayed(placements[s, joint[n]], local[n], target[n], precision[n], R, p, e, pull)
+            square = _placement_error(placements[s, joint[n]], local[n], target[n], precision[n], R, p, e, pull)
             value += 0.5 * weight[n] * rho(kind, square, nu)[0]
         values[s] = value
 
 
 @jit
-def _strayed(placement, local, target, precision, R, p, e, pull):  # type: ignore[no-untyped-def]
+def _placement_error(placement, local, target, precision, R, p, e, pull):  # type: ignore[no-untyped-def]
     """e' W e; fills R (3, 3) and p (3,) with the limb's placement in the world, e (6,), and pull (6,) = W e.
 
     placement (12,), local (3, 4), target (7,), precision (6, 6).

@@ -103,7 +103,7 @@ class Cost:
         return total
 
     def add_values(self, placed: PlacedBodies, total: np.ndarray) -> None:
-        """Add the terms one after the other to `total` (N,): the energy of a sum that goes on with these."""
+        """Add the terms one after the other to `total` (N,): the energy of a sum that continues with these."""
         for term in self.terms:
             total += term.values(placed) if isinstance(term, BatchTerm) else self._one_by_one(term, placed)
 

@@ -117,7 +117,7 @@ def moved(n, turns, centre, e, point):  # type: ignore[no-untyped-def]
 
 
 @jit
-def carried(n, turns, e, centre, point, A):  # type: ignore[no-untyped-def]
+def transport(n, turns, e, centre, point, A):  # type: ignore[no-untyped-def]
     """Fill A (n + 3 * turns, n + 3 * turns): how the tangent e (n + 3 * turns,) at a centre that leads to a point
     changes as the point moves by a tangent of its own; centre, point (n + 4 * turns,)."""
     d = n + 3 * turns

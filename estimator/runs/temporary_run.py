@@ -27,5 +27,5 @@ class TemporaryFolder:
 
 
 def _remove(folder: Path, process: int) -> None:
-    if os.getpid() == process:  # not in a forked child, whose parent goes on with it
+    if os.getpid() == process:  # not in a forked child, whose parent continues it
         shutil.rmtree(folder, ignore_errors=True)

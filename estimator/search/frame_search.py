@@ -47,7 +47,7 @@ class FrameSearch:
         self._bases: dict[tuple[int, int, bool, PoseKey | None], Cost] = {}
         self._pulls: dict[int, list[Term]] = {}
         self._ties: dict[PoseKey, list[Term]] = {}
-        self._led: dict[tuple[int, bool, PoseKey], Solution] = {}
+        self._warm_starts: dict[tuple[int, bool, PoseKey], Solution] = {}
 
     def follow(self, previous: Sequence[PreviousPose]) -> list[list[Followed]]:
         """Work: the flow of the surface in every camera since it lay at each previous pose, looked for also where it
@@ -61,7 +61,7 @@ class FrameSearch:
         """Take over the flows that `follow` has followed, in this process or another."""
         self.flows.update(followed)
 
-    def look(self, h: Hypothesis) -> float:
+    def score(self, h: Hypothesis) -> float:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
         return self._looked(h, self._assigned(h.q, brief=True))
 
@@ -159,15 +159,15 @@ class FrameSearch:
         if previous is None or not (h.origin.family.at_previous or h.relative_to_previous):
             return h.q, StepCounts()
         key = h.association, h.origin.transition_from is not None, previous.key
-        if key not in self._led:
-            self._led[key] = self._lead(h, previous)
-        led = self._led[key]
+        if key not in self._warm_starts:
+            self._warm_starts[key] = self._warm_start(h, previous)
+        warm = self._warm_starts[key]
         if h.origin.family.at_previous:
-            return led.q, led.steps
+            return warm.q, warm.steps
         # the steps are the parent's, and counted where it is searched from
-        return self._body.integrate(led.q, self._body.difference(previous.q, h.q)), StepCounts()
+        return self._body.integrate(warm.q, self._body.difference(previous.q, h.q)), StepCounts()
 
-    def _lead(self, h: Hypothesis, previous: PreviousPose) -> Solution:
+    def _warm_start(self, h: Hypothesis, previous: PreviousPose) -> Solution:
         """From the pose in the frame before, or from where its velocity takes it if keypoints and flow like that
         better."""
         assert self.case.likelihood is not None

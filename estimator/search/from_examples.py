@@ -103,7 +103,7 @@ def best_reached(
 def without_silhouette(search: ModeSearch, observation: Observation, case: FrameProblem, q: np.ndarray) -> FrameProblem:
     """What examples are searched in: the case without the silhouette where depth shows the person too, since from poses
     far off it leads astray. q (nq,): about where the body is."""
-    if search.sight.cue == Outline.name or not shows_silhouette(observation):
+    if search.evidence.cue == Outline.name or not shows_silhouette(observation):
         return case
     without = tuple(cues.changed(**{Outline.name: None}) for cues in observation.cues)
     return case._replace(likelihood=search.likelihood(replace(observation, cues=without), q))

@@ -56,7 +56,7 @@ class ModeSearch:
         self._frame: FrameSearch | None = None
 
     @cached_property
-    def sight(self) -> PersonEvidence:
+    def evidence(self) -> PersonEvidence:
         """What a person is looked up by: depth where that is used; the height is that of the landmarks at rest."""
         cue = next((name for name in CUES if name in self.model.cues.used), CUES[0])
         return PersonEvidence(cue, float(np.ptp(self.body.landmarks(self.body.at(self.body.neutral))[:, 2])))
@@ -66,7 +66,7 @@ class ModeSearch:
         """Those of the index, read when they are first asked for; raises InputError where there is none."""
         if not self.settings.index:
             raise InputError("search.index", "no index of examples is named", remedy=REMEDY)
-        return Examples(load_index(self.settings.index, self.body), self.body, self.sight)
+        return Examples(load_index(self.settings.index, self.body), self.body, self.evidence)
 
     def associated(self, observation: Observation, association: str) -> Observation:
         """A frame's keypoints, each at the landmark that an association (its name, see `Mode`) assigns it to."""
@@ -139,7 +139,7 @@ class ModeSearch:
         few searches."""
         frame = self.frame(case)
         # without pictures sharing it would take longer
-        scores = self.workers.each(FrameSearch.look, hypotheses) if pictures else frame.score_keypoints(hypotheses)
+        scores = self.workers.each(FrameSearch.score, hypotheses) if pictures else frame.score_keypoints(hypotheses)
         return [hypotheses[k] for k in np.argsort(-np.array(scores), kind="stable")[:count]]
 
     def frame(self, case: FrameProblem) -> FrameSearch:

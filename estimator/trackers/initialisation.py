@@ -42,4 +42,4 @@ class Initialisation:
         """Whether a frame has enough keypoints, or shows the person where poses are looked up."""
         if self.needs_keypoints:
             return enough_keypoints(observation)
-        return can_be_looked_up(observation, self.search.sight)
+        return can_be_looked_up(observation, self.search.evidence)

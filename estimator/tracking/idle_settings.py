@@ -17,7 +17,7 @@ from humanoid.support.idle import ONE_CAMERA, PICTURES, IdleRule
 from humanoid.support.settings import every_setting
 
 FIT_GROUPS = ("cost", "search", "cues")
-"""The groups that a fit of the subject goes by, with any tracker; the fit itself tracks with the default one."""
+"""The groups that a fit of the subject uses, with any tracker; the fit itself tracks with the default one."""
 
 
 _NOT_IN_FIT = ("search.follow", "search.start", "search.index")
@@ -36,7 +36,7 @@ class Idle(NamedTuple):
 
 
 def fit_settings(tracker: str, settings: Settings, changes: Mapping[str, Any]) -> Settings:
-    """What a fit goes by before a tracker with these `settings`, made by `changes`: the default tracker's own settings,
+    """What a fit uses before a tracker with these `settings`, made by `changes`: the default tracker's own settings,
     and those of the changes that are not about a tracker. It always begins by keypoints, and looks nothing up."""
     if tracker != DEFAULT:
         settings = settings_for(DEFAULT, changes={name: changes[name] for name in FIT_GROUPS if name in changes})

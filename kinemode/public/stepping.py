@@ -45,7 +45,7 @@ class Tracker:
     subject: a loaded subject, a built-in name, or the path of a URDF.
     camera: the one camera, a `kinemode.Camera`. cameras: instead, several by name or the path of a camera file. Without
         either one is guessed from image_size, the width and height [px] of the pictures that keypoints are seen in.
-    layout: what the keypoints are called: "mediapipe33", "coco17", ... or a name for each; "auto" goes by their number.
+    layout: what the keypoints are called: "mediapipe33", "coco17", ... or a name for each; "auto" uses their number.
     cues: what is taken from the pictures, such as "edges,flow"; "off" looks at none. The silhouette needs `background`,
         a picture of the empty scene, or a mapping by camera.
     tracker, modes, settings, seed, index: as `kinemode.track` has them.

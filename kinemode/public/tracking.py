@@ -76,7 +76,7 @@ def track(
         not given.
     keypoints: 2D keypoint files, given as the clips are; with cues those of one frame will do, tracking begins there.
         Also arrays (T, K, 2) of x, y [px] or (T, K, 3) with confidences, NaN where missing, alone or by name.
-    layout: what the keypoints of arrays are called: "mediapipe33", "coco17", ... or a name for each; "auto" goes by
+    layout: what the keypoints of arrays are called: "mediapipe33", "coco17", ... or a name for each; "auto" uses
         their number. `fps` is their rate, `keypoint_size` the size of the pictures that they were seen in.
     cues: what is taken from the pictures: "off", or some of the cues there are (`kinemode cues` lists them), as names
         or separated by commas; "auto" takes them all where there are clips and less than half of the frames have

@@ -14,7 +14,7 @@ from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
 from humanoid.support.atomic import replacing
 from kinemode import __version__
-from kinemode.jobs import said_against
+from kinemode.jobs import run_findings
 from kinemode.streams.stepper import Stepper
 
 
@@ -40,7 +40,7 @@ class Recording:
         times = np.array([o.time for o in seen], dtype=np.float64)
         writer.put_header(replace(header, times=times, clip_frames=dict.fromkeys(names, kept)))
         writer.put_observations(seen)
-        writer.put_findings(said_against(Run.open(writer.path)) if seen else ())
+        writer.put_findings(run_findings(Run.open(writer.path)) if seen else ())
         writer.finish()
 
 

@@ -49,7 +49,7 @@ def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], 
     if camera.parallel:  # from before the bodies: its own plane may be anywhere
         centre = centre + (float(depths.min()) - _BEFORE) * axes[2]
     distance = max(0.5, float(axes[2] @ (points.mean(axis=0) - centre)))
-    sight = (_corners(camera, 1.0) - centre) @ axes.T
+    evidence = (_corners(camera, 1.0) - centre) @ axes.T
     return {
         "name": camera.name,
         "node": f"camera_{c}",
@@ -57,8 +57,8 @@ def add_camera(root: meshcat.Visualizer, scene: Scene, c: int, rows: list[int], 
         "target": (centre + distance * axes[2]).tolist(),
         "up": (-axes[1]).tolist(),
         # the view's middle is the principal point, so what is farther from it decides
-        "half_width": float(np.abs(sight[:, 0]).max()),
-        "half_height": float(np.abs(sight[:, 1]).max()),
+        "half_width": float(np.abs(evidence[:, 0]).max()),
+        "half_height": float(np.abs(evidence[:, 1]).max()),
         "parallel": camera.parallel,  # the halves are tangents of angles, or metres
         "pictures": pictures,
         "picture_of": picture_of,

@@ -135,7 +135,7 @@ def _size(root: Mapping[str, Any]) -> Any:
 
 
 def _of(root: Mapping[str, Any], member: str, suffix: str = "") -> Any:
-    """A member by any of the names that it goes by, None where it is missing."""
+    """A member by any of its names, None where it is missing."""
     plain = {_plain(key): value for key, value in root.items()}
     return next((plain[name + suffix] for name in _CALLED[member] if name + suffix in plain), None)
 

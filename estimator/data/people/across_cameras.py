@@ -19,7 +19,7 @@ from estimator.data.people.agreement import pair_affinities, piece_affinities
 from estimator.data.people.changes import cut_where_people_change
 from estimator.data.people.choice_of_subject import subject_rows
 from estimator.data.people.notes import misfits, no_common_person, summary, told
-from estimator.data.people.pieces import Sighting, Table, table_of
+from estimator.data.people.pieces import CameraDetections, Table, table_of
 
 PersonOf = Mapping[str, str | int]
 
@@ -51,11 +51,13 @@ def subject_tracks(
     free = [name for name in files if given[name] == AUTO]
     if len(files) < 2 or not free or not any(crowded(file.frames) for file in files.values()):
         return _each_for_itself(files, cameras, given, instants)
-    sightings = [sighting(file, cameras[name], given[name], instants.get(name)) for name, file in files.items()]
-    table = table_of(sightings)
-    affinities = pair_affinities(table, [s.camera for s in sightings])
+    all_detections = [
+        camera_detections(file, cameras[name], given[name], instants.get(name)) for name, file in files.items()
+    ]
+    table = table_of(all_detections)
+    affinities = pair_affinities(table, [s.camera for s in all_detections])
     table = cut_where_people_change(table, affinities)
-    subject = subject_rows(table, [s.camera for s in sightings], piece_affinities(table, affinities))
+    subject = subject_rows(table, [s.camera for s in all_detections], piece_affinities(table, affinities))
     if not subject.any():
         raise no_common_person(list(files))
     tracks, notes = {}, [summary(table, affinities, subject, list(files))]
@@ -80,10 +82,10 @@ def instants_of(times: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: np.round((of - begin) / step).astype(np.int64) for name, of in times.items()}
 
 
-def sighting(file: PeopleFile, camera: Camera, person: str, instants: np.ndarray | None) -> Sighting:
+def camera_detections(file: PeopleFile, camera: Camera, person: str, instants: np.ndarray | None) -> CameraDetections:
     """What a camera's file says; person: who is wanted there, "auto" for whoever fits the others."""
     chosen = None if person == AUTO else select(file.frames, person, file.source)[0]
-    return Sighting(camera, file.reading.names, file.frames, chosen, instants)
+    return CameraDetections(camera, file.reading.names, file.frames, chosen, instants)
 
 
 def _each_for_itself(
@@ -96,10 +98,12 @@ def _each_for_itself(
     tracks = {name: file.one(given[name]) for name, file in files.items()}
     if len(files) < 2:
         return tracks, ()
-    sightings = [
-        Sighting(cameras[n], f.reading.names, {}, select(f.frames, given[n], f.source)[0], instants.get(n))
+    all_detections = [
+        CameraDetections(cameras[n], f.reading.names, {}, select(f.frames, given[n], f.source)[0], instants.get(n))
         for n, f in files.items()
     ]
-    table = table_of(sightings)
+    table = table_of(all_detections)
     several = any(crowded(file.frames) for file in files.values())
-    return tracks, misfits(list(files), table, pair_affinities(table, [s.camera for s in sightings]), several=several)
+    return tracks, misfits(
+        list(files), table, pair_affinities(table, [s.camera for s in all_detections]), several=several
+    )

@@ -1,4 +1,4 @@
-"""Where a track goes on with another person, as another camera tells."""
+"""Where a track continues with another person, as another camera tells."""
 
 from __future__ import annotations
 

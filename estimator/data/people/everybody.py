@@ -14,7 +14,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack, PeopleFile
 from estimator.data.formats.people_choice import AUTO, ids_of, jump_note, largest_first, select
-from estimator.data.people.across_cameras import instants_of, sighting, track_of_rows
+from estimator.data.people.across_cameras import camera_detections, instants_of, track_of_rows
 from estimator.data.people.agreement import pair_affinities, piece_affinities
 from estimator.data.people.changes import cut_where_people_change
 from estimator.data.people.choice_of_subject import continues, everybody_settled, seen_together
@@ -46,7 +46,7 @@ def everybody(
         ((name, file),) = files.items()
         return _of_one_camera(name, file)
     instants, views = instants_of(times or {}), [cameras[name] for name in files]
-    table = table_of([sighting(file, cameras[name], AUTO, instants.get(name)) for name, file in files.items()])
+    table = table_of([camera_detections(file, cameras[name], AUTO, instants.get(name)) for name, file in files.items()])
     affinities = pair_affinities(table, views)
     table = cut_where_people_change(table, affinities)
     people = _joined(table, views, everybody_settled(table, piece_affinities(table, affinities))[table.piece])

@@ -20,7 +20,7 @@ _MOST_PIECES = 2000  # beyond it tracks stay whole, and beyond it again the ligh
 
 
 @dataclass(frozen=True)
-class Sighting:
+class CameraDetections:
     """What one camera's file says.
 
     frames: its people by frame. names (J): landmark of each keypoint. chosen: the subject's detections where the user
@@ -75,21 +75,23 @@ class Table:
     landmarks: tuple[str, ...]
 
 
-def table_of(sightings: Sequence[Sighting]) -> Table:
+def table_of(all_detections: Sequence[CameraDetections]) -> Table:
     """Detections of tracks that are cut wherever two people may have changed places: where another person was near,
     where the id changes, and where a detection is missing.
 
     In a crowd that leaves too many pieces, tracks stay whole, and the lightest are left out.
     """
-    landmarks = tuple(dict.fromkeys(name for s in sightings for name in s.names if name is not None))
-    tracks = [largest_first(s.frames) if s.chosen is None else [PersonTrack(dict(s.chosen), set())] for s in sightings]
-    seed = 0 if any(s.chosen is not None for s in sightings) else -1
-    cut = _Builder(landmarks, seed, cut=True).filled(sightings, tracks)
+    landmarks = tuple(dict.fromkeys(name for s in all_detections for name in s.names if name is not None))
+    tracks = [
+        largest_first(s.frames) if s.chosen is None else [PersonTrack(dict(s.chosen), set())] for s in all_detections
+    ]
+    seed = 0 if any(s.chosen is not None for s in all_detections) else -1
+    cut = _Builder(landmarks, seed, cut=True).filled(all_detections, tracks)
     if cut.pieces <= _MOST_PIECES:
         return cut.table()
     lightest = sorted((t.weight for each in tracks for t in each), reverse=True)[:_MOST_PIECES][-1]
     heavy = [[t for t in each if t.weight >= lightest] for each in tracks]
-    return _Builder(landmarks, seed, cut=False).filled(sightings, heavy).table()
+    return _Builder(landmarks, seed, cut=False).filled(all_detections, heavy).table()
 
 
 class _Builder:
@@ -104,21 +106,25 @@ class _Builder:
         self._links: list[Link] = []
         self.pieces = seed + 1
 
-    def filled(self, sightings: Sequence[Sighting], tracks: Sequence[Sequence[PersonTrack]]) -> _Builder:
+    def filled(self, all_detections: Sequence[CameraDetections], tracks: Sequence[Sequence[PersonTrack]]) -> _Builder:
         """With the tracks of every camera."""
-        for c, (sighting, ours) in enumerate(zip(sightings, tracks, strict=True)):
-            diagonal = float(np.hypot(*sighting.camera.image_size))
+        for c, (camera_detections, ours) in enumerate(zip(all_detections, tracks, strict=True)):
+            diagonal = float(np.hypot(*camera_detections.camera.image_size))
             for number, track in enumerate(ours):
-                self._add(c, number, track, sighting, diagonal)
-            pixels = _by_landmark(self._people[self._first[-1] :], sighting.names, self._landmarks)
-            self._rays.append(Rays.of(sighting.camera, pixels))
+                self._add(c, number, track, camera_detections, diagonal)
+            pixels = _by_landmark(self._people[self._first[-1] :], camera_detections.names, self._landmarks)
+            self._rays.append(Rays.of(camera_detections.camera, pixels))
             self._first.append(len(self._people))
         return self
 
-    def _add(self, c: int, number: int, track: PersonTrack, sighting: Sighting, diagonal: float) -> None:
-        people, piece = track.people, None if sighting.chosen is None else self._seed
+    def _add(
+        self, c: int, number: int, track: PersonTrack, camera_detections: CameraDetections, diagonal: float
+    ) -> None:
+        people, piece = track.people, None if camera_detections.chosen is None else self._seed
         before: int | None = None
-        for frame in sorted(f for f, person in people.items() if person.size > 0.0 and sighting.instant(f) >= 0):
+        for frame in sorted(
+            f for f, person in people.items() if person.size > 0.0 and camera_detections.instant(f) >= 0
+        ):
             person = people[frame]
             uncertain = before is not None and self._cut and _uncertain(track, before, frame)
             if piece is None and uncertain and before is not None:
@@ -128,7 +134,7 @@ class _Builder:
             before = frame
             self._people.append(person)
             owner = self.pieces - 1 if piece is None else piece
-            self._rows.append((c, frame, sighting.instant(frame), number, owner, person.weight / diagonal))
+            self._rows.append((c, frame, camera_detections.instant(frame), number, owner, person.weight / diagonal))
 
     def table(self) -> Table:
         """What was collected."""

@@ -14,7 +14,7 @@ import numpy as np
 from estimator.inference.beliefs.mixture import CUT, KernelMixture, kernel_exponent, placement_exponent
 from estimator.inference.beliefs.space import Space
 from estimator.numerics.linear import solve_definite
-from estimator.numerics.rotations import carried, difference, moved
+from estimator.numerics.rotations import difference, moved, transport
 from humanoid.support.compiled import jit
 
 _STEPS = 3  # of Gauss and Newton towards the mean of a product, where there are rotations
@@ -174,7 +174,7 @@ def _normal_product(  # type: ignore[no-untyped-def]
                         information[a, b] += P[a, b]
                         pull[a] -= P[a, b] * e[b]
                 continue
-            carried(n, turns, e, mean[k], x, A)
+            transport(n, turns, e, mean[k], x, A)
             for a in range(d):
                 for b in range(d):
                     t = 0.0
@@ -301,7 +301,7 @@ def _agreement(  # type: ignore[no-untyped-def]
         return -math.inf
     difference(n, turns, mean, x, e)
     if turns:
-        carried(n, turns, e, mean, x, A)
+        transport(n, turns, e, mean, x, A)
         for a in range(d):
             for b in range(d):
                 t = 0.0

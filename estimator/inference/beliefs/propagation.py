@@ -121,7 +121,7 @@ class _Passing:
 
     def can_speak(self, i: int) -> bool:
         """Whether a node has anything to draw samples from."""
-        return self._graph.nodes[i].proposal is not None or bool(self._heard(i)[1])
+        return self._graph.nodes[i].proposal is not None or bool(self._received(i)[1])
 
     def spoken(
         self, seed: int, i: int, targets: Sequence[int], iteration: int
@@ -129,7 +129,7 @@ class _Passing:
         """The messages of a node to some others, with their statuses."""
         if not targets:
             return {}
-        sources, factors = self._heard(i)
+        sources, factors = self._received(i)
         potentials = [self._graph.potentials[i, j] for j in targets]
         wanted = [
             StrataTarget(sources.index(j) if j in sources else None,
@@ -159,7 +159,7 @@ class _Passing:
         node = self._graph.nodes[i]
         if node.fixed is not None:
             return node.fixed
-        factors = self._heard(i)[1]
+        factors = self._received(i)[1]
         if not factors and node.proposal is None:
             raise InputError("graph", "received no message", place=f"node {i}", remedy="a proposal, or more iterations")
         (s,) = self._samples(seed, i, factors, [StrataTarget(None, self._settings.samples)], iteration)
@@ -171,7 +171,7 @@ class _Passing:
         rng, settings = np.random.default_rng(seed), self._settings
         return node_samples(rng, self._graph.nodes[i], factors, wanted, settings.shares(iteration), settings.product)
 
-    def _heard(self, i: int) -> tuple[list[int], list[KernelMixture]]:
+    def _received(self, i: int) -> tuple[list[int], list[KernelMixture]]:
         """The nodes that have sent to a node, and their messages, with the priors behind them."""
         sources = [k for k in self._graph.sources[i] if (k, i) in self._messages]
         return sources, [*(self._messages[k, i] for k in sources), *self._graph.nodes[i].priors]

@@ -1,4 +1,4 @@
-"""Points of an image by a robust Kalman filter: each goes on with its velocity, which fades."""
+"""Points of an image by a robust Kalman filter: each continues with its velocity, which fades."""
 
 from __future__ import annotations
 

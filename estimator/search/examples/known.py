@@ -20,16 +20,16 @@ _EITHER_WAY = 4  # times as many examples are looked at where both ways to turn 
 
 
 class Examples:
-    """The examples of one index for one body, whose person is seen by `sight`."""
+    """The examples of one index for one body, whose person is seen by `evidence`."""
 
-    def __init__(self, index: ExampleIndex, body: Body, sight: PersonEvidence) -> None:
-        self.index, self.sight, self._body = index, sight, body
+    def __init__(self, index: ExampleIndex, body: Body, evidence: PersonEvidence) -> None:
+        self.index, self.evidence, self._body = index, evidence, body
         self._banks: dict[int, LimbBank] = {}
 
     def looked(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
         """What the pictures of a frame are looked up by, and the `count` examples that look most like them: chosen by
         all cameras together, or as many by each."""
-        return looked_up(self.index, observation, count, self.sight, self._votes if together else None)
+        return looked_up(self.index, observation, count, self.evidence, self._votes if together else None)
 
     def lookup_without_prior(self, observation: Observation, count: int, together: bool = True) -> list[Looked]:
         """The same of a frame that has no past. Where one camera alone sees the person, which hardly tells front from
@@ -44,7 +44,7 @@ class Examples:
     def check(self, observation: Observation) -> None:
         """Raise InputError where the cameras that see the person look down otherwise than the examples' does: what
         they see would look like none of them."""
-        check_elevation(self.index, observation, {c: frame for c, frame, _ in persons(observation, self.sight)})
+        check_elevation(self.index, observation, {c: frame for c, frame, _ in persons(observation, self.evidence)})
 
     def limbs(self, surface: Surface, limbs: tuple[TwoSegmentLimb, ...], count: int) -> LimbBank:
         """The limbs of `count` of the examples, always the same ones; made once."""

@@ -33,14 +33,14 @@ class Looked(NamedTuple):
 
 
 def looked_up(
-    index: ExampleIndex, observation: Observation, count: int, sight: PersonEvidence, votes: Votes | None = None
+    index: ExampleIndex, observation: Observation, count: int, evidence: PersonEvidence, votes: Votes | None = None
 ) -> list[Looked]:
     """By every camera that sees the person (see `person_views`) the `count` examples that look most like its picture;
     with votes, the `count` that several cameras choose together, each with those that it has proposed.
 
     Of several cameras those count that look down about as far as the examples' camera does, if any does.
     """
-    views = person_views(observation, index.side, sight)
+    views = person_views(observation, index.side, evidence)
     if len(views) > 1:
         views = [v for v in views if _off(index, observation, v.camera, v.frame) <= ELEVATION] or views
     if votes is None or len(views) < 2:

@@ -38,21 +38,21 @@ class PersonView(NamedTuple):
     description: np.ndarray
 
 
-def sees_person(observation: Observation, sight: PersonEvidence) -> bool:
+def sees_person(observation: Observation, evidence: PersonEvidence) -> bool:
     """Whether some camera has points of the person's surface, or somebody's silhouette, and a picture."""
-    return any(_shown(cues, sight.cue) for cues in observation.cues)
+    return any(_shown(cues, evidence.cue) for cues in observation.cues)
 
 
-def can_be_looked_up(observation: Observation, sight: PersonEvidence) -> bool:
+def can_be_looked_up(observation: Observation, evidence: PersonEvidence) -> bool:
     """Whether some camera sees the person, and where they are."""
-    return any(True for _ in persons(observation, sight))
+    return any(True for _ in persons(observation, evidence))
 
 
-def person_views(observation: Observation, side: float, sight: PersonEvidence) -> list[PersonView]:
-    """Of every camera that has points of the person's surface or, where it goes by that, their silhouette from head to
+def person_views(observation: Observation, side: float, evidence: PersonEvidence) -> list[PersonView]:
+    """Of every camera that has points of the person's surface or, where it uses that, their silhouette from head to
     feet. side [m]: of the square that is cut out."""
     views = []
-    for c, frame, mask in persons(observation, sight):
+    for c, frame, mask in persons(observation, evidence):
         cues = observation.cues[c]
         assert cues.picture is not None
         grey = cv2.cvtColor(cues.picture, cv2.COLOR_BGR2GRAY)
@@ -61,20 +61,20 @@ def person_views(observation: Observation, side: float, sight: PersonEvidence) -
     return views
 
 
-def persons(observation: Observation, sight: PersonEvidence) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
+def persons(observation: Observation, evidence: PersonEvidence) -> Iterator[tuple[int, ViewFrame, np.ndarray]]:
     """Number, frame at the person, and mask (H, W) bool of the cameras that know where the person is."""
     up = world_up(observation.cameras)
     for c, cues in enumerate(observation.cues):
-        if not _shown(cues, sight.cue):
+        if not _shown(cues, evidence.cue):
             continue
         assert cues.picture is not None
-        if sight.cue == Depth.name:
+        if evidence.cue == Depth.name:
             person: PersonPoints = cues[Depth.name]
             frame = ViewFrame.at(person.points.places, cues.camera, up)
             yield c, frame, person.mask(cues.picture.shape)
             continue
-        mask = largest_part(cues[sight.cue].mask)
-        places = standing_places(mask, cues.camera, up, sight.stature)
+        mask = largest_part(cues[evidence.cue].mask)
+        places = standing_places(mask, cues.camera, up, evidence.stature)
         if places is not None:
             yield c, ViewFrame.at(places, cues.camera, up), mask
 

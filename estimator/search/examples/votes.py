@@ -80,9 +80,9 @@ class Votes:
         some = np.arange(0, len(self.index.q), max(1, len(self.index.q) // _TYPICAL))
         usual = self.index.distances(view.description, some)
         votes = np.zeros(len(examples))
-        judged = examples >= 0
-        off = self.index.distances(view.description, examples[judged]) - usual.mean()
-        votes[judged] = off / max(float(usual.std()), 1.0)
+        has_example = examples >= 0
+        off = self.index.distances(view.description, examples[has_example]) - usual.mean()
+        votes[has_example] = off / max(float(usual.std()), 1.0)
         return votes
 
     def _about_mean(self, placed: PlacedBodies, R_world_view: np.ndarray) -> np.ndarray:

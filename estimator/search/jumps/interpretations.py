@@ -14,7 +14,7 @@ from estimator.energy.priors import STABILISER_NU
 from estimator.search.jumps.anatomy import Anatomy
 from estimator.search.jumps.limb_solutions import LimbSolution, limb_solutions
 from estimator.search.jumps.parts import part_mirrored
-from estimator.search.jumps.sight import PoseOnRays
+from estimator.search.jumps.pose_on_rays import PoseOnRays
 from humanoid.kinematics.body import ROOT_TURN_Q, Body
 
 MISS = 0.005  # m: standard deviation of the distance from a ray, about a pixel
@@ -56,7 +56,7 @@ def _lorentzian(squares: np.ndarray) -> float:
 
 
 def interpretations(
-    body: Body, anatomy: Anatomy, prior: JointPrior, sight: PoseOnRays, camera: Camera
+    body: Body, anatomy: Anatomy, prior: JointPrior, on_rays: PoseOnRays, camera: Camera
 ) -> Iterator[np.ndarray]:
     """Configurations (nq,) on the same rays as a pose, with every combination of its limbs' solutions and of up to two
     mirrored parts, the pose itself left out.
@@ -66,7 +66,7 @@ def interpretations(
     """
     heap: list[tuple[float, int, tuple[int, ...], int]] = []
     scenes = []
-    for mirrored in _scenes(body, anatomy, sight):
+    for mirrored in _scenes(body, anatomy, on_rays):
         options = [_options(body, anatomy, prior, mirrored, k) for k in range(len(anatomy.limbs))]
         scenes.append((mirrored, options))
         penalty = PART_PENALTY if scenes[1:] else 0.0
@@ -90,10 +90,10 @@ def interpretations(
         yield body.integrate(mirrored.q, step)
 
 
-def _scenes(body: Body, anatomy: Anatomy, sight: PoseOnRays) -> Iterator[PoseOnRays]:
+def _scenes(body: Body, anatomy: Anatomy, on_rays: PoseOnRays) -> Iterator[PoseOnRays]:
     """The pose, and those with parts mirrored, inner ones first."""
-    yield sight
-    able = [(p, f) for p in anatomy.parts if (f := part_mirrored(body, anatomy, sight, p)) is not None]
+    yield on_rays
+    able = [(p, f) for p in anatomy.parts if (f := part_mirrored(body, anatomy, on_rays, p)) is not None]
     yield from (f for _, f in able)
     for (_, first), (second, _) in combinations(able, 2):
         both = part_mirrored(body, anatomy, first, second)
@@ -102,19 +102,19 @@ def _scenes(body: Body, anatomy: Anatomy, sight: PoseOnRays) -> Iterator[PoseOnR
 
 
 def _options(
-    body: Body, anatomy: Anatomy, prior: JointPrior, sight: PoseOnRays, k: int
+    body: Body, anatomy: Anatomy, prior: JointPrior, on_rays: PoseOnRays, k: int
 ) -> list[tuple[float, LimbSolution | None]]:
     """The solutions of a limb with their energies, best first."""
     limb = anatomy.limbs[k]
     options: list[tuple[float, LimbSolution | None]] = [
-        (prior.energy(sight.q, limb.dofs, s.turns) + 0.5 * (s.error / MISS) ** 2, s)
-        for s in limb_solutions(body, sight, limb)
+        (prior.energy(on_rays.q, limb.dofs, s.turns) + 0.5 * (s.error / MISS) ** 2, s)
+        for s in limb_solutions(body, on_rays, limb)
     ]
     return sorted(options, key=lambda x: x[0]) or [(UNREACHED, None)]
 
 
-def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, sight: PoseOnRays, camera: Camera) -> float:
+def _base_energy(body: Body, anatomy: Anatomy, prior: JointPrior, on_rays: PoseOnRays, camera: Camera) -> float:
     """Of what is no limb's."""
     limbs = [d for limb in anatomy.limbs for d in limb.dofs]
     others = np.setdiff1d(np.arange(body.nv), np.array(limbs, dtype=np.int64))
-    return prior.energy(sight.q, others) + prior.tilt(sight.q, camera)
+    return prior.energy(on_rays.q, others) + prior.tilt(on_rays.q, camera)

@@ -11,7 +11,7 @@ from estimator.search.jumps.anatomy import RigidPart, anatomy_of
 from estimator.search.jumps.interpretations import JointPrior, interpretations
 from estimator.search.jumps.limb_solutions import ROUGHLY, limb_solutions
 from estimator.search.jumps.parts import limbs_kept, part_mirrored
-from estimator.search.jumps.sight import PoseOnRays, sight_of, turned
+from estimator.search.jumps.pose_on_rays import PoseOnRays, pose_on_rays, turned
 from humanoid.kinematics.body import Body
 
 FAR = 2.0  # times the distance of poses that are the same: jumps to nearer ones would be a way round the transition
@@ -36,13 +36,13 @@ class KinematicJumps:
 
     def of(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
         """Every configuration (nq,) with one limb or one part of q (nq,) at another depth that its joints can reach."""
-        sight = sight_of(self.body, q, camera)
+        on_rays = pose_on_rays(self.body, q, camera)
         for limb in self.limbs:
-            for solution in limb_solutions(self.body, sight, limb):
+            for solution in limb_solutions(self.body, on_rays, limb):
                 if solution.moved > self.anatomy.same:
                     yield turned(self.body, q, limb.dofs, solution.turns)
         for part in self.parts:
-            mirrored = self._with_limbs(sight, part)
+            mirrored = self._with_limbs(on_rays, part)
             if mirrored is not None:
                 yield mirrored
 
@@ -51,16 +51,16 @@ class KinematicJumps:
         count = len(self.limbs) + len(self.parts)
         if count == 0:
             return None
-        k, sight = int(rng.integers(count)), sight_of(self.body, q, camera)
+        k, on_rays = int(rng.integers(count)), pose_on_rays(self.body, q, camera)
         if k >= len(self.limbs):
-            return self._with_limbs(sight, self.parts[k - len(self.limbs)])
+            return self._with_limbs(on_rays, self.parts[k - len(self.limbs)])
         limb = self.limbs[k]
-        far = [s for s in limb_solutions(self.body, sight, limb) if s.moved > FAR * self.anatomy.same]
+        far = [s for s in limb_solutions(self.body, on_rays, limb) if s.moved > FAR * self.anatomy.same]
         return turned(self.body, q, limb.dofs, far[rng.integers(len(far))].turns) if far else None
 
     def interpretations(self, q: np.ndarray, camera: Camera) -> Iterator[np.ndarray]:
         """Configurations (nq,) that combine such jumps, the most plausible first; see `interpretations`."""
-        return interpretations(self.body, self.anatomy, self._prior, sight_of(self.body, q, camera), camera)
+        return interpretations(self.body, self.anatomy, self._prior, pose_on_rays(self.body, q, camera), camera)
 
     def exchange(self, rng: np.random.Generator, q: np.ndarray, camera: Camera) -> np.ndarray | None:
         """q (nq,) with left and right limbs on each other's rays: limbs that pass are taken for one another.
@@ -71,18 +71,18 @@ class KinematicJumps:
         if not self.pairs:
             return None
         k = int(rng.integers(len(self.pairs) + (len(self.pairs) > 1)))
-        sight = sight_of(self.body, q, camera)
+        on_rays = pose_on_rays(self.body, q, camera)
         for a, b in self.pairs[k : k + 1] or self.pairs:
             for limb, other in ((a, b), (b, a)):
-                eyes, rays = sight.eyes.copy(), sight.rays.copy()
-                eyes[limb.landmarks[1:]] = sight.eyes[other.landmarks[1:]]
-                rays[limb.landmarks[1:]] = sight.rays[other.landmarks[1:]]
-                solutions = limb_solutions(self.body, sight._replace(eyes=eyes, rays=rays), limb, ROUGHLY)
+                eyes, rays = on_rays.eyes.copy(), on_rays.rays.copy()
+                eyes[limb.landmarks[1:]] = on_rays.eyes[other.landmarks[1:]]
+                rays[limb.landmarks[1:]] = on_rays.rays[other.landmarks[1:]]
+                solutions = limb_solutions(self.body, on_rays._replace(eyes=eyes, rays=rays), limb, ROUGHLY)
                 if not solutions:
                     return None
                 q = turned(self.body, q, limb.dofs, solutions[rng.integers(len(solutions))].turns)
         return q
 
-    def _with_limbs(self, sight: PoseOnRays, part: RigidPart) -> np.ndarray | None:
-        mirrored = part_mirrored(self.body, self.anatomy, sight, part)
+    def _with_limbs(self, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray | None:
+        mirrored = part_mirrored(self.body, self.anatomy, on_rays, part)
         return None if mirrored is None else limbs_kept(self.body, self.anatomy, mirrored, part)

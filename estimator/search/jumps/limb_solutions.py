@@ -9,7 +9,7 @@ import numpy as np
 from estimator.search.jumps.anatomy import TwoSegmentLimb
 from estimator.search.jumps.angles import limb_alternatives
 from estimator.search.jumps.lines import axes_of
-from estimator.search.jumps.sight import PoseOnRays
+from estimator.search.jumps.pose_on_rays import PoseOnRays
 from humanoid.kinematics.body import Body
 
 REACHED = 0.06  # m; near enough to be refined by the mode search
@@ -26,13 +26,13 @@ class LimbSolution(NamedTuple):
     moved: float
 
 
-def limb_solutions(body: Body, sight: PoseOnRays, limb: TwoSegmentLimb, near: float = REACHED) -> list[LimbSolution]:
+def limb_solutions(body: Body, on_rays: PoseOnRays, limb: TwoSegmentLimb, near: float = REACHED) -> list[LimbSolution]:
     """What the limb can be on its rays: up to four solutions that its joints reach within `near` [m]."""
-    axes, through = axes_of(sight.spatial_jacobian, limb.dofs)
-    lower, upper = body.tangent_bounds(sight.q)
-    points = sight.points[limb.landmarks]
+    axes, through = axes_of(on_rays.spatial_jacobian, limb.dofs)
+    lower, upper = body.tangent_bounds(on_rays.q)
+    points = on_rays.points[limb.landmarks]
     turns, errors, reached = np.zeros((4, len(limb.dofs))), np.zeros(4), np.zeros((4, 2, 3))
-    eyes, rays = sight.eyes[limb.landmarks[1:]], sight.rays[limb.landmarks[1:]]
+    eyes, rays = on_rays.eyes[limb.landmarks[1:]], on_rays.rays[limb.landmarks[1:]]
     limb_alternatives(
         axes, through, points, limb.counts, eyes, rays, lower[limb.dofs], upper[limb.dofs], turns, errors, reached
     )

@@ -12,63 +12,63 @@ from estimator.search.jumps.anatomy import Anatomy, RigidPart
 from estimator.search.jumps.angles import part_turns
 from estimator.search.jumps.limb_solutions import REACHED, ROUGHLY, limb_solutions
 from estimator.search.jumps.lines import axes_of, meeting_point, other_depths
-from estimator.search.jumps.sight import PoseOnRays, moved_to, turned
+from estimator.search.jumps.pose_on_rays import PoseOnRays, moved_to, turned
 from humanoid.kinematics.body import ROOT_PLACE_Q, ROOT_TURN_Q, Body
 
 
-def part_mirrored(body: Body, anatomy: Anatomy, sight: PoseOnRays, part: RigidPart) -> PoseOnRays | None:
+def part_mirrored(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart) -> PoseOnRays | None:
     """A part whose landmarks are at their other depths about its pivot, as nearly as a rigid part within limits can.
 
     What is behind it goes along, except that parts of other landmarks (the head behind the trunk) are turned back.
     Limbs are left off their rays. None where the part cannot get there, or would hardly move.
     """
-    pivot, before = _pivot(sight, part), sight.points[part.landmarks]
+    pivot, before = _pivot(on_rays, part), on_rays.points[part.landmarks]
     targets = np.empty_like(before)
-    other_depths(sight.eyes[part.landmarks], sight.rays[part.landmarks], before, pivot, targets)
+    other_depths(on_rays.eyes[part.landmarks], on_rays.rays[part.landmarks], before, pivot, targets)
     if _furthest(targets, before) < anatomy.same:
         return None
-    mirrored = _turned_to(body, sight, part, targets)
+    mirrored = _turned_to(body, on_rays, part, targets)
     after = mirrored.points[part.landmarks]
     if _furthest(after, targets) > REACHED or _furthest(after, before) < anatomy.same:
         return None
     for k in part.behind:
         other = anatomy.parts[k]
         if not set(other.landmarks.tolist()) & set(part.landmarks.tolist()):
-            shift = _pivot(mirrored, other) - _pivot(sight, other)
-            mirrored = _turned_to(body, mirrored, other, sight.points[other.landmarks] + shift)
+            shift = _pivot(mirrored, other) - _pivot(on_rays, other)
+            mirrored = _turned_to(body, mirrored, other, on_rays.points[other.landmarks] + shift)
     return mirrored
 
 
-def limbs_kept(body: Body, anatomy: Anatomy, sight: PoseOnRays, part: RigidPart) -> np.ndarray:
+def limbs_kept(body: Body, anatomy: Anatomy, on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
     """The pose (nq,) with the limbs behind a part that was turned back on their rays, as near to where they are as a
     solution within reach is."""
-    q = sight.q
+    q = on_rays.q
     for k in part.limbs:
         limb = anatomy.limbs[k]
-        solutions = limb_solutions(body, sight, limb, ROUGHLY)
+        solutions = limb_solutions(body, on_rays, limb, ROUGHLY)
         if solutions:
             q = turned(body, q, limb.dofs, min(solutions, key=lambda s: (s.error > REACHED, s.moved)).turns)
     return q
 
 
-def _turned_to(body: Body, sight: PoseOnRays, part: RigidPart, targets: np.ndarray) -> PoseOnRays:
+def _turned_to(body: Body, on_rays: PoseOnRays, part: RigidPart, targets: np.ndarray) -> PoseOnRays:
     """The pose with a part turned as near to targets (k, 3) [m] of its landmarks as its limits allow."""
-    pivot, points = _pivot(sight, part), sight.points[part.landmarks]
+    pivot, points = _pivot(on_rays, part), on_rays.points[part.landmarks]
     turn = _rotation(points - pivot, targets - pivot)
     if len(part.dofs) == 0:
-        return moved_to(body, sight, _root_turned(sight.q, turn, pivot))
-    axes, through = axes_of(sight.spatial_jacobian, part.dofs)
-    lower, upper = body.tangent_bounds(sight.q)
+        return moved_to(body, on_rays, _root_turned(on_rays.q, turn, pivot))
+    axes, through = axes_of(on_rays.spatial_jacobian, part.dofs)
+    lower, upper = body.tangent_bounds(on_rays.q)
     turns = np.zeros(len(part.dofs))
-    rays = sight.rays[part.landmarks]
+    rays = on_rays.rays[part.landmarks]
     part_turns(axes, through, points, pivot, turn, targets, rays, lower[part.dofs], upper[part.dofs], turns)
-    return moved_to(body, sight, turned(body, sight.q, part.dofs, turns))
+    return moved_to(body, on_rays, turned(body, on_rays.q, part.dofs, turns))
 
 
-def _pivot(sight: PoseOnRays, part: RigidPart) -> np.ndarray:
+def _pivot(on_rays: PoseOnRays, part: RigidPart) -> np.ndarray:
     if len(part.dofs) == 0:
-        return np.asarray(sight.points[part.landmarks].mean(axis=0))
-    return np.asarray(meeting_point(*axes_of(sight.spatial_jacobian, part.dofs)))
+        return np.asarray(on_rays.points[part.landmarks].mean(axis=0))
+    return np.asarray(meeting_point(*axes_of(on_rays.spatial_jacobian, part.dofs)))
 
 
 def _furthest(a: np.ndarray, b: np.ndarray) -> float:

@@ -126,10 +126,10 @@ class Proposals:
         search, how = self._search, ExampleSearch()
         looks = search.examples.lookup_without_prior(self._observation, how.neighbours)
         starts = example_starts(search.body, looks, how.away)
-        led = search.explored(search.screened(starts, self._case, count), self._case)
+        explored = search.explored(search.screened(starts, self._case, count), self._case)
         paid = self._settings.example_penalty if self._settings.transition else 0.0
         best, hypotheses = int(np.argmax(self._prior.weights)), []
-        for candidate in search.distinct(led, count):
+        for candidate in search.distinct(explored, count):
             origin = Origin(Family.EXAMPLE, self._previous_pose(candidate.q, None), paid)
             h = self._continued(best, candidate.q, candidate.hypothesis.association, origin)
             hypotheses.append(h._replace(prior_score=h.prior_score + candidate.hypothesis.prior_score - paid))

@@ -18,7 +18,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, eq=False)
-class LedSteps:
+class KalmanSteps:
     """For each of N poses a mixture of E normal densities of D degrees of freedom: log_weight (N, E), which sum to one,
     mean (N, E, D), root (N, E, D, D), the lower triangular factor of the precision."""
 
@@ -26,9 +26,9 @@ class LedSteps:
     mean: np.ndarray
     root: np.ndarray
 
-    def of(self, rows: np.ndarray) -> LedSteps:
+    def of(self, rows: np.ndarray) -> KalmanSteps:
         """Some of the poses, in a new order."""
-        return LedSteps(self.log_weight[rows], self.mean[rows], self.root[rows])
+        return KalmanSteps(self.log_weight[rows], self.mean[rows], self.root[rows])
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Some of each, (N, count, D)."""
@@ -59,7 +59,7 @@ def kalman_steps(
     told: FeatureDensity,
     predicted: np.ndarray,
     jacobian: np.ndarray,
-) -> LedSteps:
+) -> KalmanSteps:
     """Steps of some lengths from centres (N, D), given what is told of the features F that they move.
 
     predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing leads these. jacobian
@@ -73,16 +73,16 @@ def kalman_steps(
     (count, size), kernels, each = centres.shape, len(height), len(lengths)
     log_weight, mean = np.empty((count, each * kernels)), np.empty((count, each * kernels, size))
     root = np.empty((count, each * kernels, size, size))
-    _lead(
+    _update(
         centres, at, H, whole, np.array([length.std for length in lengths]),
         np.log([length.share for length in lengths]), told.mean.reshape(kernels, -1), precision,
         told.log_weight + height, log_weight, mean, root,
     )  # fmt: skip
-    return LedSteps(log_weight - np.logaddexp.reduce(log_weight, axis=1)[:, None], mean, root)
+    return KalmanSteps(log_weight - np.logaddexp.reduce(log_weight, axis=1)[:, None], mean, root)
 
 
 @jit
-def _lead(  # type: ignore[no-untyped-def]
+def _update(  # type: ignore[no-untyped-def]
     centres, at, H, whole, std, log_share, means, precisions, heights, log_weight, mean, root
 ):
     """Fill log_weight (N, E), mean (N, E, D) and root (N, E, D, D), all lengths of one kernel after the other's.
@@ -152,7 +152,7 @@ def _place(mean, root, kernel, points):  # type: ignore[no-untyped-def]
 def _log_densities(log_weight, mean, root, points, parts):  # type: ignore[no-untyped-def]
     """Fill parts (N, E, M) with logarithms of each kernel's share of the density at points (N, M, D).
 
-    log_weight (N, E), mean (N, E, D), root (N, E, D, D): of `LedSteps`.
+    log_weight (N, E), mean (N, E, D), root (N, E, D, D): of `KalmanSteps`.
     """
     count, kernels, size = mean.shape
     for n in range(count):

@@ -13,13 +13,13 @@ import numpy as np
 from estimator.inference.particles import normalised, systematic
 from estimator.inference.steps import TruncatedSteps
 from estimator.search.proposals.limb_ik import ImageProposal
-from estimator.trackers.dual_chain.kalman_steps import LedSteps, Length, kalman_steps
+from estimator.trackers.dual_chain.kalman_steps import KalmanSteps, Length, kalman_steps
 from estimator.trackers.dual_chain.pose_elsewhere import BY_IMAGE, GUIDED, TRIES
 from estimator.trackers.dual_chain.pose_target import PoseTarget
 
 _WAYS = 6  # to see the features of a part, that lead it
 _WIDER = 1.3  # are led steps, which are linear, than those of the past
-_BY_PAST, _LED, _BY_IMAGE = range(3)
+_BY_PAST, _UPDATED, _BY_IMAGE = range(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +67,18 @@ class PartDraws:
         proposal = self._seen_end(part)
         if not self.past and part > 0 and proposal is None:
             return None
-        led, shares = self._led(x, steps, centres, kernel, part), self._shares(part, proposal is not None)
-        x, ok = self._sampled(x, steps, centres, group, led, proposal, shares)
+        updated, shares = (
+            self._kalman_updated(x, steps, centres, kernel, part),
+            self._shares(part, proposal is not None),
+        )
+        x, ok = self._sampled(x, steps, centres, group, updated, proposal, shares)
         placed = target.prepared(x)
         own = reach.log_density_each(x, kernel, part)
         with np.errstate(divide="ignore"):
             log_shares = np.log(shares)
-        log_q = np.logaddexp(own + log_shares[_BY_PAST], led.log_density(x[:, None, group])[:, 0] + log_shares[_LED])
+        log_q = np.logaddexp(
+            own + log_shares[_BY_PAST], updated.log_density(x[:, None, group])[:, 0] + log_shares[_UPDATED]
+        )
         if proposal is not None:
             angles = x[:, group] + target.prior.reference[proposal.ik.entries]
             log_q = np.logaddexp(log_q, proposal.log_density(angles, placed) + log_shares[_BY_IMAGE])
@@ -91,15 +96,15 @@ class PartDraws:
         return PartialSamples(x[kept], before[kept] + told[kept], drawn.log_evidence + log_mean)
 
     def _sampled(
-        self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, led: LedSteps,
+        self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, updated: KalmanSteps,
         proposal: ImageProposal | None, shares: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Tangents (N, nv) with a group drawn anew, inside of the limits, and which of them are, (N,) bool."""
         x, ok = x.copy(), np.ones(len(x), dtype=bool)
         way = self.rng.choice(3, size=len(x), p=shares)
-        by_past, is_led, by_image = (way == w for w in (_BY_PAST, _LED, _BY_IMAGE))
+        by_past, is_updated, by_image = (way == w for w in (_BY_PAST, _UPDATED, _BY_IMAGE))
         x[np.ix_(by_past, group)] = steps.moved_group(self.rng, centres[by_past], group)
-        x[np.ix_(is_led, group)] = led.sample(self.rng, 1)[is_led, 0]
+        x[np.ix_(is_updated, group)] = updated.sample(self.rng, 1)[is_updated, 0]
         if proposal is not None:
             limbs = proposal.drawn(self.rng, self.target.prepared(x[by_image]))
             x[np.ix_(by_image, group)] = limbs.angles - self.target.prior.reference[proposal.ik.entries]
@@ -117,9 +122,9 @@ class PartDraws:
         by_past = min(self.by_past, 1.0 - by_image)
         return np.array([by_past, max(1.0 - by_past - by_image, 0.0), by_image])
 
-    def _led(
+    def _kalman_updated(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, kernel: np.ndarray, part: int
-    ) -> LedSteps:
+    ) -> KalmanSteps:
         """Where the features that a part moves lead it, on each of the poses x (N, nv): from its centre (N, nv), that
         of a kernel (N,), or, where the past says nothing, from rest."""
         target, parts = self.target, self.target.parts

@@ -136,16 +136,16 @@ class DualChain(Initialisation):
         pose = PoseChain(rng, self.parts, camera, outlines, std, s.pose, s.past, pose_prior, if_hidden)
         points = self._points(self.search.model.extent(camera, reference))
         detections = self.seen.detected(observation, state.skin)
-        crowd, after = self._updated(state, pose, points, detections, dt)
+        samples, after = self._updated(state, pose, points, detections, dt)
         energy = FrameEnergy(self.search, observation, state.mixture)
-        particles = Particles(crowd.q, crowd.weights, np.zeros(len(crowd.q), dtype=np.int64))
-        mixture, owner = summarised(self.search, energy, particles, crowd.q, state.mixture, dt, self._summary)
+        particles = Particles(samples.q, samples.weights, np.zeros(len(samples.q), dtype=np.int64))
+        mixture, owner = summarised(self.search, energy, particles, samples.q, state.mixture, dt, self._summary)
         told = {name: np.array(value) for name, value in pose.told.items()} | _of_points(points.features(after))
         if observable(observation) or len(detections.mean):
             _, result = classify_frame(self.search, observation, mixture, told)
         else:
             result = result_of(observation, mixture, "unobserved", told)
-        return DualState(mixture, observation.time, crowd.q, owner, after, state.skin), result
+        return DualState(mixture, observation.time, samples.q, owner, after, state.skin), result
 
     def _points(self, size: float) -> PointChain:
         """For a person of a size [px]. Blobs of both hands are alike; a keypoint has a name."""
@@ -158,18 +158,18 @@ class DualChain(Initialisation):
     ) -> tuple[ParticleSet, PointStates]:
         """Both chains after the four steps of section 3; without a chain of points these only go on."""
         s = self.settings
-        crowd = ParticleSet(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
-        expected, going = pose.predict(crowd, dt), points.predict(state.points, dt)
+        samples = ParticleSet(state.q, np.full(len(state.q), 1.0 / len(state.q)), state.mixture.modes[0].q)
+        expected, going = pose.predict(samples, dt), points.predict(state.points, dt)
         said = [pose.features(expected), points.features(going)] if s.chain else [pose.features(expected)]
         evidence = evidence_of(detections, self._evidence, said[-1])
         if not s.past:
             evidence = _of_all(evidence)
         told = messages(said, evidence, s.exchange if s.chain else APART)
         if s.past or evidence.density.known.all():
-            crowd, _ = pose.update(expected, told[0])
+            samples, _ = pose.update(expected, told[0])
         else:
-            crowd, _ = pose.without_samples(expected)
-        return crowd, points.update(going, told[1])[0] if s.chain else going
+            samples, _ = pose.without_samples(expected)
+        return samples, points.update(going, told[1])[0] if s.chain else going
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> DualState:
         """See `estimator.trackers.base.TrackerProtocol`."""

@@ -91,10 +91,10 @@ class Elmo(Initialisation):
 
     def _can_search(self, observation: Observation) -> bool:
         """Whether a frame can be searched: from the last modes if from nothing else."""
-        if self.settings.keep and sees_person(observation, self.search.sight):
+        if self.settings.keep and sees_person(observation, self.search.evidence):
             return True
         if self.settings.neighbours:
-            return can_be_looked_up(observation, self.search.sight)
+            return can_be_looked_up(observation, self.search.evidence)
         return enough_keypoints(observation)
 
     def state_from(self, arrays: Mapping[str, np.ndarray]) -> ElmoState:
@@ -124,14 +124,14 @@ class Elmo(Initialisation):
         s = self.settings
         return self.search.examples.looked(observation, s.neighbours, s.votes) if s.neighbours else []
 
-    def _looked_anew(self, observation: Observation) -> list[Looked]:
+    def _lookup_without_prior(self, observation: Observation) -> list[Looked]:
         s = self.settings
         return self.search.examples.lookup_without_prior(observation, s.neighbours, s.votes) if s.neighbours else []
 
     def _searched(self, observation: Observation, state: ElmoState | None) -> tuple[ElmoState, FrameResult]:
         before = self.search.steps
         anew = state is None or state.seen < state.time  # who was hidden may have turned
-        looks = self._looked_anew(observation) if anew else self.looked(observation)
+        looks = self._lookup_without_prior(observation) if anew else self.looked(observation)
         starts = self._starts(looks, state, anew)
         likelihood = self.search.likelihood(observation, starts[0].q)
         case = FrameProblem(self.search.associations(observation), 0.0, likelihood)
@@ -169,7 +169,7 @@ class Elmo(Initialisation):
     def _likeliest(self, starts: Sequence[Hypothesis], case: FrameProblem) -> Mixture:
         """The start of lowest energy as it is, as uncertain as one frame's change."""
         (best,) = self.search.screened(starts, case, 1)
-        energy = -self.search.frame(case).look(best)
+        energy = -self.search.frame(case).score(best)
         covariance = np.diag(np.square(self._floor))
         mode = Mode(best.q, covariance, energy, SAMPLED, np.zeros(self.body.nv), origin=best.origin)
         return mixture_of((mode,), np.zeros(1))

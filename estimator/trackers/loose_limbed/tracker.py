@@ -25,7 +25,7 @@ from estimator.trackers.loose_limbed.left_over_detector import left_over_places
 from estimator.trackers.loose_limbed.limb_places import PlacementCluster
 from estimator.trackers.loose_limbed.limbs.potential_choice import potentials_for
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
-from estimator.trackers.loose_limbed.limbs.window import Beliefs, PastBeliefs, said_by, window
+from estimator.trackers.loose_limbed.limbs.window import Beliefs, PastBeliefs, initial_messages, window
 from estimator.trackers.loose_limbed.settings import LooseLimbedSettings
 from estimator.trackers.loose_limbed.state import LimbState, belief_arrays
 from estimator.trackers.mixture_state import classify_frame, predict_unobserved
@@ -158,7 +158,7 @@ class LooseLimbed:
         result = propagate_batch(rng, graph, how, watch=watch)
         mixture = self._assembled(rng, result.beliefs[behind * limbs : (behind + 1) * limbs], state, observation)
         for _ in range(self.settings.start_rounds - 1 if anew else 0):
-            again = propagate_batch(rng, graph, how, said_by(graph, limbs, self._limbs_in(mixture)), watch)
+            again = propagate_batch(rng, graph, how, initial_messages(graph, limbs, self._limbs_in(mixture)), watch)
             other = self._assembled(rng, again.beliefs[:limbs], state, observation)
             if self._at_least_as_good(other, mixture, observation):
                 result, mixture = again, other

@@ -75,7 +75,7 @@ def window(
     return Graph(PLACEMENTS, tuple(nodes), links)
 
 
-def said_by(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, KernelMixture]:
+def initial_messages(graph: Graph, limbs: int, points: np.ndarray) -> dict[Edge, KernelMixture]:
     """First messages of a window's graph of so many limbs, as if in all its instants each limb were believed at some
     placements, points (L, K, 7), alike."""
     count = points.shape[1]

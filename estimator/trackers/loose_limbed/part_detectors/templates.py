@@ -25,7 +25,7 @@ _MOVED, _TURNED = 0.05, np.radians(2.0)  # by which a camera may stand elsewhere
 class TemplateSettings:
     """How limbs are looked for by templates.
 
-    score: what a place goes by. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
+    score: what a place uses. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
     places of the person; "residual" the distance from the limb's eigenspace alone, to which the inside of a trunk is
     a good limb. places: best ones that are kept of a limb, at least `apart` [m] from each other. nearest: training
     examples of each place, whose orientations are taken. spacing [m]: of the places that are looked at, more where

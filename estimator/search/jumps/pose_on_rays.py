@@ -25,17 +25,17 @@ class PoseOnRays(NamedTuple):
     rays: np.ndarray
 
 
-def sight_of(body: Body, q: np.ndarray, camera: Camera) -> PoseOnRays:
+def pose_on_rays(body: Body, q: np.ndarray, camera: Camera) -> PoseOnRays:
     """q (nq,) and the rays of the camera on which its landmarks are."""
     posed = body.at(q)
     points = body.landmarks(posed)
     return PoseOnRays(q, points, body.dof_jacobian(posed), *camera.sight_lines(points))
 
 
-def moved_to(body: Body, sight: PoseOnRays, q: np.ndarray) -> PoseOnRays:
+def moved_to(body: Body, on_rays: PoseOnRays, q: np.ndarray) -> PoseOnRays:
     """Another pose (nq,) that is to be on the same rays."""
     posed = body.at(q)
-    return sight._replace(q=q, points=body.landmarks(posed), spatial_jacobian=body.dof_jacobian(posed))
+    return on_rays._replace(q=q, points=body.landmarks(posed), spatial_jacobian=body.dof_jacobian(posed))
 
 
 def turned(body: Body, q: np.ndarray, dofs: np.ndarray, turns: np.ndarray) -> np.ndarray:

@@ -1,0 +1,87 @@
+"""Names and messages in the field's terms: words that once stood for them are gone from names, and messages say what is
+allowed and what was got. Class names are unique."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.test_layers import ROOT, TOP
+
+NAMES = re.compile(
+    r"_*(shouters?|shouts?|shouted|heard|overheard|said_by|said_against|searches_told|look_at_keypoints|q_paid|moves_along"
+    r"|led_steps|led_kernels|strayed|looked_anew|other_readings|sightings?|sighted)_*"
+)
+"""Names of functions, arguments and fields that are not to come back."""
+CLASSES = re.compile(
+    "_*(Shout.*|KeypointShoutSettings|FrameCase|Crowd|Drawn|Begins|HasEnergy|SharesWork|GoesByCue|ShowsMore|LooksAhead"
+    "|LooksBack|Newest|Resting|Swinging|Speckled|Sighting|Sight)"
+)
+"""Those of classes."""
+MESSAGES = re.compile(
+    r"\bshout|\bgoes by\b|\bgoes on with\b|\bheard nothing\b|beyond all measure|\bfloors? of the house\b|"
+    r"frames per second cannot be|: [^ ]+ cannot be$"
+)
+"""Phrases that messages and docstrings do without."""
+
+
+def named(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """Names of classes, functions, arguments and fields, and their lines."""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            yield node.name, node.lineno
+        elif isinstance(node, ast.arg):
+            yield node.arg, node.lineno
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            yield node.target.id, node.lineno
+
+
+def is_gone(name: str) -> bool:
+    return (CLASSES if name.lstrip("_")[:1].isupper() else NAMES).fullmatch(name) is not None
+
+
+def forbidden(path: Path) -> list[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = [f"{path.name}:{line}: {name}" for name, line in named(tree) if is_gone(name)]
+    texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+    return names + [f"{path.name}:{n.lineno}: {hit.group(0)}" for n in texts if (hit := MESSAGES.search(n.value))]
+
+
+@pytest.mark.parametrize("top", TOP)
+def test_words_are_the_fields(top: str) -> None:
+    assert [hit for path in sorted((ROOT / top).rglob("*.py")) for hit in forbidden(path)] == []
+
+
+def test_planted_words_are_found(tmp_path: Path) -> None:
+    path = tmp_path / "a.py"
+    path.write_text(
+        "class LooksAhead:\n    heard: int = 0\n\n    def f(self, q_paid): ...\n\n\nx = 'css goes by edges'\n"
+    )
+    assert sorted(forbidden(path)) == ["a.py:1: LooksAhead", "a.py:2: heard", "a.py:4: q_paid", "a.py:7: goes by"]
+
+
+def repeated_classes(root: Path) -> list[str]:
+    """Public classes of one name in two files."""
+    files: dict[str, set[str]] = defaultdict(set)
+    for top in TOP:
+        for path in (root / top).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    files[node.name].add(path.relative_to(root).as_posix())
+    return [f"{name}: {', '.join(sorted(where))}" for name, where in sorted(files.items()) if len(where) > 1]
+
+
+def test_class_names_are_unique() -> None:
+    assert repeated_classes(ROOT) == []
+
+
+def test_a_planted_class_of_the_same_name_is_found(tmp_path: Path) -> None:
+    for name in ("humanoid/a.py", "viz/b.py"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("class Mixture: ...\n")
+    assert repeated_classes(tmp_path) == ["Mixture: humanoid/a.py, viz/b.py"]
