@@ -81,7 +81,7 @@ def test_bad_videos(tmp_path: Path) -> None:
     for name in ("empty.mp4", "text.mp4", "headless.mp4", "folder", "absent.mp4"):
         with pytest.raises(InputError, match=name):
             Clip.open(tmp_path / name)
-    with pytest.raises(InputError, match="frames per second"):
+    with pytest.raises(InputError, match="fps must be"):
         Clip.open(tmp_path / "a.mp4", fps=float("nan"))
 
 

@@ -213,6 +213,7 @@ def export(
     """
     check_arguments(run=run, file=file, format=format, degrees=degrees, filter=filter)
     opened = _filtered(_opened(run), filter)
+    import viz.exporters  # noqa: F401 - registers those that show the body
     from estimator.runs import export as formats
 
     return formats.export(opened, Path(file), format, degrees=degrees)
