@@ -145,10 +145,10 @@ def test_what_would_have_no_effect_is_refused_before_the_work(clip: RenderedClip
 
 
 def test_what_has_no_effect_on_the_input_is_in_the_notes(clip: RenderedClip, tmp_path: Path) -> None:
-    few = {**QUICK, "cost": {"image": {"edge_nu": 5.0}}, "smooth": {"enabled": False}}
+    few = {**QUICK, "cues": {**QUICK["cues"], "edges": {"nu": 5.0}}, "smooth": {"enabled": False}}
     run = track(clip, keypoints=clip.keypoints, cues="off", out=tmp_path / "a.run", settings=few)
     (note,) = [note for note in run.header.notes if "without effect" in note]
-    assert "cost.image.edge_nu" in note
+    assert "cues.edges.nu" in note
     assert "no pictures are looked at" in note
 
 

@@ -22,15 +22,27 @@ from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_
 from estimator.vision.cues.flow.point_flow import follow_points
 from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
-from estimator.vision.likelihood.settings import ImageSettings
+from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from estimator.vision.visibility import HIDDEN, INNER, OUTER
 from humanoid.kinematics.body import Body
 from tests.builders import body_of, camera_at, slope
 
-SETTINGS = ImageSettings()
-EDGES = replace(SETTINGS, outline_evidence=0.0, visibility_evidence=0.0)
-OUTLINE = replace(SETTINGS, edge_evidence=0.0, visibility_evidence=0.0)
-SILENT = replace(SETTINGS, edge_evidence=0.0, outline_evidence=0.0)
+SETTINGS = cue_settings()
+
+
+def with_evidence(**evidence: float) -> CueSettings:
+    """The usual settings with other weights of some cues; surface: of the visibility penalties."""
+    groups: dict[str, Any] = {
+        name: replace(SETTINGS.of(name), evidence=v) for name, v in evidence.items() if name != "surface"
+    }
+    if "surface" in evidence:
+        groups["surface"] = replace(SETTINGS.surface, visibility_evidence=evidence["surface"])
+    return replace(SETTINGS, **groups)
+
+
+EDGES = with_evidence(silhouette=0.0, surface=0.0)
+OUTLINE = with_evidence(edges=0.0, surface=0.0)
+SILENT = with_evidence(edges=0.0, silhouette=0.0)
 NOTHING = np.zeros((0, 0), dtype=np.float32)
 MOVED = (
     "left_shoulder_elevation", "left_elbow_flexion", "right_shoulder_flexion", "left_knee_flexion", "right_hip_flexion",
@@ -78,15 +90,15 @@ def frame() -> Frame:
 
 
 @cache
-def model(settings: ImageSettings) -> ImageModel:
+def model(settings: CueSettings) -> ImageModel:
     return ImageModel(frame().body, settings)
 
 
-def likelihood(settings: ImageSettings = SETTINGS) -> ImageLikelihood:
+def likelihood(settings: CueSettings = SETTINGS) -> ImageLikelihood:
     return model(settings).likelihood(frame().cues, frame().extents)
 
 
-def energy(settings: ImageSettings, q: np.ndarray) -> float:
+def energy(settings: CueSettings, q: np.ndarray) -> float:
     """Of both cameras' features, assigned anew."""
     posed = frame().body.at(q)
     return Cost(frame().body, likelihood(settings).assigned(posed)).of(posed).value
@@ -155,7 +167,7 @@ def test_the_exact_hessian_is_exact(potential: int, distance: float, focal: floa
 
 
 @pytest.mark.parametrize("settings", [EDGES, OUTLINE, SETTINGS], ids=["edges", "outline", "all"])
-def test_the_energy_is_least_at_the_true_pose(settings: ImageSettings) -> None:
+def test_the_energy_is_least_at_the_true_pose(settings: CueSettings) -> None:
     """Of all moves of the root by 4 cm or 4.6 degrees and of joints by 8.6 degrees, to either side."""
     f = frame()
     at_truth, names = energy(settings, f.q), list(f.body.q_names)
@@ -178,10 +190,13 @@ def test_flow_is_least_where_the_body_went() -> None:
 
 
 @pytest.mark.parametrize("settings", [EDGES, OUTLINE, SETTINGS], ids=["edges", "outline", "all"])
-def test_evidence_does_not_grow_with_the_mesh(settings: ImageSettings) -> None:
+def test_evidence_does_not_grow_with_the_mesh(settings: CueSettings) -> None:
     f = frame()
     coarse, dense = (
-        Cost(f.body, likelihood(replace(settings, nodes=n)).assigned(f.body.at(f.q_off))).at(f.q_off)
+        Cost(
+            f.body,
+            likelihood(replace(settings, surface=replace(settings.surface, nodes=n))).assigned(f.body.at(f.q_off)),
+        ).at(f.q_off)
         for n in (600, 2000)
     )
     assert coarse.value == pytest.approx(dense.value, rel=0.1)
@@ -262,7 +277,7 @@ def test_motion_boundaries_weigh_as_printed() -> None:
         scaled = Cost(f.body, matched.assigned(f.body.at(f.q))).at(f.q)
         curvature.append(np.trace(scaled.hessian))
     # pulls weaken by 1 - k; the Leclerc potential gives a part of it back to residuals that count as smaller
-    assert 1.0 - EDGES.motion_boundary < curvature[1] / curvature[0] < 1.0
+    assert 1.0 - EDGES.of("edges").motion_boundary < curvature[1] / curvature[0] < 1.0
 
 
 def test_the_foreground_tells_which_edges_can_be_the_bodys() -> None:
@@ -299,14 +314,14 @@ def test_hidden_nodes_cost_what_is_documented() -> None:
         quadratic = Cost(f.body, model(s).likelihood(f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
         assert not quadratic.gradient.any()
         values.append(quadratic.value)
-        counts.append((seen.back_facing + s.occluded * seen.occluded) / len(seen.state))
-    assert values == pytest.approx([s.visibility_evidence * s.back_facing * c for c in counts])
+        counts.append((seen.back_facing + s.surface.occluded * seen.occluded) / len(seen.state))
+    assert values == pytest.approx([s.surface.visibility_evidence * s.surface.back_facing * c for c in counts])
     assert values[0] != values[1]
 
 
 def test_unused_cues_leave_nothing() -> None:
     f = frame()
-    silent = replace(SILENT, visibility_evidence=0.0, flow_evidence=0.0)
+    silent = with_evidence(edges=0.0, silhouette=0.0, surface=0.0, flow=0.0)
     assert energy(silent, f.q_off) == 0.0
     assert likelihood(silent).followed(f.body.at(f.q_before)) == []
     bare = [ImageCues(c.camera) for c in f.cues]

@@ -10,7 +10,7 @@ import pytest
 
 from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.tracking.idle_rules import RULES
-from estimator.tracking.registry import TRACKERS, settings_for
+from estimator.tracking.registry import TRACKERS, current_changes, settings_for
 from estimator.vision.likelihood.settings import idle_rules
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -28,9 +28,9 @@ from kinemode.settings import (
 )
 
 CHANGES = {
-    "cost": {"nu": 0.1 + 0.2, "potential": "leclerc", "image": {"edge_candidates": 2, "motion_boundary": 0}},
+    "cost": {"nu": 0.1 + 0.2, "potential": "leclerc"},
     "search": {"exchange": False, "explore": {"kkt_tolerance": 1e-300}},
-    "cues": {"use_flow": False, "flow": {"finest_scale": 2}},
+    "cues": {"use_flow": False, "flow": {"finest_scale": 2}, "edges": {"candidates": 2, "motion_boundary": 0}},
 }
 
 
@@ -223,15 +223,28 @@ def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
 
 
 def test_what_has_no_effect_on_this_input_is_noted() -> None:
-    chosen = choose("css", {"css": {"jumps": 3}, "cost": {"image": {"flow_nu": 3.0, "edge_nu": 3.0}}})
+    chosen = choose("css", {"css": {"jumps": 3}, "cues": {"flow": {"nu": 3.0}, "edges": {"nu": 3.0}}})
     assert chosen.notes(cues=chosen.settings.cues, cameras=1, fits=False) == []
     (several,) = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
     assert several == "settings without effect here: css.jumps (it is for one camera, there are 4)"
     (blind,) = chosen.notes(cues=None, cameras=1, fits=False)
-    assert blind.endswith("cost.image.edge_nu, cost.image.flow_nu (no pictures are looked at)")
+    assert blind.endswith("cues.edges.nu, cues.flow.nu (no pictures are looked at)")
     (edges,) = chosen.notes(cues=chosen.settings.cues.using(["edges", "silhouette"]), cameras=1, fits=False)
-    assert "flow_nu" in edges
-    assert "edge_nu" not in edges
+    assert "cues.flow" in edges
+    assert "cues.edges" not in edges
+
+
+def test_settings_of_another_group_once_are_found_where_they_are_now() -> None:
+    once = {"edge_nu": 3.0, "depth_noise": 0.1, "rounds": 2}
+    former = {"cost": {"nu": 5.0, "image": once}, "cues": {"edges": {"window": 0.2}}}
+    cues = {"edges": {"window": 0.2, "nu": 3.0}, "depth": {"surface_noise": 0.1}, "surface": {"rounds": 2}}
+    now = {"cost": {"nu": 5.0}, "cues": cues}
+    assert choose("css", former).settings == choose("css", now).settings
+    names, noted = current_changes("css", former)
+    assert names == now
+    assert "the setting cost.image.edge_nu is called cues.edges.nu now" in noted
+    with pytest.raises(InputError, match=r"edge_nu: is called cues\.edges\.nu now"):
+        choose("css", {"cost": {"image": {"edge_nu": 3.0}}, "cues": {"edges": {"nu": 3.0}}})
 
 
 def test_a_pose_prior_that_the_body_does_not_suit_is_noted() -> None:
@@ -250,8 +263,8 @@ BAD = {
     "[cots]\n": ("no setting 'cots'", "did you mean cost?"),
     "[cost]\nkeypoint_nois = 1.0\n": ("[cost]: no setting 'keypoint_nois'", "did you mean keypoint_noise?"),
     "[cost]\nturn_spee = 1.0\n": ("[cost]: no setting 'turn_spee'", "did you mean turn_speed?"),
-    "[cost]\nedge_noise = 1.0\n": ("[cost]: no setting 'edge_noise' (it belongs to [cost.image]; here: one of",),
-    "[cost.image]\nzzz = 1\n": ("[cost.image]: no setting 'zzz'", "edge_noise, edge_window"),
+    "[cues]\nwindow = 1.0\n": ("[cues]: no setting 'window' (it belongs to [smooth] or [cues.edges]; here: one of",),
+    "[cues.edges]\nzzz = 1\n": ("[cues.edges]: no setting 'zzz'", "noise, window"),
     "[css]\nmodes = 2.0\n": ("[css] modes: 2.0 is no whole number",),
     "[css]\nmodes = 0\n": ("[css] modes: 0 cannot work", "1 or more"),
     "[css]\nkeep = 1\n": ("[css] keep: 1 is no true or false",),
@@ -259,7 +272,7 @@ BAD = {
     "[cost]\nnu = nan\n": ("[cost] nu: nan cannot work", "more than 0"),
     f"[cost]\nnu = 1{'0' * 400}\n": ("[cost] nu", "cannot work"),
     "[cost]\npotential = 'soft'\n": ("[cost] potential: 'soft' cannot work", "one of gaussian, lorentzian"),
-    "[cost.image]\nmotion_boundary = 1.5\n": ("[cost.image] motion_boundary: 1.5", "at most 1"),
+    "[cost.image]\nmotion_boundary = 1.5\n": ("[cues.edges] motion_boundary: 1.5", "at most 1"),
     "cost = 3\n": ("cost: is a group of settings", "give a table"),
     "[cues.flow]\nfinest_scale = 7\n": ("[cues.flow] finest_scale: 7 cannot work", "0 or more, at most 2"),
     "[cues]\nworking_size = 8\n": ("[cues] working_size: 8 cannot work", "64 or more"),

@@ -26,8 +26,10 @@ from estimator.tracking.fitting.person import fit_person
 from estimator.tracking.fitting.settings import DescentSettings, FitSettings, FleshSettings
 from estimator.tracking.fitting.shape_parameters import GIRTHS, OF_PART, ShapeParameters
 from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
+from estimator.tracking.settings import Settings
 from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
+from estimator.vision.likelihood.settings import cue_settings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
@@ -105,7 +107,7 @@ def fitted(count: int) -> Fit:
 
 
 def with_pictures(first: Fit, cues: OneFrame, settings: FleshSettings) -> Fit:
-    return fit_flesh(load_subject("human34"), first, cues, FitSettings(flesh=settings), CostSettings())
+    return fit_flesh(load_subject("human34"), first, cues, FitSettings(flesh=settings), Settings())
 
 
 def overlap(subject: Subject, q: np.ndarray, count: int) -> float:
@@ -188,7 +190,7 @@ def test_a_shape_is_drawn_back_where_its_parts_overlap() -> None:
     first, body = first_stage(1), body_of("human34")
     seen = [replace(o, cues=pictures()[:1]) for o in first.observations]
     shaped = ShapedBody(load_subject("human34"), 300)
-    made = flesh._Stages(shaped, seen, first, FitSettings(), CostSettings())
+    made = flesh._Stages(shaped, seen, first, FitSettings(), Settings())
     q = bent(body, left_shoulder_elevation=0.0, right_shoulder_elevation=0.0)
     thick = np.where(shaped.shape.kind == 0, shaped.shape.high, 0.0)
     x = Unknowns(q[None], np.ones(len(first.scales)), thick)
@@ -276,7 +278,7 @@ def energy_of(count: int) -> tuple[ShapedBody, BodyEnergy, Unknowns]:
     )
     prior = Gaussian(shaped.proportions.mean, np.diag(1.0 / shaped.proportions.std**2))
     self_collision = SelfCollision(Body(shaped.at(x)))
-    return shaped, BodyEnergy(shaped, seen, x, CostSettings(), prior, 0.7, self_collision), x
+    return shaped, BodyEnergy(shaped, seen, x, CostSettings(), cue_settings(), prior, 0.7, self_collision), x
 
 
 def test_a_camera_among_the_landmarks_is_no_fault() -> None:
@@ -291,7 +293,7 @@ def test_a_camera_among_the_landmarks_is_no_fault() -> None:
         assert np.isnan(inside.project(landmarks)).any(axis=1).mean() > 0.4
         cues = (replace(pictures()[0], camera=inside),)
         seen = [replace(o, cameras=(inside,), cues=cues) for o in first_stage(1).observations]
-        ((posed, likelihood),) = seen_at(shaped, seen, x, CostSettings().image)
+        ((posed, likelihood),) = seen_at(shaped, seen, x, cue_settings())
         assert np.isfinite(likelihood.assigned_values(posed)).all()
 
 

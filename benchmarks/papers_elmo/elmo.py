@@ -43,7 +43,7 @@ AT_RANDOM = "elmo-random"  # ELMO with as many random examples in place of those
 BEGUN = "elmo-given"  # ELMO with the first pose given, as its rivals have it
 GIVEN = ("icp", "condensation", "css", BEGUN)
 """These are given the first pose."""
-CRITERION: Mapping[str, Any] = {"cost": TRACKERS["elmo"].defaults["cost"]}
+CRITERION: Mapping[str, Any] = {name: TRACKERS["elmo"].defaults[name] for name in ("cost", "cues")}
 """The same for all: the shipped pose prior was learned from these very motions, and ELMO has none."""
 PAPER: dict[str, dict[str, Any]] = {
     "condensation": together(CRITERION, {"condensation": {"particles": 1000}}),

@@ -25,7 +25,7 @@ from estimator.vision.cues.edges.edge_map import EdgeSettings, edge_map
 from estimator.vision.cues.flow.flow_field import FlowSettings, flow_field
 from estimator.vision.cues.silhouette.foreground import Background, SilhouetteSettings, foreground_mask, silhouette_of
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageModel
-from estimator.vision.likelihood.settings import ImageSettings
+from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from estimator.vision.seeing import see_points
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.subject.subject import load_subject
@@ -71,7 +71,7 @@ def hypotheses(body: Body, q: np.ndarray, count: int, rng: np.random.Generator) 
 class Case:
     """One number of nodes: what is timed of one hypothesis."""
 
-    def __init__(self, body: Body, cues: ImageCues, extent: float, settings: ImageSettings) -> None:
+    def __init__(self, body: Body, cues: ImageCues, extent: float, settings: CueSettings) -> None:
         self.body, self.cues = body, cues
         self.likelihood = CameraLikelihood(ImageModel(body, settings), cues, extent)
         self.surface = self.likelihood.model.surface
@@ -170,8 +170,9 @@ def main(
     around = hypotheses(body, frame.q, poses, rng)
     times: dict[int, dict[str, float]] = {}
     counts: dict[int, int] = {}
+    settings = cue_settings()
     for count in nodes:
-        case = Case(body, cues, extent, replace(ImageSettings(), nodes=count))
+        case = Case(body, cues, extent, replace(settings, surface=replace(settings.surface, nodes=count)))
         case.whole(frame.q)  # compiles
         counts[count] = len(case.surface.joint)
         times[count] = timed(case, around, rounds)

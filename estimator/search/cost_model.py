@@ -73,7 +73,7 @@ class CostModel:
     def image(self) -> ImageModel:
         """What the image terms of all frames share, made when it is first asked for."""
         if self._image is None:
-            self._image = ImageModel(self.body, self.settings.image, cues=self.cues)
+            self._image = ImageModel(self.body, self.cues)
         return self._image
 
     def keypoint_sigma(self, observation: Observation) -> np.ndarray:

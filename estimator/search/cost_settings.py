@@ -8,7 +8,6 @@ from typing import Any
 
 from estimator.numerics.robust import POTENTIALS
 from estimator.search.cost_terms import term_settings
-from estimator.vision.likelihood.settings import ImageSettings
 from humanoid.support.settings import setting
 
 
@@ -32,7 +31,7 @@ class CostSettings:
         frames, per second, of joints, of the root's orientation and of its position; transition_potential,
         transition_nu: long tails let a mode jump when the image insists.
     exchange_penalty: energy of reading a frame's keypoints with left and right swapped.
-    image: of the pictures' cues. terms: of kinds of terms that plugins have registered, by name.
+    terms: of kinds of terms that plugins have registered, by name.
     """
 
     potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
@@ -51,5 +50,4 @@ class CostSettings:
     transition_potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
     transition_nu: float = setting(20.0, above=0)
     exchange_penalty: float = setting(3.0, at_least=0)
-    image: ImageSettings = field(default_factory=ImageSettings)
     terms: Mapping[str, Any] = field(default_factory=term_settings)

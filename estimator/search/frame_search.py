@@ -184,7 +184,7 @@ class FrameSearch:
         """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they
         are asked anew until that moves the pose no more, or `rounds` times. Besides, the steps that it took."""
         steps = StepCounts()
-        for _ in range(self._model.settings.image.rounds - 1 if self.case.likelihood is not None else 0):
+        for _ in range(self._model.cues.surface.rounds - 1 if self.case.likelihood is not None else 0):
             before, assigned = q, self._assigned(q)
             solution = self._seeker.seek(base.plus(assigned), before, self._settings.explore)
             q, steps = solution.q, steps.plus(solution.steps)

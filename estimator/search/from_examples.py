@@ -17,6 +17,7 @@ from estimator.search.examples.votes import turned_away
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
+from estimator.vision.cues.depth.cue import Depth
 from estimator.vision.cues.silhouette.cue import Outline
 from humanoid.kinematics.body import Body
 
@@ -139,8 +140,8 @@ def _seen_for_limbs(
     search: ModeSearch, observation: Observation, looks: Sequence[Looked], how: ExampleSearch
 ) -> SeenPoints | None:
     """What limbs of examples are ranked by; None where none are tried."""
-    image = search.model.settings.image
-    return seen_points(observation, image.depth_noise, image.depth_nu) if looks and how.recombined else None
+    depth = search.model.cues.of(Depth.name)
+    return seen_points(observation, depth.surface_noise, depth.nu) if looks and how.recombined else None
 
 
 def _recombined(

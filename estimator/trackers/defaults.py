@@ -21,8 +21,12 @@ LEAST_SQUARES: dict[str, Any] = {
     "cost": {
         "potential": "gaussian",
         "transition_potential": "gaussian",
-        "image": {"edge_nu": EDGES_NEARLY_GAUSSIAN, "outline_nu": NEARLY_GAUSSIAN, "flow_nu": NEARLY_GAUSSIAN},
-    }
+    },
+    "cues": {
+        "edges": {"nu": EDGES_NEARLY_GAUSSIAN},
+        "silhouette": {"nu": NEARLY_GAUSSIAN},
+        "flow": {"nu": NEARLY_GAUSSIAN},
+    },
 }
 """No observation ever loses its pull."""
 OVERLAPPING: dict[str, Any] = {"cost": {"interpenetration_weight": 0.0}}

@@ -15,7 +15,7 @@ RULES = (
     idle_where("cost.clearance_scale search.contact", cost__interpenetration_weight=0.0),
     idle_where("cost.exchange_penalty", search__exchange=False),
     idle_where("search.start_samples", search__start="index"),
-    idle_where("search.settled", cost__image__rounds=1),
+    idle_where("search.settled", cues__surface__rounds=1),
     idle_where("search.weigh_samples", search__weigh="height"),
     idle_where("search.weigh_samples", search__weigh="volume"),
     idle_where("smooth.lag smooth.lag_iterations", "they are for live use; a clip is smoothed as a whole"),
@@ -27,7 +27,7 @@ RULES = (
     idle_where("smooth.round_gain smooth.renewed", smooth__rounds=0),
     idle_without(
         PICTURES,
-        "cost.image cues search.follow search.settled search.flow_in_covariance smooth.rounds smooth.round_gain"
+        "cues search.follow search.settled search.flow_in_covariance smooth.rounds smooth.round_gain"
         " smooth.renewed",
     ),
 )  # fmt: skip

@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from estimator.search.cost_settings import CostSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.tracking.smoothing import SmoothSettings
+from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.support.settings import plain
+
+_OF_CUES = {
+    **{f"edge_{name}": f"edges.{name}" for name in ("evidence", "noise", "window", "candidates", "nu")},
+    "motion_boundary": "edges.motion_boundary",
+    **{f"flow_{name}": f"flow.{name}" for name in ("evidence", "leading", "noise", "share", "nu")},
+    **{f"outline_{name}": f"silhouette.{name}" for name in ("evidence", "noise", "nu")},
+    "depth_evidence": "depth.evidence",
+    "depth_noise": "depth.surface_noise",
+    "depth_slide": "depth.slide",
+    "depth_nu": "depth.nu",
+    **{f.name: f"surface.{f.name}" for f in fields(SurfaceSettings)},
+}
+MOVED = {f"cost.image.{former}": f"cues.{now}" for former, now in _OF_CUES.items()}
+"""Settings that were in another group once, by their former names with all groups in front."""
 
 COMMON = ("cost", "search", "smooth", "cues")
 """The groups that are there for every tracker."""
@@ -32,6 +47,11 @@ class Settings:
     cues: CueSettings = field(default_factory=cue_settings)
     table: str = ""
 
+    @property
+    def moved(self) -> Mapping[str, str]:
+        """See `MOVED`."""
+        return MOVED
+
     def members(self) -> dict[str, Any]:
         """The groups by name, as `humanoid.support.settings.members` takes them."""
         own = {} if self.own is None else {self.table: self.own}
@@ -44,5 +64,10 @@ class Settings:
         return replace(self, own=own, **groups)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain nested dictionary, as stored in run files."""
-        return dict(plain(self))
+        """Plain nested dictionary, as stored in run files; groups that only plugins fill are left out where empty."""
+        return _without_empty(plain(self))
+
+
+def _without_empty(group: Mapping[str, Any]) -> dict[str, Any]:
+    filled = {name: _without_empty(value) if isinstance(value, Mapping) else value for name, value in group.items()}
+    return {name: value for name, value in filled.items() if value != {}}

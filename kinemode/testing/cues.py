@@ -149,7 +149,7 @@ class _CueCheck:
         extent = image_extent(cues.camera.project(points), np.ones(len(points)))
         return CameraView(
             body=self.body, surface=model.surface, predictor=model.predictor(cues), cues=cues, extent=extent,
-            weight=1.0, likelihood=model.settings, settings=self.settings,
+            weight=1.0, shared=model.settings, settings=self.settings,
         )  # fmt: skip
 
 

@@ -246,7 +246,8 @@ def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCoun
 
 _OWN: dict[str, Any] = {
     "search": {"weigh": BY_VOLUME, "explore": {"max_iterations": 5, "decrease_tolerance": 0.5}, "spare": 2},
-    "cost": {"stabiliser_weight": 0.25, "image": {"outline_evidence": 20.0}},
+    "cost": {"stabiliser_weight": 0.25},
+    "cues": {"silhouette": {"evidence": 20.0}},
 }
 """A mode counts by its probability, not its height (eq. 3); searches are many and short; rest positions, which eq. 2
 does not have, only hold what depth does not show. Modes that face the camera and that turn away, which the others do

@@ -14,7 +14,7 @@ from estimator.tracking.fitting.contour_points import ContourPoints, PointLoads
 from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
 from estimator.vision.cues.assigned import nothing
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood, ImageModel
-from estimator.vision.likelihood.settings import ImageSettings
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body, PosedBody
 
@@ -55,6 +55,7 @@ class BodyEnergy:
         observations: Sequence[Observation],
         assigned_at: Unknowns,
         cost: CostSettings,
+        cues: CueSettings,
         on_scales: Gaussian,
         share: float = 1.0,
         self_collision: SelfCollision | None = None,
@@ -63,7 +64,7 @@ class BodyEnergy:
         self._on_scales, self._share, self._self_collision = on_scales, share, self_collision
         self._contours = [
             [_assigned(camera, posed) for camera in likelihood.cameras]
-            for posed, likelihood in seen_at(shaped, observations, assigned_at, cost.image)
+            for posed, likelihood in seen_at(shaped, observations, assigned_at, cues)
         ]
         self.features = sum(len(points.joint) for frame in self._contours for points in frame)
 
@@ -115,11 +116,11 @@ class BodyEnergy:
 
 
 def seen_at(
-    shaped: ShapedBody, observations: Sequence[Observation], x: Unknowns, settings: ImageSettings
+    shaped: ShapedBody, observations: Sequence[Observation], x: Unknowns, cues: CueSettings
 ) -> Iterator[tuple[PosedBody, ImageLikelihood]]:
     """The body in every frame at some unknowns, and what the frame's pictures say of it."""
     body = shaped.proportions.at(x.scales)
-    image = ImageModel(body, settings, shaped.surface.at(shaped.shape.of_parts(x.shape), x.scales))
+    image = ImageModel(body, cues, shaped.surface.at(shaped.shape.of_parts(x.shape), x.scales))
     for observation, q in zip(observations, x.poses, strict=True):
         posed = body.at(q)
         landmarks = body.landmarks(posed)

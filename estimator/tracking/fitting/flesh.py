@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.data.source import Cues
-from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.body_energy import BodyEnergy, Gaussian, seen_at
 from estimator.tracking.fitting.descent import covariance_at, descend
 from estimator.tracking.fitting.fit import Fit, ShapeFit
 from estimator.tracking.fitting.settings import FitSettings
 from estimator.tracking.fitting.shape_parameters import OF_PART
 from estimator.tracking.fitting.shaped_body import ShapedBody, Unknowns
+from estimator.tracking.settings import Settings
+from estimator.vision.cues.edges.cue import Edges
+from estimator.vision.cues.silhouette.cue import Outline
 from estimator.vision.likelihood.registry import cues_of
+from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
@@ -24,7 +28,7 @@ from humanoid.subject.subject import Subject
 SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the new shape that are tried where its parts overlap
 
 
-def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, cost: CostSettings) -> Fit:
+def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, track: Settings) -> Fit:
     """Stages two and three on the outcome of the first, which is returned where there is nothing to go by.
 
     subject: what the first stage was given. cues: what the pictures show. In the second stage the shape follows
@@ -37,7 +41,7 @@ def fit_flesh(subject: Subject, first: Fit, cues: Cues, settings: FitSettings, c
     seen = [replace(o, cues=cues.at(o.index)) for o in (first.observations[k] for k in picks)]
     if not any(cue.on_contours for o in seen for c in o.cues for cue in cues_of(c)):
         return first
-    stages = _Stages(ShapedBody(subject, cost.image.nodes), seen, first, settings, cost)
+    stages = _Stages(ShapedBody(subject, track.cues.surface.nodes), seen, first, settings, track)
     start = Unknowns(first.poses[picks], first.scales, np.zeros(len(stages.shaped.shape.low)))
     if stages.energy(start).features == 0:
         return first
@@ -50,13 +54,12 @@ class _Stages:
     """The later stages on some frames. shape, everything: what moves in the second and in the third."""
 
     def __init__(
-        self, shaped: ShapedBody, seen: Sequence[Observation], first: Fit, settings: FitSettings, cost: CostSettings
+        self, shaped: ShapedBody, seen: Sequence[Observation], first: Fit, settings: FitSettings, track: Settings
     ) -> None:
-        self.shaped, self._seen, self._settings, self._cost = shaped, seen, settings.flesh, cost
+        self.shaped, self._seen, self._settings, self._cost = shaped, seen, settings.flesh, track.cost
         self._share = min(1.0, settings.effective_frames / len(seen))
-        image, flesh = cost.image, settings.flesh
-        edge_noise, outline_noise = image.edge_noise * flesh.edge_noise, image.outline_noise * flesh.outline_noise
-        self._sharper = replace(cost, image=replace(image, edge_noise=edge_noise, outline_noise=outline_noise))
+        self._cues, flesh = track.cues, settings.flesh
+        self._sharper = _sharper(_sharper(self._cues, Edges.name, flesh.edge_noise), Outline.name, flesh.outline_noise)
         self._on_scales = _with_the_rest(shaped, first, len(seen))
         self.shape = shaped.places(len(seen))[1]
         self.everything = slice(0, self.shape.stop)
@@ -64,7 +67,14 @@ class _Stages:
     def energy(self, assigned_at: Unknowns, self_collision: SelfCollision | None = None) -> BodyEnergy:
         """The frames' energy with features as they are assigned at some unknowns."""
         return BodyEnergy(
-            self.shaped, self._seen, assigned_at, self._sharper, self._on_scales, self._share, self_collision
+            self.shaped,
+            self._seen,
+            assigned_at,
+            self._cost,
+            self._sharper,
+            self._on_scales,
+            self._share,
+            self_collision,
         )
 
     def self_collision(self, x: Unknowns) -> SelfCollision | None:
@@ -99,7 +109,7 @@ class _Stages:
 
     def agreement(self, x: Unknowns) -> float:
         """Share of the body's outline that lies on the silhouettes', mean of cameras and frames; NaN without any."""
-        seen = seen_at(self.shaped, self._seen, x, self._cost.image)
+        seen = seen_at(self.shaped, self._seen, x, self._cues)
         shares = [share for posed, likelihood in seen for share in likelihood.agreement(posed)]
         return float(np.mean(shares)) if shares else np.nan
 
@@ -126,6 +136,13 @@ class _Stages:
         )
         of_scales_too = covariance[of_scales, of_scales]
         return replace(first, subject=shaped.at(end), scales=end.scales, covariance=of_scales_too, shape=shape)
+
+
+def _sharper(cues: CueSettings, name: str, factor: float) -> CueSettings:
+    """With the noise of one cue times a factor."""
+    own = cues.of(name)
+    changed: dict[str, Any] = {name: replace(own, noise=own.noise * factor)}
+    return replace(cues, **changed)
 
 
 def _with_the_rest(shaped: ShapedBody, first: Fit, count: int) -> Gaussian:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from estimator.data.observation import Observation
 from estimator.data.source import Cues
-from estimator.search.cost_settings import CostSettings
 from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.flesh import fit_flesh
 from estimator.tracking.fitting.lengths import fit_lengths
@@ -34,4 +33,4 @@ def fit_person(
     first = fit_lengths(subject, observations, seed, settings, track_settings)
     if cues is None:
         return first
-    return fit_flesh(subject, first, cues, settings, track_settings.cost if track_settings else CostSettings())
+    return fit_flesh(subject, first, cues, settings, track_settings or Settings())

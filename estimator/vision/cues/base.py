@@ -64,7 +64,7 @@ class CameraView:
 
     body, surface, predictor: of the subject, in this camera. cues: all that was read of the image. extent: the
     subject's in the image [px]. weight: factor of all image terms, below 1 where keypoints see the person too.
-    likelihood: settings of the image likelihood as a whole. settings: the cue's own.
+    shared: settings that all cues share. settings: the cue's own.
     """
 
     body: Body
@@ -73,7 +73,7 @@ class CameraView:
     cues: ImageCues
     extent: float
     weight: float
-    likelihood: SurfaceSettings
+    shared: SurfaceSettings
     settings: Any
 
     @property
@@ -141,7 +141,7 @@ class Cue:
     `ImageCues.picture`, which otherwise stays in the process that reads it. uses_masks: whether it takes given masks of
     the person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
     pictures are given.
-    idle: which of its settings, in `cues.NAME` and `cost.image`, have no effect under which others. That the group of a
+    idle: which of its settings have no effect under which others. That the group of a
     cue that is not used has none need not be said.
     """
 

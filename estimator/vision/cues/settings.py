@@ -1,4 +1,4 @@
-"""Settings that all image terms share."""
+"""Settings that all cues share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """How a body's surface is looked at in the pictures.
+    """How a body's surface is seen in the pictures, whatever the cue.
+
+    Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as its `evidence` of independent
+    measurements however fine the mesh is. The extent, of which noises are fractions, is the root mean square distance
+    of the subject's landmarks from their centre in the image; noises are never below half a pixel.
 
     nodes: surface nodes, about. fineness: cells of the depth buffer.
     beside_keypoints: factor of the image likelihood where keypoints see the whole person too: both come from the

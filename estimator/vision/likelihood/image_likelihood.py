@@ -11,7 +11,7 @@ from estimator.vision.cues.assigned import AssignedPoints, Assignments, nothing,
 from estimator.vision.cues.base import CameraView, ContourMatch, ExplainedPose, Matcher, PastPose
 from estimator.vision.cues.cue_picture import CuePicture
 from estimator.vision.likelihood.registry import cues_of
-from estimator.vision.likelihood.settings import CueSettings, ImageSettings, cue_settings
+from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from estimator.vision.prediction import Prediction, Predictor
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface, surface_of
@@ -24,19 +24,18 @@ Followed = dict[str, Any]
 class ImageModel:
     """Everything about image terms that does not change from frame to frame.
 
-    settings: of the likelihood. surface: of the body, unless it is another than its own. cues: each cue's settings.
+    cues: the settings of all cues. surface: of the body, unless it is another than its own.
     """
 
     def __init__(
         self,
         body: Body,
-        settings: ImageSettings | None = None,
-        surface: Surface | None = None,
         cues: CueSettings | None = None,
+        surface: Surface | None = None,
     ) -> None:
         self.body = body
-        self.settings = settings or ImageSettings()
         self.cues = cues or cue_settings()
+        self.settings = self.cues.surface
         self.surface = surface or surface_of(body, nodes=self.settings.nodes)
         self._predictors: dict[tuple[object, ...], Predictor] = {}
 
@@ -132,7 +131,7 @@ class CameraLikelihood:
             cues=self.cues,
             extent=self.extent,
             weight=self._weight,
-            likelihood=self.model.settings,
+            shared=self.model.settings,
             settings=self.model.cues.of(name),
         )
 

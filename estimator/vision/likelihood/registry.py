@@ -14,7 +14,11 @@ from humanoid.support.plugins import Registry
 
 
 def _check(cue: Cue, others: Iterable[Cue]) -> None:
-    if not cue.name.isidentifier() or cue.name.startswith("use_") or cue.name in ("auto", "off", "working_size"):
+    if (
+        not cue.name.isidentifier()
+        or cue.name.startswith("use_")
+        or cue.name in ("auto", "off", "working_size", "surface")
+    ):
         raise InputError("cue", f"none can be named {cue.name!r}", remedy="a plain word, not auto or off")
 
 

@@ -1,4 +1,4 @@
-"""Settings of the image likelihood, and of the cues that are read."""
+"""Settings of the cues, together and each."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ from functools import cache
 from typing import Any
 
 from estimator.vision.cues.base import Cue
-from estimator.vision.cues.depth.settings import DepthLikelihoodSettings
-from estimator.vision.cues.edges.settings import EdgeLikelihoodSettings
-from estimator.vision.cues.flow.settings import FlowLikelihoodSettings
-from estimator.vision.cues.silhouette.settings import OutlineLikelihoodSettings
+from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.likelihood.registry import CUES, register
 from humanoid.support.idle import IdleRule
 from humanoid.support.settings import check, setting
@@ -20,26 +17,17 @@ _USE = "use_"
 
 
 @dataclass(frozen=True)
-class ImageSettings(DepthLikelihoodSettings, OutlineLikelihoodSettings, FlowLikelihoodSettings, EdgeLikelihoodSettings):
-    """How pictures enter the energy.
-
-    Neighbouring nodes see nearly the same pixels, so the nodes of a cue together count as `..._evidence` independent
-    measurements however fine the mesh is; 0 leaves the cue out. Noises are standard deviations; `..._noise` of edges
-    and outline is a fraction of the subject's extent in the image (root mean square distance of its landmarks from
-    their centre), never below half a pixel.
-    """
-
-
-@dataclass(frozen=True)
 class CueSettings:
-    """Which cues are computed, and how.
+    """Which cues are computed, how, and how they enter the energy.
 
-    working_size: longest side of the pictures they are computed from [px]; larger frames are reduced to it.
+    working_size: longest side of the pictures they are computed from [px]; larger frames are reduced to it. surface:
+    what they share.
     """
 
     # `cue_settings` makes them: each registered cue adds a truth value `use_NAME` and a group `NAME` of its own
 
     working_size: int = setting(640, at_least=64)
+    surface: SurfaceSettings = field(default_factory=SurfaceSettings)
 
     def __post_init__(self) -> None:
         check(self)

@@ -19,7 +19,7 @@ from estimator.vision.cues.depth.matching import (
     surface_precision,
 )
 from estimator.vision.cues.depth.reading import DepthReading, PersonPoints
-from estimator.vision.cues.depth.settings import IDLE, DepthLikelihoodSettings, DepthSettings
+from estimator.vision.cues.depth.settings import IDLE, DepthSettings
 from estimator.vision.depth_map import DepthPoints
 from estimator.vision.prediction import Prediction
 from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
@@ -60,22 +60,21 @@ class DepthMatcher(Matcher):
 
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)
-        assert isinstance(view.likelihood, DepthLikelihoodSettings)
-        self._settings = view.likelihood
+        self._settings: DepthSettings = view.settings
         self._points: DepthPoints = view.cues[Depth.name].points
 
     def terms(self, posed: PosedBody, prediction: Prediction) -> list[Term]:
         """The closest pairs, from the nodes that should be seen to the points and back (ELMO eq. 1)."""
-        if self._settings.depth_evidence <= 0.0:
+        if self._settings.evidence <= 0.0:
             return []
         both = self._pairs(posed, prediction)
         s, surface = self._settings, self.view.surface
         node, point = (np.concatenate(parts) for parts in zip(*both, strict=True))
         joint, points = surface.joint[node], self._points.some(point)
         normals = directions_in_world(posed, joint, surface.normal[node])
-        each = 0.5 * self.view.weight * s.depth_evidence
+        each = 0.5 * self.view.weight * s.evidence
         weight = np.concatenate([np.full(len(pairs.node), each / len(pairs.node)) for pairs in both])
-        precision = surface_precision(points, normals, s.depth_noise, s.depth_slide)
+        precision = surface_precision(points, normals, s.surface_noise, s.slide)
         body, local = self.view.body, surface.local[node]
         return [
             PointTargets(
@@ -86,7 +85,7 @@ class DepthMatcher(Matcher):
                 precision,
                 weight=weight,
                 potential="lorentzian",
-                nu=s.depth_nu,
+                nu=s.nu,
                 name=Depth.name,
             )
         ]
@@ -114,7 +113,7 @@ class DepthMatcher(Matcher):
         nearness[inside] = prediction.buffer[cells[inside, 1], cells[inside, 0]]
         depth = points.places @ camera.R_camera_world[2] + camera.t_camera_world[2]
         away = np.abs(1.0 / np.maximum(nearness, 1e-9) - depth)
-        return np.asarray(away < AGREES * np.hypot(points.along, self._settings.depth_noise))
+        return np.asarray(away < AGREES * np.hypot(points.along, self._settings.surface_noise))
 
     def pictures(self, shown: ExplainedPose) -> Iterator[CuePicture]:
         """See `Matcher.pictures`."""

@@ -1,10 +1,9 @@
-"""Settings of depth: how it is read, and how it enters the energy."""
+"""Settings of depth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.stereo import StereoSettings
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
@@ -12,12 +11,16 @@ from humanoid.support.settings import setting
 
 @dataclass(frozen=True)
 class DepthSettings(StereoSettings):
-    """How depth is read; the first settings are about stereo pairs.
+    """How depth is read, and how it enters the energy (ELMO eqs. 1 and 2); the first settings are about stereo pairs.
 
     points: of the person's surface, at most. farthest [m]: what is beyond is scenery. depth_noise [m]: standard
     deviation of a depth camera's depths at 1 m, which grows with their square. gap [m]: what is so far apart in space
     is not one thing. floor [m]: what is lower above the floor is taken for it, beside what the noise of depth makes of
     it; where it is more, feet go with the floor, and they tell front from back.
+    evidence: independent measurements that all points together count as, 0 for none: half from the nodes that should be
+    seen to the points, half from the points to these. surface_noise [m]: by how much the body's surface is another than
+    the person's. slide [m]: standard deviation along the surface, where a point may be paired with a neighbour of its
+    own node. nu: Lorentzian.
     """
 
     points: int = setting(1200, at_least=20)
@@ -25,26 +28,10 @@ class DepthSettings(StereoSettings):
     depth_noise: float = setting(0.003, above=0)
     gap: float = setting(0.1, above=0)
     floor: float = setting(0.02, at_least=0)
+    evidence: float = setting(100.0, at_least=0)
+    surface_noise: float = setting(0.02, above=0)
+    slide: float = setting(0.1, above=0)
+    nu: float = setting(6.0, above=0)
 
 
-@dataclass(frozen=True)
-class DepthLikelihoodSettings(SurfaceSettings):
-    """How depth enters the energy (ELMO eqs. 1 and 2).
-
-    depth_evidence: independent measurements that all points together count as, half from the nodes that should be seen
-    to the points, half from the points to these. depth_noise [m]: by how much the body's surface is another than the
-    person's. depth_slide [m]: standard deviation along the surface, where a point may be paired with a neighbour of its
-    own node. depth_nu: Lorentzian.
-    """
-
-    depth_evidence: float = setting(100.0, at_least=0)
-    depth_noise: float = setting(0.02, above=0)
-    depth_slide: float = setting(0.1, above=0)
-    depth_nu: float = setting(6.0, above=0)
-
-
-_DEPTH = "cost.image.depth_noise cost.image.depth_slide cost.image.depth_nu"
-IDLE = (
-    idle_where(f"cost.image.depth_evidence {_DEPTH}", cues__use_depth=False),
-    idle_where(_DEPTH, cost__image__depth_evidence=0.0),
-)
+IDLE = (idle_where("cues.depth.surface_noise cues.depth.slide cues.depth.nu", cues__depth__evidence=0.0),)

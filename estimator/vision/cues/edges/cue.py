@@ -15,7 +15,7 @@ from estimator.vision.cues.base import CameraView, ContourMatch, Cue, ExplainedP
 from estimator.vision.cues.cue_picture import CONTOUR_LEGEND, CuePicture, contour_dots, links
 from estimator.vision.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
 from estimator.vision.cues.edges.matching import edge_assignments
-from estimator.vision.cues.edges.settings import IDLE, EdgeLikelihoodSettings
+from estimator.vision.cues.edges.settings import IDLE, EdgeCueSettings
 from estimator.vision.prediction import Prediction
 
 _NONE = np.zeros((0, 0), dtype=np.float32)
@@ -26,7 +26,7 @@ class Edges(Cue):
 
     name = "edges"
     summary = "image edges along the contours of the body (CSS section 3.1.2)"
-    settings = EdgeSettings()
+    settings = EdgeCueSettings()
     idle = IDLE
     on_contours = True
 
@@ -45,27 +45,31 @@ class EdgeMatcher(Matcher):
 
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)
-        assert isinstance(view.likelihood, EdgeLikelihoodSettings)
-        self._settings = view.likelihood
+        self._settings: EdgeCueSettings = view.settings
         self._edges: EdgeMap = view.cues[Edges.name]
 
     def contours(self, prediction: Prediction) -> list[ContourMatch]:
         """Edges along the contours' normals (CSS eq. 8), and the energy of contour points without any."""
         s, view, edges, contours = self._settings, self.view, self._edges, prediction.contours
-        if s.edge_evidence <= 0.0:
+        if s.evidence <= 0.0:
             return []
         count = len(contours.state)
         if not count:
             return [_match()]
-        sigma = view.sigma(s.edge_noise)
-        each = view.weight * s.edge_evidence / count
+        sigma = view.sigma(s.noise)
+        each = view.weight * s.evidence / count
         *group, share = edge_assignments(
             contours.pixels, contours.normals, contours.state, edges.strength, edges.direction, self._boundary,
-            self._distance, max(2.0, s.edge_window * view.extent), 2.0 * sigma, s.edge_candidates, 2.0 * sigma,
-            s.motion_boundary, each, 1.0 / sigma**2, LECLERC, float(s.edge_nu),
+            self._distance, max(2.0, s.window * view.extent), 2.0 * sigma, s.candidates, 2.0 * sigma,
+            s.motion_boundary, each, 1.0 / sigma**2, LECLERC, float(s.nu),
         )  # fmt: skip
         missing, hidden = len(share) - share.sum(), count - len(share)
-        return [_match(Assignments(*group), each * (0.5 * s.edge_nu * missing + s.occluded * s.back_facing * hidden))]
+        return [
+            _match(
+                Assignments(*group),
+                each * (0.5 * s.nu * missing + view.shared.occluded * view.shared.back_facing * hidden),
+            )
+        ]
 
     @cached_property
     def _boundary(self) -> np.ndarray:

@@ -24,7 +24,7 @@ from estimator.vision.cues.cue_picture import (
 )
 from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.vision.cues.flow.point_flow import follow_points
-from estimator.vision.cues.flow.settings import IDLE, FlowLikelihoodSettings
+from estimator.vision.cues.flow.settings import IDLE, FlowCueSettings
 from humanoid.kinematics.body import points_in_world
 
 FLOW_NODES = 200  # more say nothing new; beside keypoints flow has less weight, and fewer are enough
@@ -49,7 +49,7 @@ class Flow(Cue):
 
     name = "flow"
     summary = "optical flow of the surface since the frame before (CSS section 3.1.2)"
-    settings = FlowSettings()
+    settings = FlowCueSettings()
     idle = IDLE
     follows = True
 
@@ -68,13 +68,12 @@ class FlowMatcher(Matcher):
 
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)
-        assert isinstance(view.likelihood, FlowLikelihoodSettings)
-        self._settings = view.likelihood
+        self._settings: FlowCueSettings = view.settings
         self._flow: FlowField = view.cues[Flow.name]
 
     def follow(self, pasts: Sequence[PastPose]) -> list[Followed]:
         """The nodes seen in each past and where they are now: the image is searched once for the points of all."""
-        if not pasts or self._settings.flow_evidence <= 0.0:
+        if not pasts or self._settings.evidence <= 0.0:
             return [_LOST for _ in pasts]
         seen = [self._seen(past) for past in pasts]
         pixels, guess = (np.concatenate([part[k] for part in seen]) for k in (1, 2))
@@ -88,11 +87,11 @@ class FlowMatcher(Matcher):
 
     def since(self, followed: Followed) -> list[Term]:
         """See `Matcher.since`."""
-        return self._tied(followed, self._settings.flow_evidence)
+        return self._tied(followed, self._settings.evidence)
 
     def leading(self, followed: Followed) -> list[Term]:
         """See `Matcher.leading`."""
-        return self._tied(followed, max(self._settings.flow_evidence, self._settings.flow_leading))
+        return self._tied(followed, max(self._settings.evidence, self._settings.leading))
 
     def _tied(self, followed: Followed, evidence: float) -> list[Term]:
         """The nodes at where they were followed to, as so many measurements together."""
@@ -101,9 +100,9 @@ class FlowMatcher(Matcher):
         if not len(point):
             return []
         length = np.linalg.norm(target - before, axis=1)
-        precision = 1.0 / np.square(s.flow_noise + s.flow_share * length)
+        precision = 1.0 / np.square(s.noise + s.share * length)
         weight = view.weight * evidence / len(point) * sure
-        group = assignments(point, target, isotropic(precision), weight, LORENTZIAN, s.flow_nu)
+        group = assignments(point, target, isotropic(precision), weight, LORENTZIAN, s.nu)
         surface = view.surface
         return [AssignedPoints(view.body, view.camera, surface.joint, surface.local, [group], name=Flow.name)]
 

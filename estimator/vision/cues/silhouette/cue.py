@@ -27,7 +27,7 @@ from estimator.vision.cues.silhouette.foreground import (
     silhouette_of,
 )
 from estimator.vision.cues.silhouette.matching import across_outline, nearest_contour, nearest_outline
-from estimator.vision.cues.silhouette.settings import IDLE, OutlineLikelihoodSettings
+from estimator.vision.cues.silhouette.settings import IDLE, SilhouetteCueSettings
 from estimator.vision.prediction import Prediction
 from estimator.vision.visibility import OUTER
 
@@ -52,7 +52,7 @@ class Outline(Cue):
 
     name = "silhouette"
     summary = "the outline of what differs from the background, which is learned, given, or given as masks"
-    settings = SilhouetteSettings()
+    settings = SilhouetteCueSettings()
     idle = IDLE
     on_contours = True
     uses_masks = True
@@ -130,13 +130,12 @@ class OutlineMatcher(Matcher):
 
     def __init__(self, view: CameraView) -> None:
         super().__init__(view)
-        assert isinstance(view.likelihood, OutlineLikelihoodSettings)
-        self._settings = view.likelihood
+        self._settings: SilhouetteCueSettings = view.settings
         self._silhouette: Silhouette = view.cues[Outline.name]
 
     def contours(self, prediction: Prediction) -> list[ContourMatch]:
         """From the model's contour to the foreground's outline, and back."""
-        if self._settings.outline_evidence <= 0.0:
+        if self._settings.evidence <= 0.0:
             return []
         labels = "body to silhouette", "silhouette to body"
         if not (len(self._silhouette.boundary) and len(prediction.contours.state)):
@@ -162,7 +161,7 @@ class OutlineMatcher(Matcher):
             return group, 0.0
         s = self._settings
         lost = self._trust[place][chosen < 0].sum()  # all, where no contour of the model is in the picture
-        far = s.outline_nu * np.log1p((extent / self.view.sigma(s.outline_noise)) ** 2 / s.outline_nu)
+        far = s.nu * np.log1p((extent / self.view.sigma(s.noise)) ** 2 / s.nu)
         return group, each * 0.5 * far * float(lost)
 
     @cached_property
@@ -174,13 +173,13 @@ class OutlineMatcher(Matcher):
 
     def _share(self, count: int) -> float:
         """Weight of one of `count` assignments of one direction."""
-        return 0.5 * self.view.weight * self._settings.outline_evidence / count
+        return 0.5 * self.view.weight * self._settings.evidence / count
 
     def _to_outline(self, point: np.ndarray, place: np.ndarray, each: float, potential: int) -> Assignments:
         """Assignments of boundary pixels `place` (N,) to contour points `point` (N,), where neither is negative."""
         s, outline = self._settings, self._silhouette
-        precision = 1.0 / self.view.sigma(s.outline_noise) ** 2
-        nu = float(s.outline_nu)
+        precision = 1.0 / self.view.sigma(s.noise) ** 2
+        nu = float(s.nu)
         parts = across_outline(
             point, place, outline.boundary, outline.normal, self._trust, precision, each, potential, nu
         )
@@ -196,7 +195,7 @@ class OutlineMatcher(Matcher):
         distance = np.abs(
             silhouette.distance[y.clip(0, len(silhouette.mask) - 1), x.clip(0, silhouette.mask.shape[1] - 1)]
         )
-        return float(np.mean(distance < AGREES * self.view.sigma(self._settings.outline_noise)))
+        return float(np.mean(distance < AGREES * self.view.sigma(self._settings.noise)))
 
     @cached_property
     def _trust(self) -> np.ndarray:

@@ -1,29 +1,27 @@
-"""Settings of the silhouette in the image likelihood."""
+"""Settings of the silhouette."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimator.vision.cues.settings import SurfaceSettings
+from estimator.vision.cues.silhouette.subtraction import SilhouetteSettings
 from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
 @dataclass(frozen=True)
-class OutlineLikelihoodSettings(SurfaceSettings):
-    """How silhouettes enter the energy.
+class SilhouetteCueSettings(SilhouetteSettings):
+    """How the person is told from the background, and how their outline enters the energy.
 
-    outline_evidence, outline_noise, outline_nu: of the foreground's outline, half from the model's contour to the
-        outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way (Lorentzian).
+    evidence: independent measurements that the foreground's outline counts as, 0 for none: half from the model's
+        contour to the outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way
+        (Lorentzian).
+    noise: standard deviation, as a fraction of the subject's extent. nu: spread of both.
     """
 
-    outline_evidence: float = setting(60.0, at_least=0)
-    outline_noise: float = setting(0.02, above=0)
-    outline_nu: float = setting(8.0, above=0)
+    evidence: float = setting(60.0, at_least=0)
+    noise: float = setting(0.02, above=0)
+    nu: float = setting(8.0, above=0)
 
 
-_OUTLINE = "cost.image.outline_evidence cost.image.outline_noise cost.image.outline_nu"
-IDLE = (
-    idle_where(_OUTLINE, cues__use_silhouette=False),
-    idle_where("cost.image.outline_nu", cost__image__outline_evidence=0.0),
-)
+IDLE = (idle_where("cues.silhouette.nu", cues__silhouette__evidence=0.0),)
