@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.term import Term
-from estimator.search.association import EXCHANGED
+from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.vision.cues.assigned import AssignedPoints
 from estimator.vision.cues.base import PastPose

@@ -10,7 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from estimator.runs.run_file import Run
-from estimator.runs.temporary_run import TemporaryFolder
+from estimator.runs.run_store import TemporaryFolder
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError

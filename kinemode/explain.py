@@ -22,8 +22,7 @@ from estimator.tracking.registry import make_tracker, settings_for, stored_chang
 from estimator.tracking.settings import Settings
 from estimator.vision.cues.base import ExplainedPose, PastPose
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood, ImageLikelihood
-from estimator.vision.likelihood.persons import persons_before
-from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.reader import CueReader, persons_before
 from estimator.vision.likelihood.registry import CUES
 from estimator.vision.resolution import scaled_camera
 from humanoid.kinematics.body import Body, PosedBody

@@ -14,10 +14,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimator.data.observation import PoseEstimate
-from estimator.data.source import Cues
+from estimator.data.sequence import Cues
 from estimator.numerics.pool import checked_count
 from estimator.runs.run_file import Run, RunHeader, RunWriter
-from estimator.runs.temporary_run import TemporaryFolder
+from estimator.runs.run_store import TemporaryFolder
 from estimator.trackers.capabilities import SupportsSmoothing, sharing
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit

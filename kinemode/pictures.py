@@ -10,9 +10,7 @@ import numpy as np
 
 from estimator.trackers.initialisation import enough_keypoints
 from estimator.tracking.idle_settings import Idle
-from estimator.vision.likelihood.ahead import ReadAhead
-from estimator.vision.likelihood.persons import persons_before
-from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.reader import CueReader, ReadAhead, persons_before
 from estimator.vision.likelihood.registry import CUES, cues_of
 from estimator.vision.likelihood.settings import CueSettings
 from humanoid.subject.subject import Subject

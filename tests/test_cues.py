@@ -25,8 +25,7 @@ from estimator.vision.cues.silhouette.foreground import (
     person_mask,
     silhouette_of,
 )
-from estimator.vision.likelihood.ahead import ReadAhead
-from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.reader import CueReader, ReadAhead
 from estimator.vision.likelihood.settings import cue_settings
 from estimator.vision.resolution import scaled_camera
 from humanoid.support.errors import InputError

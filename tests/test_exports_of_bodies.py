@@ -15,8 +15,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from test_run_file import header, state_of, walk
 
-from estimator.data.formats.bvh import read_bvh
-from estimator.data.formats.bvh_text import write_bvh
+from estimator.data.formats.bvh import read_bvh, write_bvh
 from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.runs.bvh_skeleton import bvh_motion, skeleton_of
 from estimator.runs.run_file import Run, RunWriter
@@ -25,7 +24,7 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import export
 from tests.builders import body_of
-from viz.links import link_names
+from viz.gltf import link_names
 
 FRAMES = 9
 NEVER_SEEN = 4  # the frame in which nobody was seen

@@ -20,7 +20,7 @@ from estimator.vision.cues.silhouette.foreground import (
     silhouette_of,
 )
 from estimator.vision.known_person import KnownPerson
-from estimator.vision.likelihood.persons import persons_before
+from estimator.vision.likelihood.reader import persons_before
 from estimator.vision.likelihood.settings import cue_settings
 from estimator.vision.limbs import Limbs, limbs_of
 from humanoid.kinematics.body import Body, points_in_world

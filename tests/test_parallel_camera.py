@@ -31,7 +31,7 @@ from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
 from estimator.vision.patches import patch_view
 from estimator.vision.prediction import Prediction, Predictor
-from estimator.vision.undistortion import undistortion_maps
+from estimator.vision.stereo import undistortion_maps
 from estimator.vision.visibility import OUTER, VISIBLE
 from humanoid.kinematics.body import ROOT_PLACE_Q, Body, points_in_world
 from humanoid.shape.surface import surface_of

@@ -19,8 +19,8 @@ from estimator.inference.chains.feature_density import FeatureDensity, gaussian
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import landmark_features, skin_features
 from estimator.trackers.dual_chain.pose_chain import Expected, ParticleSet, PoseChain, PoseChainSettings
-from estimator.trackers.dual_chain.pose_elsewhere import anywhere
 from estimator.trackers.dual_chain.pose_parts import PoseParts
+from estimator.trackers.dual_chain.pose_target import anywhere
 from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.limbs.graph import limb_graph

@@ -20,7 +20,7 @@ from estimator.tracking.smoothing import smooth_track
 from estimator.tracking.smoothing.renewal import Renewal, Trajectory
 from estimator.tracking.smoothing.ties import FlowTie
 from estimator.vision.cues.assigned import AssignedPoints, assignments
-from estimator.vision.likelihood.ahead import ReadAhead
+from estimator.vision.likelihood.reader import ReadAhead
 from humanoid.kinematics.body import Body
 from kinemode.explain import cue_reader, run_settings
 from kinemode.rendering.clip import RenderedClip

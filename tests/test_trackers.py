@@ -16,6 +16,7 @@ from estimator.data.observation import Observation
 from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import State, TrackerProtocol
+from estimator.trackers.baselines.single_mode import unlimited
 from estimator.trackers.capabilities import Parallel, SupportsSmoothing, UsesLookahead
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.particle_set import FrameEnergy
@@ -23,7 +24,6 @@ from estimator.trackers.particle_state import ParticleState
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.runner import run, run_into
 from estimator.tracking.settings import Settings
-from humanoid.kinematics.unlimited import unlimited
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.errors import InputError
 from tests.tiny_clip import FEW_STARTS

@@ -23,6 +23,7 @@ from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
+from estimator.trackers.baselines.single_mode import unlimited
 from estimator.trackers.capabilities import SupportsSmoothing, sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
@@ -30,7 +31,6 @@ from estimator.tracking.runner import run
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
-from humanoid.kinematics.unlimited import unlimited
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode.rendering.clip import RenderedClip

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import trimesh
 from scipy.spatial.transform import Rotation
 from trimesh.visual.material import PBRMaterial
@@ -20,7 +21,6 @@ from estimator.data.formats.opensim import R_OPENSIM_WORLD
 from estimator.runs.run_reader import Run
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
-from viz.links import link_names
 from viz.solids.body_solids import body_solids
 from viz.solids.solid import DrawnMesh, merged
 
@@ -121,3 +121,15 @@ def _continuous(quaternions: np.ndarray) -> np.ndarray:
     flips = np.cumsum(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0) % 2
     signs = np.concatenate([[1.0], np.where(flips, -1.0, 1.0)])
     return np.asarray(signs[:, None] * quaternions)
+
+
+def link_names(body: Body) -> tuple[str, ...]:
+    """A name for each joint (njoints), no two alike: of the first link that it moves, else its own; joint 0 stands for
+    what is fixed to the world."""
+    links: dict[int, str] = {}
+    for frame in body.model.frames:
+        if frame.type == pin.FrameType.BODY and frame.name != "universe":
+            links.setdefault(int(frame.parentJoint), frame.name)
+    taken = set(links.values())
+    own = (f"joint {name}" if name in taken else str(name) for name in body.model.names)
+    return tuple(links.get(j, name) for j, name in enumerate(own))

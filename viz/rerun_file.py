@@ -23,7 +23,7 @@ from estimator.runs.coordinates import joint_entries
 from estimator.runs.run_reader import Run
 from humanoid.support.extras import optional
 from viz import palette
-from viz.links import link_names
+from viz.gltf import link_names
 from viz.scene import Scene, as_scene
 from viz.solids.body_solids import body_solids, skeleton
 from viz.solids.solid import merged, side_of

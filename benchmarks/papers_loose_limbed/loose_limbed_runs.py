@@ -24,8 +24,8 @@ from estimator.inference.mixture import Mode
 from estimator.inference.mixture import mixture_of as mixture_of_modes
 from estimator.inference.particles import normalised
 from estimator.trackers.frame_result import FrameResult
-from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood
+from estimator.trackers.loose_limbed.limbs.window import LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.state import LimbState
 from estimator.trackers.loose_limbed.tracker import LooseLimbed
 from estimator.tracking.frame_by_frame import FrameByFrame

@@ -24,9 +24,8 @@ from estimator.trackers.base import TrackerProtocol
 from estimator.trackers.capabilities import sharing
 from estimator.tracking.registry import Settings, make_tracker, settings_for
 from estimator.tracking.runner import run
-from estimator.vision.likelihood.ahead import ReadAhead
 from estimator.vision.likelihood.image_likelihood import CameraLikelihood
-from estimator.vision.likelihood.reader import CueReader
+from estimator.vision.likelihood.reader import CueReader, ReadAhead
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject

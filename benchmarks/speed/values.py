@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.support.common import Json, save
 from estimator.data.observation import Observation
 from estimator.energy.term import Term
-from estimator.search.association import AS_DETECTED
+from estimator.search.hypothesis import AS_DETECTED
 from estimator.synthesis import DetectorSettings, ViewSettings
 from estimator.trackers.capabilities import energy_of
 from estimator.trackers.particle_set import FrameEnergy

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.keypoints import KeypointTrack
+from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError
@@ -97,3 +99,15 @@ def _camera(
         each = ", ".join(f"{what} {w} x {h}" for what, (w, h) in stated.items())
         raise InputError(track.source or name, f"image sizes of {name!r} disagree: {each}")
     return cameras[name]
+
+
+Progress = Callable[[int, int], None]
+"""Is told how many instants of how many are done."""
+
+
+class Cues(Protocol):
+    """Where the pictures' cues come from (see `estimator.vision.likelihood.reader.CueReader`)."""
+
+    def at(self, index: int) -> tuple[ImageCues, ...]:
+        """The cues of every camera at a frame."""
+        ...

@@ -10,9 +10,9 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.runs.run_file import Run
-from estimator.search.association import EXCHANGED
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
+from estimator.search.hypothesis import EXCHANGED
 from humanoid.subject.landmarks import mirror_index
 
 MOST = 0.5

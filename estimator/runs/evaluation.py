@@ -15,9 +15,18 @@ import numpy as np
 
 from estimator.numerics.alignment import similarity_onto
 from estimator.runs.coordinate_errors import JointScore, coordinate_errors, joint_coordinates
-from estimator.runs.pairs import ComparedFrames, match_frames, paired
+from estimator.runs.pairs import (
+    FEWEST,
+    HIPS,
+    HIPS_ALIGNED,
+    LIMB_JOINTS,
+    ComparedFrames,
+    SharedLandmarks,
+    match_frames,
+    paired,
+    shared_landmarks,
+)
 from estimator.runs.reference_motion import Reference
-from estimator.runs.shared_landmarks import FEWEST, HIPS, HIPS_ALIGNED, LIMB_JOINTS, SharedLandmarks, shared_landmarks
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.data.formats.bvh_text import write_bvh
+from estimator.data.formats.bvh import write_bvh
 from estimator.data.formats.c3d import Channels, write_c3d
 from estimator.data.formats.opensim import write_mot, write_trc
 from estimator.data.formats.osim import write_osim

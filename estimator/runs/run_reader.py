@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -22,9 +22,8 @@ from estimator.runs.joint_table import data_frame
 from estimator.runs.posterior import Posterior
 from estimator.runs.run_checks import check_frame, check_observation, check_trajectory, extra_of
 from estimator.runs.run_header import RunHeader
+from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.spread import LEVEL, Spread, spread_of
-from estimator.runs.stacking import stacked
-from estimator.runs.temporary_run import TemporaryFolder
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack
 from humanoid.kinematics.body import Body
@@ -454,3 +453,34 @@ def _symmetric(triangle: np.ndarray, n: int) -> np.ndarray:
     full[:, rows, columns] = triangle
     full[:, columns, rows] = triangle
     return full
+
+
+_MOST = 50_000_000  # entries that are filled up
+
+
+def stacked(frames: Sequence[np.ndarray | None], source: Path, name: str) -> np.ndarray:
+    """Arrays of T frames as one (T, ...), of which one at least is there.
+
+    What a frame lacks is NaN, and numbers and booleans become floats for it, or empty where they are text.
+
+    Raises
+    ------
+    InputError: some have more axes than others, or are text and others are not; or most of many entries would be
+        filling. source, name: whose they are, for what is said.
+    """
+    there = [a for a in frames if a is not None]
+    text = {a.dtype.kind == "U" for a in there}
+    if len({a.ndim for a in there}) > 1 or len(text) > 1:
+        raise InputError(source, "is of different kinds in different frames", place=name, remedy="take frames singly")
+    if len(there) == len(frames) and len({a.shape for a in there}) == 1:
+        return np.stack(there)
+    width = max(a.dtype.itemsize // 4 for a in there) if text == {True} else 1
+    shape = (len(frames), *np.max([a.shape for a in there], axis=0, initial=0).astype(int).tolist())
+    if np.prod(shape, dtype=float) * width > _MOST:
+        raise InputError(source, f"would fill {shape} entries", place=name, remedy="take frames singly")
+    out = np.full(shape, "", dtype=f"U{max(width, 1)}") if text == {True} else np.full(shape, np.nan)
+    for t, array in enumerate(frames):
+        if array is not None:
+            filled = out[t : t + 1]
+            filled[(slice(None), *map(slice, array.shape))] = array
+    return out

@@ -13,10 +13,15 @@ for each other and a killed process loses nothing committed. Closing folds the l
 
 from __future__ import annotations
 
+import os
+import shutil
 import sqlite3
+import tempfile
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import ClassVar
 
 from humanoid.support.errors import InputError
 
@@ -140,3 +145,24 @@ def _refused(path: Path, why: str, kept: bool) -> InputError:
     if not kept:
         return InputError(path, f"cannot be written: {full}", remedy="make room, or name a file on another disk")
     return InputError(path, f"{full}; what was tracked is kept", remedy="make room, --resume then continues it")
+
+
+class TemporaryFolder:
+    """A folder that is removed when this object is gone, at the latest when the process ends."""
+
+    _known: ClassVar[weakref.WeakValueDictionary[Path, TemporaryFolder]] = weakref.WeakValueDictionary()
+
+    def __init__(self) -> None:
+        self.path = Path(tempfile.mkdtemp(prefix="kinemode-")).resolve()
+        self._known[self.path] = self
+        weakref.finalize(self, _remove, self.path, os.getpid())
+
+    @classmethod
+    def of(cls, file: Path) -> TemporaryFolder | None:
+        """The one that a file lies in, if it is one of this process."""
+        return cls._known.get(file.resolve().parent)
+
+
+def _remove(folder: Path, process: int) -> None:
+    if os.getpid() == process:  # not in a forked child, whose parent continues it
+        shutil.rmtree(folder, ignore_errors=True)

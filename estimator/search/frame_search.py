@@ -16,9 +16,8 @@ from estimator.energy.limb_targets import LimbPull, LimbTargets
 from estimator.energy.term import Cost, QuadraticModel, Term
 from estimator.inference.mixture import Mode
 from estimator.inference.origin import Origin, PoseKey, PreviousPose
-from estimator.search.association import Association
 from estimator.search.cost_model import CostModel
-from estimator.search.hypothesis import Candidate, Hypothesis, Refined
+from estimator.search.hypothesis import Association, Candidate, Hypothesis, Refined
 from estimator.search.settings import ModeSearchSettings
 from estimator.search.volumes import Surroundings
 from estimator.vision.cues.base import PastPose

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.energy.descent.solution import StepCounts
+from estimator.energy.reprojection import Reprojection
 from estimator.inference.mixture import Mode
 from estimator.inference.origin import Family, Origin
 
@@ -63,3 +64,18 @@ class Refined(NamedTuple):
     def score(self) -> float:
         """See `Candidate.score`."""
         return self.hypothesis.prior_score - self.mode.energy
+
+
+AS_DETECTED, EXCHANGED = "as_detected", "exchanged"
+
+
+class Association(NamedTuple):
+    """One data association of a frame's keypoints with landmarks.
+
+    name: `AS_DETECTED`, or `EXCHANGED` (left and right). term: the keypoints' energy under it. penalty: the energy that
+    choosing it costs.
+    """
+
+    name: str
+    term: Reprojection
+    penalty: float

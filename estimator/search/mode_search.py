@@ -15,13 +15,12 @@ from estimator.energy.reprojection import Reprojection
 from estimator.inference.merge import best_distinct, body_size
 from estimator.inference.mixture import Mixture, mixture_of
 from estimator.numerics.pool import OneProcess, Workers
-from estimator.search.association import AS_DETECTED, EXCHANGED, Association
 from estimator.search.cost_model import CostModel
 from estimator.search.examples.index import REMEDY, load_index
 from estimator.search.examples.known import Examples
 from estimator.search.examples.person_seen import CUES, PersonEvidence
 from estimator.search.frame_search import FrameProblem, FrameSearch
-from estimator.search.hypothesis import Candidate, Hypothesis, Refined
+from estimator.search.hypothesis import AS_DETECTED, EXCHANGED, Association, Candidate, Hypothesis, Refined
 from estimator.search.jumps import KinematicJumps
 from estimator.search.settings import BY_HEIGHT, BY_IMPORTANCE, ModeSearchSettings
 from estimator.search.volumes import importance_log_volumes

@@ -11,10 +11,10 @@ from estimator.data.image_cues import ImageCues
 from estimator.data.observation import Observation
 from estimator.energy.limb_targets import LimbPull
 from estimator.numerics.pool import checked_count, worker_pool
-from estimator.search.association import Association
 from estimator.search.cost_model import CostModel
 from estimator.search.cost_settings import CostSettings
 from estimator.search.frame_search import FrameProblem, FrameSearch
+from estimator.search.hypothesis import Association
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
 from estimator.vision.likelihood.settings import CueSettings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,3 +55,43 @@ def _edge(camera: Camera, along: float) -> np.ndarray:
     if camera.parallel:
         return camera.rays(border)[0] @ R.T * [1.0, 1.0, 0.0] + [0.0, 0.0, along]
     return camera.directions(border) * (along - camera.centre_world @ R[2]) + camera.centre_world @ R.T
+
+
+_BEHIND = 0.35  # m from the place to the nearest board
+
+
+_APART = 0.05  # m between two boards' planes
+
+
+@dataclass(frozen=True, eq=False)
+class SwingingDistractor:
+    """A board: quads where it hangs in the middle of its swing; way (3,) [m]: from there to where it turns. seconds: of
+    a whole swing. phase [rad]: at time 0."""
+
+    quads: scene.Quads
+    way: np.ndarray
+    seconds: float
+    phase: float
+
+    def at(self, time: float) -> scene.Quads:
+        """The board at a time [s]."""
+        return scene.moved(self.quads, self.way * np.sin(2.0 * np.pi * time / self.seconds + self.phase))
+
+
+def swinging_boards(
+    rng: np.random.Generator, count: int, colour: np.ndarray, place: MotionArea, azimuth: float
+) -> list[SwingingDistractor]:
+    """Boards (count) of about a colour (3,) BGR, behind a place as seen from `azimuth` [rad], as high as chest and
+    head of who stands there."""
+    made = []
+    for k in range(count):
+        size, height = rng.uniform([0.08, 0.1], [0.3, 0.35]), rng.uniform(0.7, 1.5)
+        board = scene.skin_board(rng, np.array([0.0, -0.5 * size[0], height]), size, colour)
+        back = -(place.radius + _BEHIND + _APART * k)
+        board = scene.turned(scene.moved(board, np.array([back, rng.uniform(-0.3, 0.3), 0.0])), azimuth)
+        way = rng.uniform(0.3, 0.8) * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        shift = np.array([*place.centre, place.floor])
+        made.append(
+            SwingingDistractor(scene.moved(board, shift), way, rng.uniform(2.0, 4.0), rng.uniform(0.0, 2.0 * np.pi))
+        )
+    return made

@@ -14,8 +14,8 @@ from estimator.inference.merge import body_size
 from estimator.inference.mixture import Mixture, Mode, mixture_of
 from estimator.inference.origin import Family, Origin, PreviousPose
 from estimator.inference.particles import Particles
-from estimator.search.association import AS_DETECTED
 from estimator.search.first_pose import start_modes
+from estimator.search.hypothesis import AS_DETECTED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.mixture_state import classify_frame, predict_unobserved

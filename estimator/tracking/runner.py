@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.data.source import Cues, Progress
+from estimator.data.sequence import Cues, Progress
 from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.capabilities import frames_behind
 from estimator.trackers.frame_result import FrameResult

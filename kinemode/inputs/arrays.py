@@ -13,7 +13,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from estimator.runs.temporary_run import TemporaryFolder
+from estimator.runs.run_store import TemporaryFolder
 from humanoid.support.errors import InputError, misplaced
 from kinemode.inputs.named import Named, PathLike
 

@@ -12,8 +12,8 @@ from rich.table import Table
 from estimator.runs.coordinate_errors import JointScore
 from estimator.runs.evaluation import LIMB_JOINTS, Evaluation
 from estimator.runs.gait import Gait
+from estimator.runs.pairs import CENTRED
 from estimator.runs.run_file import Run
-from estimator.runs.shared_landmarks import CENTRED
 from estimator.tracking.fitting.fit import Fit, ShapeFit
 from estimator.tracking.registry import TRACKERS
 from estimator.vision.likelihood.registry import CUES

@@ -4,8 +4,7 @@ Each raises `ContractError`, an AssertionError, at the first promise that is bro
 """
 
 from kinemode.testing.cues import check_cue
-from kinemode.testing.differences import slope
-from kinemode.testing.laws import ContractError
+from kinemode.testing.laws import ContractError, slope
 from kinemode.testing.terms import check_term
 from kinemode.testing.trackers import check_tracker
 

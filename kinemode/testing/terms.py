@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from humanoid.kinematics.body import Body
-from kinemode.testing.differences import slope
-from kinemode.testing.laws import require
+from kinemode.testing.laws import require, slope
 
 _GRADIENT, _LEAST = (
     1e-5,

@@ -16,7 +16,7 @@ import meshcat.geometry as g
 import numpy as np
 
 from estimator.data.cameras.camera import Camera
-from estimator.vision.undistortion import undistortion_maps
+from estimator.vision.stereo import undistortion_maps
 from viz import palette
 from viz.preview.recorder import TexturedPlane, line_segments
 from viz.scene import Scene, evenly

@@ -27,7 +27,7 @@ from estimator.trackers.mixture_state import (
     search_counts,
 )
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
-from humanoid.kinematics.unlimited import unlimited
+from humanoid.kinematics.body import Body
 from humanoid.support.idle import idle_where
 
 
@@ -115,3 +115,15 @@ SPECS = (
     ),
     _spec("single-mode", "robust single mode with joint limits (CSS section 6)", SingleModeSettings(), {}),
 )
+
+
+def unlimited(body: Body) -> Body:
+    """The same body without joint limits: for trackers that are to show what the limits are worth (CSS section 6).
+
+    Kinematics, landmarks, stabilisers and rest pose are the same; `lower` and `upper` are infinite, `bounded_v` and
+    `bounded_q` empty, so that `clamp` and `integrate` hold nothing back.
+    """
+    model = body.model.copy()
+    model.lowerPositionLimit = np.full(body.nq, -np.inf)
+    model.upperPositionLimit = np.full(body.nq, np.inf)
+    return Body(body.subject, model)

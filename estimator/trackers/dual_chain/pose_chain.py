@@ -23,9 +23,8 @@ from estimator.inference.steps import Reach, TruncatedSteps
 from estimator.inference.tempering import Tempered, TemperingSettings, tempered
 from estimator.inference.walk import SampleBox
 from estimator.trackers.dual_chain.pose_draws import PartDraws
-from estimator.trackers.dual_chain.pose_elsewhere import GUIDED, anywhere
 from estimator.trackers.dual_chain.pose_parts import PoseParts
-from estimator.trackers.dual_chain.pose_target import Expected, PoseTarget
+from estimator.trackers.dual_chain.pose_target import GUIDED, Expected, PoseTarget, anywhere
 from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body
 from humanoid.support.settings import check, setting

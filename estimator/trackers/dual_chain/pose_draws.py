@@ -14,8 +14,7 @@ from estimator.inference.particles import normalised, systematic
 from estimator.inference.steps import TruncatedSteps
 from estimator.search.proposals.limb_ik import ImageProposal
 from estimator.trackers.dual_chain.kalman_steps import KalmanSteps, Length, kalman_steps
-from estimator.trackers.dual_chain.pose_elsewhere import BY_IMAGE, GUIDED, TRIES
-from estimator.trackers.dual_chain.pose_target import PoseTarget
+from estimator.trackers.dual_chain.pose_target import BY_IMAGE, GUIDED, TRIES, PoseTarget
 
 _WAYS = 6  # to see the features of a part, that lead it
 _WIDER = 1.3  # are led steps, which are linear, than those of the past

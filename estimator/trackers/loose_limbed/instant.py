@@ -15,13 +15,12 @@ from estimator.data.observation import Observation
 from estimator.inference.beliefs.mixture import Density
 from estimator.search.cost_model import CostModel
 from estimator.trackers.initialisation import enough_keypoints
-from estimator.trackers.loose_limbed.limbs.instant import LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.limbs.keypoint_evidence import KeypointEvidence, KeypointEvidenceSettings
 from estimator.trackers.loose_limbed.limbs.landmarks_of_limbs import LimbLandmarks, landmarks_of_limbs
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from estimator.trackers.loose_limbed.limbs.likelihood import LimbLikelihood, LimbSettings, LimbView
 from estimator.trackers.loose_limbed.limbs.volume import common_box
-from estimator.trackers.loose_limbed.limbs.window import Instant
+from estimator.trackers.loose_limbed.limbs.window import Instant, LimbLogRatio, limb_views, shows_person
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals
 from estimator.trackers.loose_limbed.part_detectors.hull import HullSettings, hull_proposals
 from estimator.trackers.loose_limbed.part_detectors.importance import ImportanceSettings, importance_functions

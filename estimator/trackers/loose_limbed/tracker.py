@@ -23,7 +23,7 @@ from estimator.trackers.loose_limbed.assembly import assembled
 from estimator.trackers.loose_limbed.instant import InstantReader
 from estimator.trackers.loose_limbed.left_over_detector import left_over_places
 from estimator.trackers.loose_limbed.limb_places import PlacementCluster
-from estimator.trackers.loose_limbed.limbs.potential_choice import potentials_for
+from estimator.trackers.loose_limbed.limbs.potential_learning import potentials_for
 from estimator.trackers.loose_limbed.limbs.potentials import LimbPotentials
 from estimator.trackers.loose_limbed.limbs.window import Beliefs, PastBeliefs, initial_messages, window
 from estimator.trackers.loose_limbed.settings import LooseLimbedSettings

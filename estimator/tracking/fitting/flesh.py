@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.data.source import Cues
+from estimator.data.sequence import Cues
 from estimator.tracking.fitting.body_energy import BodyEnergy, Gaussian, seen_at
 from estimator.tracking.fitting.descent import covariance_at, descend
 from estimator.tracking.fitting.fit import Fit, ShapeFit

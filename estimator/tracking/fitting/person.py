@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from estimator.data.observation import Observation
-from estimator.data.source import Cues
+from estimator.data.sequence import Cues
 from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.fitting.flesh import fit_flesh
 from estimator.tracking.fitting.lengths import fit_lengths

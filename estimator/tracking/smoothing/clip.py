@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.data.observation import Observation
-from estimator.data.source import Cues, Progress
+from estimator.data.sequence import Cues, Progress
 from estimator.energy.descent.contact import separate
 from estimator.energy.descent.solution import STALLED, Solution
 from estimator.energy.priors import Transition
 from estimator.energy.term import Cost
 from estimator.inference.best_path import best_path
 from estimator.inference.motion import MotionPrior
-from estimator.search.association import EXCHANGED
+from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.paths import backtrack_results

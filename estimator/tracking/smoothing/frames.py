@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.energy.term import Cost, Term
-from estimator.search.association import EXCHANGED
+from estimator.search.hypothesis import EXCHANGED
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import observable

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ from estimator.data.cameras.camera import Camera
 from estimator.data.image_cues import ImageCues
 from estimator.data.media.clip import Clip
 from estimator.vision.camera_pictures import CameraPictures
-from estimator.vision.known_person import KnownPerson
+from estimator.vision.known_person import KnownPerson, known_persons
 from estimator.vision.likelihood.registry import CUES
 from estimator.vision.likelihood.settings import CueSettings
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import BUILT_IN, Subject, load_subject
 
 
 class CueReader:
@@ -90,3 +93,44 @@ class _View:
         read: dict[str, Any] = {cue.name: cue.read(self.pictures, index, s, known) for cue, s, known in self._used}
         picture = self.pictures.picture(index)
         return ImageCues(self.pictures.camera, {n: value for n, value in read.items() if value is not None}, picture)
+
+
+def persons_before(
+    subject: Subject, cameras: Sequence[Camera], pixels: np.ndarray, confidence: np.ndarray, chosen: CueSettings
+) -> Sequence[KnownPerson] | None:
+    """What keypoints (T, C, L, 2), confidence (T, C, L), say beforehand of where the person is, for every camera; None
+    where no cue asks.
+
+    The body is a built-in subject as it was shipped, so that a run's own, which was fitted later, gives the same.
+    """
+    if not any(CUES[name].uses_masks for name in chosen.used):
+        return None
+    shipped = load_subject(subject.source, base=subject.base) if subject.source in BUILT_IN else subject
+    return known_persons(Body(shipped), cameras, pixels, confidence)
+
+
+class ReadAhead:
+    """A cue reader with one thread of its own, which alone touches the files; the cues are the reader's own."""
+
+    def __init__(self, reader: CueReader) -> None:
+        self._reader = reader
+        self._thread = ThreadPoolExecutor(1, "cues")
+        self._next: tuple[int, Future[tuple[ImageCues, ...]]] | None = None
+        self.notes = reader.notes
+
+    def at(self, index: int) -> tuple[ImageCues, ...]:
+        """See `CueReader.at`; afterwards the next frame's are on their way."""
+        waiting = self._next
+        expected = waiting is not None and waiting[0] == index
+        reading = waiting[1] if waiting is not None and expected else self._thread.submit(self._reader.at, index)
+        cues = reading.result()
+        self._next = (
+            index + 1,
+            self._thread.submit(self._reader.at, index + 1),
+        )  # the error past the end is not asked for
+        return cues
+
+    def close(self) -> None:
+        """Wait for the thread and let go of the files."""
+        self._thread.shutdown(cancel_futures=True)
+        self._reader.close()

@@ -10,7 +10,14 @@ from scipy.special import ndtr, ndtri
 
 from estimator.inference.beliefs.learning import LearnSettings, RelativePlacements, learned_mixture, mirrored_points
 from estimator.inference.beliefs.space import PLACEMENTS, points_of
-from estimator.trackers.loose_limbed.limbs.potentials import Edge, LimbPotentials, LimbSteps, rest_offsets
+from estimator.trackers.loose_limbed.limbs.potentials import (
+    Edge,
+    LimbPotentials,
+    LimbSteps,
+    load_potentials,
+    rest_offsets,
+    shipped_potentials,
+)
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import LimbGraph, limb_placements
 
@@ -212,3 +219,32 @@ def log_densities(potentials: LimbPotentials, poses: LimbPoses) -> tuple[float, 
         ways += [(b, backward_points(p)) for b, p in zip(steps.backward, forward, strict=True)]
         time[dt] = float(np.mean([p.log_density(points).mean() for p, points in ways]))
     return float(np.mean(space)), time
+
+
+_STEPS = (1.0 / 30.0, 1.0 / 10.0)  # s
+
+
+_DRAWN = 400  # poses
+
+
+_SEED = 0
+
+
+def potentials_for(graph: LimbGraph, body: Body, speed: np.ndarray, path: str = "") -> LimbPotentials:
+    """Potentials of a body's limb graph, for its lengths.
+
+    path: a file of `LimbPotentials.save`. Without one the shipped ones where they are of a graph with these limbs, else
+    they are learned from poses drawn within the joint limits, whose joints move at speed (nv,) [1/s], a standard
+    deviation; the same ones every time.
+
+    Raises
+    ------
+    InputError: the file is not readable, or is of another graph.
+    """
+    if path:
+        return load_potentials(path).of_graph(graph, body, path)
+    shipped = shipped_potentials()
+    if set(shipped.limbs) == set(graph.names):
+        return shipped.of_graph(graph, body)
+    poses = drawn_poses(body, graph, _DRAWN, _STEPS, speed, np.random.default_rng(_SEED))
+    return learned_potentials(graph, body, poses, LearnSettings())
