@@ -69,7 +69,7 @@ def _table(group: Any, table: str, entry: _Entry | None) -> Iterator[str]:
         said = valid[name].said if name in valid else ""
         yield tomli_w.dumps({name: value}).rstrip() + (f"  # {said}" if said else "")
     for name, value in values.items():
-        if is_group(value):
+        if is_group(value) and members(value):  # what only plugins fill may be empty
             yield from _table(value, f"{table}.{name}", about.get(name))
 
 
