@@ -234,6 +234,17 @@ def test_what_has_no_effect_on_this_input_is_noted() -> None:
     assert "cues.edges" not in edges
 
 
+def test_former_names_of_settings_and_groups_are_taken() -> None:
+    """Those of the trackers, deep within their tables too."""
+    given = {"shout": {"by_hull": False}, "propagation": {"product": {"sighted": False}}}
+    chosen = choose("loose-limbed", {"loose_limbed": given})
+    assert not chosen.settings.own.part_detectors.by_hull
+    assert not chosen.settings.own.propagation.product.image_weighted
+    notes = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
+    assert "the setting loose_limbed.shout is called loose_limbed.part_detectors now" in notes
+    assert choose("css", {"css": {"other_readings": 3}}).settings.own.swapped_readings == 3
+
+
 def test_settings_of_another_group_once_are_found_where_they_are_now() -> None:
     once = {"edge_nu": 3.0, "depth_noise": 0.1, "rounds": 2}
     former = {"cost": {"nu": 5.0, "image": once}, "cues": {"edges": {"window": 0.2}}}

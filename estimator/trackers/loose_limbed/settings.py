@@ -41,7 +41,7 @@ class LooseLimbedSettings:
     start_rounds: int = setting(2, at_least=1)
     start_proposal_factor: float = setting(0.9, at_least=0, at_most=1)
     seen: SeenSettings = field(default_factory=SeenSettings)
-    part_detectors: PartDetectorSettings = field(default_factory=PartDetectorSettings, metadata=formerly("proposal"))
+    part_detectors: PartDetectorSettings = field(default_factory=PartDetectorSettings, metadata=formerly("shout"))
     modes: int = setting(5, at_least=1)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
 

@@ -18,7 +18,7 @@ class ImportanceSettings:
     """Q: kernels about what was proposed, and anywhere.
 
     place [m], turn [rad]: standard deviations of the kernels. anywhere: share that is even in the cameras' common
-    volume and turned anyhow, for limbs that nothing is proposed rightly; without a proposal Q is that alone.
+    volume and turned anyhow, for limbs of which no proposal is right; without any proposal Q is that alone.
     """
 
     place: float = setting(0.04, above=0)
