@@ -93,7 +93,7 @@ def test_a_failure_leaves_nothing(clip: RenderedClip, temporary: Path, monkeypat
 def test_it_goes_with_the_process_but_not_with_a_forked_one(temporary: Path) -> None:
     code = """
 import os, sys
-from estimator.runs.run_file import TemporaryFolder
+from estimator.runs.run_store import TemporaryFolder
 kept = TemporaryFolder()
 child = os.fork()
 if child == 0:
