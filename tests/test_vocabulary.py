@@ -24,8 +24,8 @@ CLASSES = re.compile(
 )
 """Those of classes."""
 MESSAGES = re.compile(
-    r"\bshout|\bgoes by\b|\bgoes on with\b|\bheard nothing\b|beyond all measure|\bfloors? of the house\b|"
-    r"frames per second cannot be|: [^ ]+ cannot be$"
+    r"\bshout(?:s|ed|ers?|ing)\b|\bgoes by\b|\bgoes on with\b|\bheard nothing\b|beyond all measure"
+    r"|frames per second cannot be|: [^ ]+ cannot be$"
 )
 """Phrases that messages and docstrings do without."""
 
