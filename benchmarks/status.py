@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.registry import Measure, by_name, find
+from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 from humanoid.support.files import read_toml
 
@@ -107,5 +108,7 @@ def measures_without_line(systems: Sequence[System]) -> list[str]:
 def write(path: Path = STATUS) -> list[str]:
     """Write the tables of the page; returns the names of the measures without a line."""
     systems = load()
-    path.write_text(with_tables(path.read_text(encoding="utf-8"), systems), encoding="utf-8")
+    text = with_tables(path.read_text(encoding="utf-8"), systems)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return measures_without_line(systems)

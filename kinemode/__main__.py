@@ -95,7 +95,7 @@ def _how_to_go_on(arguments: list[str], stop: BaseException) -> str:
 
 
 def _resuming(arguments: list[str]) -> list[str]:
-    """The command line that continues with what a command line began."""
+    """The command line that continues what a command line began."""
     again = [a for a in arguments if a.partition("=")[0] not in ("--resume", "--overwrite")]
     end = again.index("--") if "--" in again else len(again)  # beyond it everything is a clip
     return [*again[:end], "--resume", *again[end:]]

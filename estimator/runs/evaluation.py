@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from estimator.runs.run_file import Run
 
 __all__ = ["HIPS", "LIMB_JOINTS", "Evaluation", "Reference", "SharedLandmarks", "best_of_k", "evaluate",
-"evaluate_points",
-    "joint_errors", "largest_penetration", "limit_violations", "match_frames", "mpjpe", "nothing_shared", "pa_mpjpe",
-    "procrustes", "shared_landmarks"]  # fmt: skip
+    "evaluate_points", "joint_errors", "largest_penetration", "limit_violations", "match_frames", "mpjpe",
+    "nothing_shared", "pa_mpjpe", "procrustes", "shared_landmarks"]  # fmt: skip
 
 _LIMIT_TOLERANCE = 1e-9
 

@@ -18,31 +18,22 @@ if TYPE_CHECKING:
     from estimator.search.cost_settings import CostSettings
 
 
-def pose_prior_share(body: Body, cost: CostSettings) -> float:
-    """Share of the rest-position priors, 0 to 1, whose place the learned mixture takes; 0 for a body that the shipped
-    one does not suit."""
-    share = cost.pose_prior_weight
-    return share if cost.stabiliser_weight * share > 0.0 and without_prior(body, cost) is None else 0.0
-
-
 def without_prior(body: Body, settings: CostSettings) -> str | None:
     """What a body lacks for the shipped mixture, which is then left out; None where nothing, or a file is named, which
     has to suit it."""
     return None if settings.pose_prior_file else misfit(body, shipped_mixture())
 
 
-def _stabilisers(context: TermContext, _: None) -> list[Term]:
-    strength, share = context.cost.stabiliser_weight, pose_prior_share(context.body, context.cost)
-    return [Stabilisers(context.body, strength * (1.0 - share))] if strength > 0.0 and share < 1.0 else []
-
-
-def _pose_prior(context: TermContext, _: None) -> list[Term]:
+def _rest_priors(context: TermContext, _: None) -> list[Term]:
+    """The stabilisers, a learned mixture, or a share of each; the stabilisers alone for a body that the shipped mixture
+    does not suit."""
     body, cost = context.body, context.cost
-    share = pose_prior_share(body, cost)
-    if share <= 0.0:
-        return []
+    strength, share = cost.stabiliser_weight, cost.pose_prior_weight
+    if strength * share <= 0.0 or without_prior(body, cost) is not None:
+        return [Stabilisers(body, strength)] if strength > 0.0 else []
     mixture = load_mixture(cost.pose_prior_file) if cost.pose_prior_file else shipped_mixture()
-    return [PosePrior(body, mixture, cost.stabiliser_weight * share)]
+    own: list[Term] = [Stabilisers(body, strength * (1.0 - share))] if share < 1.0 else []
+    return [*own, PosePrior(body, mixture, strength * share)]
 
 
 def _interpenetration(context: TermContext, _: None) -> list[Term]:
@@ -63,8 +54,7 @@ def _upright(context: TermContext, _: None) -> list[Term]:
 TERMS: Registry[TermSource] = Registry(
     "term",
     (
-        TermSource(Stabilisers.name, _stabilisers),
-        TermSource(PosePrior.name, _pose_prior),
+        TermSource("rest priors", _rest_priors),
         TermSource(Interpenetration.name, _interpenetration),
         TermSource(GravityPrior.name, _upright, by_cameras=True),
     ),

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from estimator.search.cost_settings import CostSettings
 from estimator.search.settings import ModeSearchSettings
 from estimator.tracking.smoothing import SmoothSettings
-from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.likelihood.settings import CueSettings, cue_settings
 from humanoid.support.settings import plain
 
@@ -22,7 +21,18 @@ _OF_CUES = {
     "depth_noise": "depth.surface_noise",
     "depth_slide": "depth.slide",
     "depth_nu": "depth.nu",
-    **{f.name: f"surface.{f.name}" for f in fields(SurfaceSettings)},
+    **{
+        name: f"surface.{name}"
+        for name in (
+            "nodes",
+            "fineness",
+            "beside_keypoints",
+            "visibility_evidence",
+            "back_facing",
+            "occluded",
+            "rounds",
+        )
+    },
 }
 MOVED = {f"cost.image.{former}": f"cues.{now}" for former, now in _OF_CUES.items()}
 """Settings that were in another group once, by their former names with all groups in front."""

@@ -1,4 +1,4 @@
-"""A clip's keypoints into a file: frame by frame into one beside it, which a second call continues with."""
+"""A clip's keypoints into a file: frame by frame into one beside it, which a second call continues."""
 
 from __future__ import annotations
 

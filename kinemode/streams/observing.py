@@ -24,8 +24,7 @@ class Observer:
     """Makes the observations of a stream, in order.
 
     layout: see `estimator.data.formats.keypoints_in_memory`. jitter [px]: how much keypoints tremble, of each camera or
-    of all
-    (`Observation.jitter`); None tells it from the last frames, `REMEMBERED` at most.
+    of all (`Observation.jitter`); None tells it from the last frames, `REMEMBERED` at most.
     """
 
     def __init__(

@@ -132,9 +132,7 @@ def _distortion(value: Any, source: str | Path, place: str, *, fisheye: bool) ->
             needed, remedy = "4, 5, 8, 12 or 14 coefficients are", "k1, k2, p1, p2, k3, ... in the order of OpenCV"
         raise InputError(source, f"{needed} needed, found {shape}", place=place, remedy=remedy)
     if (np.abs(coefficients) > _COEFFICIENT).any():
-        raise InputError(
-            source, "has a coefficient at least 1e7 in size", place=place, remedy=f"up to {_COEFFICIENT:g}"
-        )
+        raise InputError(source, "has a coefficient too large", place=place, remedy=f"up to {_COEFFICIENT:g}")
     return coefficients if fisheye or coefficients.size > 4 else np.append(coefficients, 0.0)
 
 

@@ -48,7 +48,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], 
         if array.dtype.kind == "U" and not valid_text(array):
             raise DamageError(f"{name} has characters that are none")
         if array.dtype.kind == "f" and field.finite and not (np.abs(array) < _LARGEST).all():
-            raise DamageError(f"{name} has numbers that are not finite, or at least 1e7 in size")
+            raise DamageError(f"{name} has numbers that are not finite, or at least {_LARGEST:g} in size")
 
 
 def sizes_of(body: Body) -> dict[str, int]:

@@ -131,5 +131,5 @@ def _numbers(cells: list[str], count: int, path: Path, number: int) -> list[floa
     except ValueError:
         raise InputError(path, "has a cell that is no number", place=f"line {number}") from None
     if any(abs(value) > _MOST for value in row):
-        raise InputError(path, "has a number at least 1e7 in size", place=f"line {number}", remedy=f"up to {_MOST:g}")
+        raise InputError(path, "has a number too large", place=f"line {number}", remedy=f"up to {_MOST:g}")
     return row

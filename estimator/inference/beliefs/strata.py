@@ -157,7 +157,7 @@ def node_samples(
         likelihoods(node.log_likelihood, np.concatenate(parts)), np.cumsum([len(p) for p in parts])[:-1]
     )
     # what was drawn in proportion to the likelihood has it in its density already
-    common, (phi, *own_phi, shouted_phi) = (
+    common, (phi, *own_phi, proposed_phi) = (
         draws[0],
         [
             np.zeros(len(p)) if d is not None and d.image_weighted else p
@@ -181,7 +181,7 @@ def node_samples(
             Stratum(
                 proposed[s],
                 proposal_weight(flat[1][s], proposed_factors[:, s], target.to, log_proposal[s]),
-                proposal_weight(shouted_phi[s], proposed_factors[:, s], target.to, log_proposal[s]),
+                proposal_weight(proposed_phi[s], proposed_factors[:, s], target.to, log_proposal[s]),
             ),
         ]
         samples.append(Weighted(*weighted(strata)))

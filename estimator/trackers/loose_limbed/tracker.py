@@ -52,9 +52,8 @@ class LooseLimbed:
     needs_keypoints = False
 
     def __init__(self, search: ModeSearch, settings: LooseLimbedSettings | None = None) -> None:
-        self._search = (
-            search  # its energy is not that of the hypotheses, which limbs have drawn: no `SupportsSmoothing`
-        )
+        # its energy is not that of the hypotheses, which limbs have drawn: no `SupportsSmoothing`
+        self._search = search
         self.body: Body = search.body
         self.settings = settings or LooseLimbedSettings()
 

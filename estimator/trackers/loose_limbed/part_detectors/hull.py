@@ -79,10 +79,10 @@ def hull_proposals(
     """
     settings = settings or HullSettings()
     hull = visual_hull(views, likelihood.box, settings.spacing, settings.overlooked)
-    return tuple(_detectors(rng, hull, limb, likelihood, i, settings) for i, limb in enumerate(graph.limbs))
+    return tuple(_proposals(rng, hull, limb, likelihood, i, settings) for i, limb in enumerate(graph.limbs))
 
 
-def _detectors(
+def _proposals(
     rng: np.random.Generator,
     hull: VisualHull,
     limb: Limb,

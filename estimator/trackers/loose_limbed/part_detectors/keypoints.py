@@ -158,7 +158,7 @@ def _by_pairs(
     log_weight -= 0.5 * gap / noise**2 + 0.5 * np.square(misfit / allowed)
     fits = Fits(R, t, log_weight, rows, line, share @ of.place)
     fits = fits.of(np.flatnonzero(misfit <= settings.misfit * size * allowed / noise))
-    return _detectors(_rolled(limb, of, _likeliest(fits, settings), settings, pairs))
+    return _proposals(_rolled(limb, of, _likeliest(fits, settings), settings, pairs))
 
 
 def _rolled(
@@ -233,7 +233,7 @@ def _by_views(
     if not fits:
         return NOTHING
     together = Fits(*(np.concatenate(values) for values in zip(*fits, strict=True)))
-    return _detectors(_rolled(limb, of, _likeliest(together, settings), settings))
+    return _proposals(_rolled(limb, of, _likeliest(together, settings), settings))
 
 
 def _likeliest(fits: Fits, settings: KeypointDetectorSettings) -> Fits:
@@ -242,7 +242,7 @@ def _likeliest(fits: Fits, settings: KeypointDetectorSettings) -> Fits:
     return fits.of(np.flatnonzero(fits.log_weight > best + np.log(max(settings.least, 1e-300))))
 
 
-def _detectors(fits: Fits) -> PartProposals:
+def _proposals(fits: Fits) -> PartProposals:
     if not len(fits.t):
         return NOTHING
     return PartProposals(points_of(fits.t, fits.R), np.exp(fits.log_weight - fits.log_weight.max()))

@@ -25,7 +25,7 @@ _MOVED, _TURNED = 0.05, np.radians(2.0)  # by which a camera may stand elsewhere
 class TemplateSettings:
     """How limbs are looked for by templates.
 
-    score: what a place uses. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
+    score: what ranks a place. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
     places of the person; "residual" the distance from the limb's eigenspace alone, to which the inside of a trunk is
     a good limb. places: best ones that are kept of a limb, at least `apart` [m] from each other. nearest: training
     examples of each place, whose orientations are taken. spacing [m]: of the places that are looked at, more where
@@ -157,7 +157,7 @@ def template_proposals(
         wanted = [name for name in template.limbs if limbs is None or name in limbs]
         if wanted:
             patches = patches_at(views, places, template.metres, templates.side, templates.contrast)
-            part_proposals.update(dict.fromkeys(wanted, _detectors(template, places, patches, settings)))
+            part_proposals.update(dict.fromkeys(wanted, _proposals(template, places, patches, settings)))
     return tuple(part_proposals[name] for name in graph.names)
 
 
@@ -171,7 +171,7 @@ def _places(views: Sequence[PatchView], box: np.ndarray, settings: TemplateSetti
     return places
 
 
-def _detectors(
+def _proposals(
     template: LimbTemplate, places: np.ndarray, patches: np.ndarray, settings: TemplateSettings
 ) -> PartProposals:
     """Of places (N, 3) with their patches (N, D)."""
