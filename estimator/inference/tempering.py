@@ -15,13 +15,13 @@ import numpy as np
 
 from estimator.inference.particles import effective_count, normalised, systematic
 from estimator.inference.walk import SampleBox, Samples, SampleTarget, Walk
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _BISECTIONS = 30
 
 
 @dataclass(frozen=True)
-class TemperingSettings:
+class TemperingSettings(CheckedSettings):
     """How a likelihood is let in. powers: at most so many, 1 for all of it at once. survival: effective samples that
     are left by each, as a share of all. moves: of every sample at each power, 0 for none.
     Raises InputError where a value cannot be."""
@@ -29,9 +29,6 @@ class TemperingSettings:
     powers: int = setting(12, at_least=1)
     survival: float = setting(0.15, above=0, below=1)
     moves: int = setting(3, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class Tempered(NamedTuple):

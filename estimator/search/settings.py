@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from estimator.energy.descent.contact import ContactSettings
 from estimator.energy.descent.qp import PROXQP, STEP_SOLVERS
 from estimator.energy.descent.seek import SeekSettings
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 BY_KEYPOINTS, BY_INDEX = STARTS = ("keypoints", "index")
 BY_HEIGHT, BY_VOLUME, BY_IMPORTANCE = WEIGHINGS = ("height", "volume", "importance")
 
 
 @dataclass(frozen=True)
-class ModeSearchSettings:
+class ModeSearchSettings(CheckedSettings):
     """How modes are found.
 
     start: what the first pose comes from: "keypoints", or "index", the examples that look like the frame's picture,
@@ -52,6 +52,3 @@ class ModeSearchSettings:
     step_solver: str = setting(PROXQP, one_of=STEP_SOLVERS)
     weigh: str = setting(BY_HEIGHT, one_of=WEIGHINGS)
     weigh_samples: int = setting(60, at_least=1)
-
-    def __post_init__(self) -> None:
-        check(self)

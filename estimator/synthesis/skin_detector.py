@@ -9,11 +9,11 @@ import numpy as np
 
 from estimator.vision.faces import Faces
 from estimator.vision.skin import Blobs
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class SkinDetectorSettings:
+class SkinDetectorSettings(CheckedSettings):
     """How the detectors err.
 
     noise [px]: standard deviation of each coordinate. missing: share of blobs, and of faces, that are not detected.
@@ -25,9 +25,6 @@ class SkinDetectorSettings:
     missing: float = setting(0.05, at_least=0, at_most=1)
     clutter: float = setting(0.05, at_least=0)
     spread: float = setting(0.25, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 def simulated_blobs(

@@ -12,7 +12,7 @@ from estimator.data.media.threads import one_thread
 from estimator.vision.mask_box import box_about
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _BINS = 64  # of either chromaticity
 _LEAST = 1e-5  # share of a colour that was not seen
@@ -23,7 +23,7 @@ _BEYOND = 8  # px beyond where the person can be that smoothing and the closing 
 
 
 @dataclass(frozen=True)
-class SkinSettings:
+class SkinSettings(CheckedSettings):
     """How skin is told.
 
     radius: of the discs about given points that colours are learned from, as a share of the person's size in the image.
@@ -43,9 +43,6 @@ class SkinSettings:
     most: float = setting(0.2, above=0, at_most=1)
     merged: float = setting(1.7, above=1)
     largest: float = setting(2.0, above=1)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.media.threads import one_thread
 from humanoid.support.errors import InputError
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 LEAST_BASELINE = 1e-3  # m
 WIDEST_ANGLE = 40.0  # degrees between the optical axes, beyond which the two hardly see the same
@@ -20,7 +20,7 @@ _BLOCKS = 16  # and their range a multiple of this
 
 
 @dataclass(frozen=True)
-class StereoSettings:
+class StereoSettings(CheckedSettings):
     """How the pictures of a pair are matched.
 
     nearest [m]: what is nearer is not found. block [px]: side of what is compared, odd. uniqueness [%]: by how much the
@@ -37,9 +37,6 @@ class StereoSettings:
     speck: int = setting(100, at_least=0)
     noise: float = setting(0.25, above=0)
     enlarged: int = setting(640, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class StereoPair:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from humanoid.support.errors import InputError
@@ -52,12 +52,9 @@ class Valid:
         most = MOST if kind is int else LARGEST
         if kind is bool or self._holds(value, most):
             return ""
-        said = self.said if self._ends else ", ".join(part for part in (self.said, f"at most {most:g}") if part)
+        ends = self.at_most is not None or self.below is not None
+        said = self.said if ends else ", ".join(part for part in (self.said, f"at most {most:g}") if part)
         return f"a finite number, {said}"
-
-    @property
-    def _ends(self) -> bool:
-        return self.at_most is not None or self.below is not None
 
     def _holds(self, value: float, most: float) -> bool:
         bounds = (
@@ -71,23 +68,13 @@ class Valid:
         return all(bounds)
 
 
-def setting(
-    default: Any,
-    *,
-    at_least: float | None = None,
-    above: float | None = None,
-    at_most: float | None = None,
-    below: float | None = None,
-    tiny: bool = False,
-    one_of: tuple[str, ...] = (),
-    formerly: tuple[str, ...] = (),
-) -> Any:
-    """A field of a settings dataclass with its default and what can work, see `Valid`.
+def setting(default: Any, **valid: Any) -> Any:
+    """A field of a settings dataclass with its default and what can work, named as the fields of `Valid`:
+    `setting(7, at_least=1)`.
 
     What a setting is for stands in the docstring of its dataclass, from where settings files take it.
     """
-    valid = Valid(at_least, above, at_most, below, tiny, tuple(one_of), tuple(formerly))
-    return field(default=default, metadata={_DECLARED: valid})
+    return field(default=default, metadata={_DECLARED: Valid(**valid)})
 
 
 def formerly(*names: str) -> dict[str, Valid]:
@@ -101,14 +88,16 @@ def declared(group: Any) -> dict[str, Valid]:
     return {f.name: f.metadata[_DECLARED] for f in named if _DECLARED in f.metadata}
 
 
-def check(group: Any) -> None:
-    """Raise InputError where a value of a group, as it was made by a program, cannot work; for `__post_init__`."""
-    valid = declared(group)
-    for f in fields(group):
-        value = getattr(group, f.name)
-        if f.name in valid and not is_group(value) and (wanted := valid[f.name].wanted(value, type(f.default))):
-            words = "".join(f" {c.lower()}" if c.isupper() else c for c in type(group).__name__).strip()
-            raise InputError(words, f"{f.name} is {value!r}", remedy=wanted)
+class CheckedSettings:
+    """What a dataclass of settings inherits from that programs make too: a value that cannot work raises InputError."""
+
+    def __post_init__(self) -> None:
+        for name, valid in declared(self).items():
+            value = getattr(self, name)
+            # the default stands in the class, and says the kind
+            if not is_group(value) and (wanted := valid.wanted(value, type(getattr(type(self), name)))):
+                words = "".join(f" {c.lower()}" if c.isupper() else c for c in type(self).__name__).strip()
+                raise InputError(words, f"{name} is {value!r}", remedy=wanted)
 
 
 def is_group(value: Any) -> bool:
@@ -138,11 +127,7 @@ def with_members(group: T, new: Mapping[str, Any]) -> T:
 
 def plain(group: Any) -> Any:
     """A group as nested dictionaries."""
-    if not is_group(group):
-        return group
-    if hasattr(group, "members") or isinstance(group, Mapping):
-        return {name: plain(value) for name, value in members(group).items()}
-    return asdict(group)
+    return {name: plain(value) for name, value in members(group).items()} if is_group(group) else group
 
 
 def every_setting(group: Any, table: str = "") -> Iterator[tuple[str, str, Any]]:

@@ -13,7 +13,7 @@ from estimator.inference.beliefs.labels import Stacked
 from estimator.inference.beliefs.mixture import Density, KernelMixture, mixture_of
 from estimator.inference.particles import effective_count, normalised, systematic
 from humanoid.support.errors import InputError
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 LogLikelihood = Callable[[np.ndarray], np.ndarray]
 METHODS = ("importance", "gibbs", "exact")
@@ -24,7 +24,7 @@ _WIDER = 1.5  # covariance of a round's proposals over that of the products that
 
 
 @dataclass(frozen=True)
-class ProductSettings:
+class ProductSettings(CheckedSettings):
     """How products of mixtures are drawn from.
 
     method: "importance" weighs candidates from every mixture, from a proposal if there is any, and from normal
@@ -46,9 +46,6 @@ class ProductSettings:
     sweeps: int = setting(5, at_least=0)
     exact_below: int = setting(0, at_least=0)
     image_weighted: bool = setting(True, formerly=("sighted",))
-
-    def __post_init__(self) -> None:
-        check(self)
 
     def weighs(self, log_likelihood: LogLikelihood | None) -> bool:
         """Whether candidates are weighed by a likelihood."""

@@ -13,7 +13,7 @@ from estimator.inference.beliefs.mixture import KernelMixture
 from estimator.inference.beliefs.products import ProductSettings
 from estimator.inference.beliefs.strata import Shares, StrataTarget, Weighted, node_samples
 from humanoid.support.errors import InputError
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 """As `map`."""
@@ -22,7 +22,7 @@ Watch = Callable[[int, tuple[Belief, ...]], None]
 
 
 @dataclass(frozen=True)
-class BeliefSettings:
+class BeliefSettings(CheckedSettings):
     """How beliefs are propagated.
 
     kernels: N, of a message: its N' = (N - 1) / M samples make M kernels each, the outlier process the last (PAMPAS).
@@ -39,9 +39,6 @@ class BeliefSettings:
     proposal_factor: float = setting(0.5, at_least=0.0, at_most=1.0)
     belief_share: float = setting(0.5, at_least=0.0, at_most=1.0)
     product: ProductSettings = field(default_factory=ProductSettings)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     def shares(self, iteration: int) -> Shares:
         """Of the strata, in an iteration counted from 0."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from estimator.inference.chains.feature_density import FeatureDensity, heaviest
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _WAYS = 600  # that are looked at
 _CLOSER = 4  # times as many as are kept are looked at closer
@@ -18,7 +18,7 @@ _NEVER = -1e12  # score of what cannot be
 
 
 @dataclass(frozen=True)
-class EvidenceSettings:
+class EvidenceSettings(CheckedSettings):
     """How detections become evidence.
 
     detected: probability that a feature that can be seen is detected; hidden: that one is which a limb hides.
@@ -32,9 +32,6 @@ class EvidenceSettings:
     clutter: float = setting(0.5, above=0)
     shared: float = setting(1.0, at_least=0, at_most=1)
     most: int = setting(40, at_least=1)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     @property
     def if_hidden(self) -> tuple[float, float]:

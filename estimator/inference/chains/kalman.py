@@ -9,13 +9,13 @@ import numpy as np
 
 from estimator.inference.chains.exchange import Message
 from estimator.inference.chains.feature_density import FeatureDensity
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _NEWS = 0.1  # share of what a shared detection tells of a point that the frame before did not tell
 
 
 @dataclass(frozen=True)
-class PointSettings:
+class PointSettings(CheckedSettings):
     """How points move.
 
     Defaults are those of wrists, in a picture, of 97 captured motions (`docs/papers/dual-chain.md`).
@@ -33,9 +33,6 @@ class PointSettings:
     loose: float = setting(1.0, above=0)
     mistaken: float = setting(0.1, at_least=0, below=0.5)
     lost: float = setting(0.03, at_least=0, below=0.5)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True, eq=False)

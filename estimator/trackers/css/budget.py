@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.search.hypothesis import Hypothesis
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class BudgetSettings:
+class BudgetSettings(CheckedSettings):
     """How many searches a frame gets.
 
     searches: at most, the parents' own included, which are always searched. calm: share of what is left after those
@@ -24,9 +24,6 @@ class BudgetSettings:
     searches: int = setting(40, at_least=1)
     calm: float = setting(0.5, at_least=0, at_most=1)
     alarm: float = setting(12.0, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     def left(self, spent: int, rise: float, doubt: float) -> int:
         """Searches left after `spent`. rise: of the best energy since the last frame. doubt: weight of all modes but

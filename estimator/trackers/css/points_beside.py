@@ -22,7 +22,7 @@ from estimator.search.point_features import PointFeatures
 from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import observable
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _FIELDS = {
     "keypoint_known": Field("b", ("C", "L")),
@@ -33,7 +33,7 @@ _FLOOR = 1.0  # px, of where a hypothesis has a landmark
 
 
 @dataclass(frozen=True)
-class BesideSettings:
+class BesideSettings(CheckedSettings):
     """The chain of keypoints.
 
     points: how they move. evidence: how keypoints are detected. exchange: what the chains tell each other, see
@@ -46,9 +46,6 @@ class BesideSettings:
     evidence: EvidenceSettings = field(default_factory=lambda: EvidenceSettings(shared=0.0))
     exchange: str = setting(GATED, one_of=EXCHANGES)
     farthest: float = setting(0.3, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class HasMixture(State, Protocol):

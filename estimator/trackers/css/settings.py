@@ -8,13 +8,13 @@ from estimator.search.settings import BY_KEYPOINTS
 from estimator.trackers.css.budget import BudgetSettings
 from estimator.trackers.css.frame_proposals import SHAPES, ProposalSettings
 from humanoid.support.idle import ONE_CAMERA, PICTURES, idle_where, idle_without
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 REFINE_BEST, REFINE_ALL = REFINED = ("best", "all")
 
 
 @dataclass(frozen=True)
-class CssSettings:
+class CssSettings(CheckedSettings):
     """The search of each frame.
 
     modes: hypotheses kept (7 for the body, 3 for the arm in CSS section 6). forgetting: power of a parent's weight that
@@ -64,9 +64,6 @@ class CssSettings:
     examples: int = setting(4, at_least=0)
     lost_examples: int = setting(20, at_least=0)
     example_penalty: float = setting(12.0, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     @property
     def proposals(self) -> ProposalSettings:

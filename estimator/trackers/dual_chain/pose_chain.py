@@ -27,7 +27,7 @@ from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.pose_target import GUIDED, Expected, PoseTarget, anywhere
 from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from humanoid.kinematics.body import Body
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _FEATURE_NOISE = 2.0  # px, of where a feature is in the image of a pose
 _GROUPED = 1000  # samples that a density of features is made of, at most
@@ -36,7 +36,7 @@ BY_PARTS, BY_PAST = "parts", "past"
 
 
 @dataclass(frozen=True)
-class PoseChainSettings:
+class PoseChainSettings(CheckedSettings):
     """How poses are drawn.
 
     particles: how many. draws: "parts", trunk and limbs one after the other from where past and image have them, or
@@ -64,9 +64,6 @@ class PoseChainSettings:
     renewed: float = setting(0.2, above=0, below=1)
     rest: float = setting(0.5, above=0)
     tempering: TemperingSettings = field(default_factory=TemperingSettings)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,11 @@ from estimator.trackers.dual_chain.seen_features import (
 )
 from estimator.vision.likelihood.outline_values import OutlineSettings
 from estimator.vision.skin import SkinSettings
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class DualChainSettings:
+class DualChainSettings(CheckedSettings):
     """The chains.
 
     features: what they share, "skin", face and hands as blobs in the picture, or "keypoints", all landmarks. pose: how
@@ -42,6 +42,3 @@ class DualChainSettings:
     outline: OutlineSettings = field(default_factory=OutlineSettings)
     modes: int = setting(5, at_least=1)
     cluster: float = setting(0.1, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)

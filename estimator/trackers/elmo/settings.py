@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator.search.from_examples import ExampleSearch
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _USUAL = ExampleSearch()
 
 
 @dataclass(frozen=True)
-class ElmoSettings:
+class ElmoSettings(CheckedSettings):
     """ELMO and its parts.
 
     neighbours: examples of the index (`search.index`) that a frame is searched from, 50 in the paper; 0 for none.
@@ -51,9 +51,6 @@ class ElmoSettings:
     turn_floor: float = setting(0.3, above=0)
     root_turn_floor: float = setting(0.15, above=0)
     root_slide_floor: float = setting(0.1, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     @property
     def descent(self) -> ExampleSearch:

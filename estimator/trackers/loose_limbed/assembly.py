@@ -24,11 +24,11 @@ from estimator.trackers.loose_limbed.limb_places import PlacementCluster, limb_p
 from estimator.trackers.loose_limbed.limb_pulls import LimbPulls, LimbScores, Near, Stiffness
 from estimator.trackers.loose_limbed.limbs.left_over import LeftOver
 from humanoid.limbs.limb import LimbGraph, limb_placements
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class AssemblySettings:
+class AssemblySettings(CheckedSettings):
     """How limbs are put together.
 
     place_floor [m], turn_floor [rad]: what is added to how well a belief knows a limb's place and turn: sampled beliefs
@@ -75,9 +75,6 @@ class AssemblySettings:
     near_place: float = setting(0.02, above=0)
     near_turn: float = setting(0.1, above=0)
     left_over: float = setting(60.0, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     @property
     def near(self) -> Near:

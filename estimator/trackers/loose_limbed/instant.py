@@ -28,7 +28,6 @@ from estimator.trackers.loose_limbed.part_detectors.keypoints import KeypointDet
 from estimator.trackers.loose_limbed.part_detectors.template_file import load_templates
 from estimator.trackers.loose_limbed.part_detectors.templates import LimbTemplates, observed_views, template_proposals
 from humanoid.limbs.limb import LimbGraph
-from humanoid.support.settings import check
 
 _KEPT = 3  # instants whose views are kept: that to come is asked for again as the present one, and as the last
 
@@ -49,9 +48,6 @@ class PartDetectorSettings:
     hull: HullSettings = field(default_factory=HullSettings)
     importance: ImportanceSettings = field(default_factory=ImportanceSettings)
 
-    def __post_init__(self) -> None:
-        check(self)
-
 
 @dataclass(frozen=True)
 class SeenSettings:
@@ -63,9 +59,6 @@ class SeenSettings:
     pictures: LimbSettings = field(default_factory=LimbSettings)
     by_keypoints: bool = True
     keypoints: KeypointEvidenceSettings = field(default_factory=KeypointEvidenceSettings)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class InstantReader:

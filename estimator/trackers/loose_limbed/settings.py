@@ -8,11 +8,11 @@ from estimator.inference.beliefs.propagation import BeliefSettings
 from estimator.trackers.loose_limbed.assembly import AssemblySettings
 from estimator.trackers.loose_limbed.instant import PartDetectorSettings, SeenSettings
 from humanoid.limbs.merging import RULES
-from humanoid.support.settings import check, formerly, setting
+from humanoid.support.settings import CheckedSettings, formerly, setting
 
 
 @dataclass(frozen=True)
-class LooseLimbedSettings:
+class LooseLimbedSettings(CheckedSettings):
     """The loose-limbed tracker.
 
     detail: which bodies are limbs of their own, "paper" or "fine" (`humanoid.limbs`). limbs: a TOML file with changes
@@ -44,6 +44,3 @@ class LooseLimbedSettings:
     part_detectors: PartDetectorSettings = field(default_factory=PartDetectorSettings, metadata=formerly("shout"))
     modes: int = setting(5, at_least=1)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
-
-    def __post_init__(self) -> None:
-        check(self)

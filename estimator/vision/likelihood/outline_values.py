@@ -17,7 +17,7 @@ from estimator.vision.cues.silhouette.foreground import Silhouette
 from estimator.vision.likelihood.outline_kernels import outline_values
 from humanoid.kinematics.body import Body, PlacedBodies
 from humanoid.limbs.limb import LimbGraph, limbs_on_joints, limbs_placed
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _OUTSIDE = 1e-3  # least share of either in a picture
 _FARTHEST = 255  # px to an edge that are told apart
@@ -25,7 +25,7 @@ _NONE = 255  # the orientation of what is no edge
 
 
 @dataclass(frozen=True)
-class OutlineSettings:
+class OutlineSettings(CheckedSettings):
     """How pictures weigh poses.
 
     edge_evidence, silhouette_evidence, cover_evidence: how many independent measurements all outlines, all insides and
@@ -47,9 +47,6 @@ class OutlineSettings:
     mask_error: float = setting(0.1, above=0, below=0.5)
     stations: int = setting(5, at_least=2)
     cells: int = setting(80, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class OutlineLikelihood:

@@ -11,13 +11,13 @@ from estimator.vision.cues.base import Cue
 from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.likelihood.registry import CUES, register
 from humanoid.support.idle import IdleRule
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _USE = "use_"
 
 
 @dataclass(frozen=True)
-class CueSettings:
+class CueSettings(CheckedSettings):
     """Which cues are computed, how, and how they enter the energy.
 
     working_size: longest side of the pictures they are computed from [px]; larger frames are reduced to it. surface:
@@ -28,9 +28,6 @@ class CueSettings:
 
     working_size: int = setting(640, at_least=64)
     surface: SurfaceSettings = field(default_factory=SurfaceSettings)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     @property
     def used(self) -> tuple[str, ...]:

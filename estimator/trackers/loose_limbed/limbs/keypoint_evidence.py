@@ -18,11 +18,11 @@ from humanoid.limbs.limb import LimbGraph
 from humanoid.subject.landmarks import mirror_index
 from humanoid.support.compiled import jit
 from humanoid.support.errors import InputError
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class KeypointEvidenceSettings:
+class KeypointEvidenceSettings(CheckedSettings):
     """potential, nu: robust potential of a keypoint (`estimator.numerics.robust`). exchange [nats]: how much less
     likely a view's left and right of a limb are exchanged than as they are detected.
     Raises InputError where a value cannot be."""
@@ -30,9 +30,6 @@ class KeypointEvidenceSettings:
     potential: str = setting("lorentzian", one_of=tuple(POTENTIALS))
     nu: float = setting(8.0, above=0)
     exchange: float = setting(3.0, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class KeypointEvidence:

@@ -23,11 +23,11 @@ from estimator.trackers.loose_limbed.limbs.models import LimbModels, shipped_mod
 from estimator.trackers.loose_limbed.limbs.volume import common_box
 from estimator.vision.ridges import Ridges, ridges_of
 from humanoid.limbs.limb import Limb
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class LimbSettings:
+class LimbSettings(CheckedSettings):
     """What the likelihood of a limb is made of.
 
     edges, ridges, foreground: whether first derivatives on the outline, second derivatives on the axis, and the share
@@ -45,9 +45,6 @@ class LimbSettings:
     unseen: float = setting(-8.0, at_most=0)
     margin: float = setting(0.25, at_least=0)
     farthest: float = setting(12.0, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
     @property
     def cues(self) -> tuple[str, ...]:

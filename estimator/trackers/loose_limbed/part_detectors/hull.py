@@ -16,7 +16,7 @@ from estimator.trackers.loose_limbed.limbs.visual_hull import ALL, MOST, VisualH
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.support.compiled import jit
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _STATIONS = 5  # along the axis, that are looked at for whether they are in the hull
 _STEPS = np.array([-0.6, 0.0, 0.6])  # of half the length, where it is looked beside the axis
@@ -26,7 +26,7 @@ _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 
 
 @dataclass(frozen=True)
-class HullSettings:
+class HullSettings(CheckedSettings):
     """How much is looked at.
 
     spacing [m]: of the hull's cells; where nobody knows the background cells are larger. overlooked: so many views may
@@ -56,9 +56,6 @@ class HullSettings:
     apart: float = setting(0.08, at_least=0)
     turned: float = setting(0.4, at_least=0)
     temper: float = setting(0.2, at_least=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 def hull_proposals(

@@ -10,11 +10,11 @@ import numpy as np
 from estimator.inference.beliefs.mixture import Density, KernelMixture, UniformBox, mixture_of
 from estimator.inference.beliefs.space import PLACEMENTS
 from estimator.trackers.loose_limbed.part_detectors.contract import AllPartProposals, PartProposals
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 
 @dataclass(frozen=True)
-class ImportanceSettings:
+class ImportanceSettings(CheckedSettings):
     """Q: kernels about what was proposed, and anywhere.
 
     place [m], turn [rad]: standard deviations of the kernels. anywhere: share that is even in the cameras' common
@@ -24,9 +24,6 @@ class ImportanceSettings:
     place: float = setting(0.04, above=0)
     turn: float = setting(0.25, above=0)
     anywhere: float = setting(0.1, above=0, below=1)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 def importance_functions(

@@ -21,7 +21,7 @@ from estimator.trackers.loose_limbed.part_detectors.keypoint_views import ViewRa
 from humanoid.kinematics.body import Body
 from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.subject.landmarks import mirror_index
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _KNOWN_TURN = 0.6  # rad: how far a turn about the axis may be uncertain and still count as known
 _LEAST_TURN = 0.1  # rad: how well it is known at best
@@ -29,7 +29,7 @@ _OFF_AXIS = 0.15  # of the limb's length: a landmark nearer to the axis says not
 
 
 @dataclass(frozen=True)
-class KeypointDetectorSettings:
+class KeypointDetectorSettings(CheckedSettings):
     """How limbs are placed by keypoints; lengths are shares of the body's longest limb, as errors of detectors grow
     with the person.
 
@@ -53,9 +53,6 @@ class KeypointDetectorSettings:
     depths: int = setting(13, at_least=1)
     step: float = setting(0.25, above=0)
     deviation: float = setting(0.8, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 NOTHING = PartProposals(np.zeros((0, 7)), np.zeros(0))

@@ -15,14 +15,14 @@ from estimator.vision.foreground_rays import ray_places
 from estimator.vision.patches import PatchView, patch_view, patches_at
 from humanoid.limbs.limb import LimbGraph
 from humanoid.support.errors import InputError
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 REMEDY = "train them for it: kinemode train-templates CAMERAS --out FILE"
 _MOVED, _TURNED = 0.05, np.radians(2.0)  # by which a camera may stand elsewhere [m] and look elsewhere
 
 
 @dataclass(frozen=True)
-class TemplateSettings:
+class TemplateSettings(CheckedSettings):
     """How limbs are looked for by templates.
 
     score: what ranks a place. "ratio" is the density of the limb's eigenspace over that of the eigenspace of other
@@ -39,9 +39,6 @@ class TemplateSettings:
     apart: float = setting(0.08, at_least=0)
     spacing: float = setting(0.035, at_least=0.01, at_most=0.5)
     most: int = setting(4000, at_least=100)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True, eq=False)

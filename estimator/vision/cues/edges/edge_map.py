@@ -9,13 +9,13 @@ import numpy as np
 
 from estimator.data.media.threads import one_thread
 from estimator.vision.cues.edges.gradient import block_means, normalised_gradient
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _REDUCED = 4  # the local contrast changes slowly, so it is taken from a picture this many times smaller
 
 
 @dataclass(frozen=True)
-class EdgeSettings:
+class EdgeSettings(CheckedSettings):
     """How edges are found.
 
     smoothing: standard deviation of the Gaussian the image is smoothed with [px].
@@ -29,9 +29,6 @@ class EdgeSettings:
     contrast_window: float = setting(14.0, above=0)
     contrast_floor: float = setting(0.25, above=0)
     noise_floor: float = setting(6.0, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True)

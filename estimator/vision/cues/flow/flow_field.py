@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from estimator.data.media.threads import length, one_thread
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _BLOCK = 8  # px across of the blocks that are compared to see where two images differ
 _NOISE_RATIO, _LEAST_CHANGE = 1.5, 0.5  # a block has changed by more than so many times the usual and [grey values]
@@ -19,7 +19,7 @@ _SHARPNESS = 8.0  # S_p falls to 1 / e where one part in so many of the window i
 
 
 @dataclass(frozen=True)
-class FlowSettings:
+class FlowSettings(CheckedSettings):
     """How flow is found and judged.
 
     finest_scale: where the search ends: 0 at full resolution, 1 at half, 2 at a quarter; each is some 4 times quicker.
@@ -35,9 +35,6 @@ class FlowSettings:
     tolerance: float = setting(0.7, above=0, tiny=True)
     relative_tolerance: float = setting(0.1, above=0, tiny=True)
     boundary_reach: float = setting(4.0, above=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.vision.cues.silhouette.shading import WINDOW, mark_brightness, mark_texture
 from estimator.vision.mask_box import box_about
 from humanoid.support.compiled import jit
-from humanoid.support.settings import check, setting
+from humanoid.support.settings import CheckedSettings, setting
 
 _RIM = WINDOW + 4  # pixels across in which a shadow's outline is joined to it
 _SHADED = 0.1  # change of brightness that makes shadow or light
@@ -20,7 +20,7 @@ _UNEXPLAINED = 0.35  # share of the texture's variance that may differ where the
 
 
 @dataclass(frozen=True)
-class SilhouetteSettings:
+class SilhouetteSettings(CheckedSettings):
     """How the background is learned and the person told from it.
 
     frames: so many of a clip's frames are looked at; each costs about 0.1 s once.
@@ -40,9 +40,6 @@ class SilhouetteSettings:
     threshold: float = setting(5.0, above=0)
     shadow: float = setting(0.5, above=0, below=1)
     smallest: float = setting(0.0008, above=0, below=1)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True)
