@@ -68,13 +68,23 @@ class Valid:
         return all(bounds)
 
 
-def setting(default: Any, **valid: Any) -> Any:
-    """A field of a settings dataclass with its default and what can work, named as the fields of `Valid`:
-    `setting(7, at_least=1)`.
+def setting(
+    default: Any,
+    *,
+    at_least: float | None = None,
+    above: float | None = None,
+    at_most: float | None = None,
+    below: float | None = None,
+    tiny: bool = False,
+    one_of: tuple[str, ...] = (),
+    formerly: tuple[str, ...] = (),
+) -> Any:
+    """A field of a settings dataclass with its default and what can work, see `Valid`.
 
     What a setting is for stands in the docstring of its dataclass, from where settings files take it.
     """
-    return field(default=default, metadata={_DECLARED: Valid(**valid)})
+    valid = Valid(at_least, above, at_most, below, tiny, tuple(one_of), tuple(formerly))
+    return field(default=default, metadata={_DECLARED: valid})
 
 
 def formerly(*names: str) -> dict[str, Valid]:
