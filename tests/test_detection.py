@@ -1,10 +1,11 @@
 """Keypoints by a detector in an environment of its own. Unless said otherwise the detector is a small one of ours,
-which finds coloured squares, and `uv` is a script that makes an environment of this Python."""
+which finds coloured squares, and uv is a script that makes an environment of this Python."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import uv
 
 import kinemode as km
 from estimator.data.formats.keypoints import load_people
@@ -24,11 +26,10 @@ from estimator.data.formats.people_file import write_people
 from estimator.data.media.clip import Clip
 from humanoid.support.errors import InputError
 from kinemode.__main__ import main
-from kinemode.detection import detectors, environment, pythons
+from kinemode.detection import detectors, environment
 from kinemode.detection.detectors import SCRIPTS, About, DetectorChoice, Patience
 from kinemode.detection.people import People, Search, shared
 from kinemode.detection.process import DetectorProcess
-from kinemode.detection.requirements import read_requirements
 from kinemode.detection.scripts.mediapipe_pose import steadied, turned_square
 from kinemode.detection.scripts.onnx_pose import decoded, window
 from kinemode.inputs.files import InputFiles
@@ -78,7 +79,7 @@ serving.main(Squares)
 """
 UV = """#!/bin/sh
 echo "$@" >> {log}
-if [ "$1" = pip ]; then {answer}; exit; fi
+if [ "$2" = pip ]; then {answer}; exit; fi
 for last; do :; done
 mkdir -p "$last/bin"
 printf '#!/bin/sh\\nexec {python} "$@"\\n' > "$last/bin/python"
@@ -90,13 +91,13 @@ PATIENCE = Patience(answer=DEADLINE, end=DEADLINE, python=DEADLINE, installation
 
 
 class Fake:
-    """The detector "fake", an `uv` that logs what it is asked for, and a cache of its own."""
+    """The detector "fake", a uv that logs what it is asked for, and a cache of its own."""
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.script, self.log, self.cache = folder / "fake.py", folder / "uv.log", folder / "cache"
         self.uv = folder / "bin" / "uv"
         self.uv.parent.mkdir()
-        patch.setenv("PATH", f"{self.uv.parent}{os.pathsep}{os.environ['PATH']}")
+        patch.setattr(environment, "find_uv_bin", lambda: str(self.uv))
         patch.setenv("KINEMODE_CACHE", str(self.cache))
         self.waits(patch, PATIENCE)
         self.needs("squares==1.0")
@@ -166,58 +167,76 @@ pytestmark = pytest.mark.filterwarnings("ignore::kinemode.InputWarning")
 
 
 def test_an_environment_is_made_once_and_anew_for_a_new_pin(fake: Fake) -> None:
-    python = fake.python()
+    with pytest.warns(km.InputWarning, match=r"^fake gets an environment of its own, once") as said:
+        python = environment.python_for("fake", fake.script, patience=PATIENCE)
+    assert len(said) == 1
     assert python.is_file()
-    assert [call.split()[0] for call in fake.calls] == ["venv", "pip"]
-    assert fake.calls[1].split()[-1] == "squares==1.0"
+    assert [call.split()[1] for call in fake.calls] == ["venv", "pip"]
+    assert "--python >=3.10,<3.99" in fake.calls[0]
+    assert fake.calls[1].split()[-2:] == ["--requirements", str(fake.script)]
     assert "--no-deps" in fake.calls[1]
-    assert fake.python() == python
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert environment.python_for("fake", fake.script, patience=PATIENCE) == python
     assert len(fake.calls) == 2
+    fake.script.write_text(fake.script.read_text() + "# changed\n")
+    assert fake.python() == python
     fake.needs("squares==1.1")
     assert fake.python().parent != python.parent
     assert len(fake.calls) == 4
 
 
 def test_an_environment_that_was_not_finished_is_made_anew(fake: Fake) -> None:
-    fake.answers("echo 'noise'; echo 'ERROR: no network' >&2; false")
-    with pytest.raises(InputError, match=r"^fake: cannot be installed: ERROR: no network \(.*--python"):
-        fake.python()
+    fake.answers("printf 'noise\\nerror: Failed\\n  cause: no network\\n\\nhint: because\\n' >&2; false")
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"^fake: cannot be installed: cause: no network \(.*--python"):
+            fake.python()
     (half,) = [path for path in fake.cache.iterdir() if path.is_dir()]
     (half / "left").touch()
     fake.answers("true")
-    fake.python()
-    assert not (half / "left").exists()
-    (half / "bin" / "python").unlink()  # the Python that it was made with is gone
+    python = fake.python()
+    assert [path for path in fake.cache.iterdir() if path.is_dir()] == [python.parent.parent]
+    assert not (python.parent.parent / "left").exists()
+    python.unlink()  # the Python that it was made with is gone
     assert fake.python().is_file()
 
 
-def test_without_uv_and_a_fitting_python_the_remedy_is_said(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
-    fake.uv.unlink()
-    monkeypatch.setattr(environment, "fitting_python", lambda *_: None)
-    monkeypatch.setattr(environment.shutil, "which", lambda name: None)
-    with pytest.raises(InputError, match=r"fake: needs a CPython 3\.10 to 3\.98 .*\(install one, or uv"):
+def test_an_installation_that_takes_too_long_is_ended(fake: Fake) -> None:
+    fake.answers("exec sleep 1000")
+    with pytest.raises(InputError, match=r"^fake: was not installed within 0 minutes \(it takes a network"):
+        environment.python_for("fake", fake.script, patience=Patience(installation=0.5))
+    assert environment.made_python("fake", fake.script) is None
+
+
+def test_a_cache_that_cannot_be_written_to_is_named(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(environment, "cache_folder", lambda: fake.script)
+    with pytest.raises(InputError, match=r"cannot be made: Not a directory \(KINEMODE_CACHE names another\)"):
         fake.python()
 
 
-def test_a_python_that_is_named_fits_or_is_refused(fake: Fake, tmp_path: Path) -> None:
-    needed = read_requirements(SCRIPTS / "mediapipe_pose.py")
-    assert needed.span == "3.9 to 3.12"
-    ours = pythons.asked(Path(sys.executable), DEADLINE)
-    assert ours is not None
-    assert ours.version == sys.version_info[:2]
-    assert ours.packages["numpy"] == np.__version__
+def test_a_python_that_is_named_is_used_or_refused(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The true uv says whether it has the packages; one that has not is what the environment is made with."""
+    this = Path(sys.executable)
+    monkeypatch.setattr(environment, "find_uv_bin", uv.find_uv_bin)
     fake.needs(f"numpy=={np.__version__}")
-    assert environment.python_for("fake", fake.script, Path(sys.executable), PATIENCE) == Path(sys.executable)
-    assert fake.calls == []  # it has the packages
-    with pytest.raises(InputError, match="is no Python that answers"):
+    assert environment.python_for("fake", fake.script, this, PATIENCE) == this
+    assert not fake.cache.exists()
+    with pytest.raises(InputError, match=r"fake\.py: is no Python \(name the file of a CPython >=3\.10,<3\.99\)"):
         environment.python_for("fake", fake.script, tmp_path / "fake.py", PATIENCE)
+    fake.needs("numpy==1.0")
+    monkeypatch.setattr(environment, "find_uv_bin", lambda: str(fake.uv))
+    fake.answers('case "$*" in *--dry-run*) false ;; esac')
+    assert environment.python_for("fake", fake.script, this, PATIENCE).is_relative_to(fake.cache)
+    assert f"--python {this} " in fake.calls[1]
+    monkeypatch.setattr(environment, "find_uv_bin", uv.find_uv_bin)
+    assert not environment._has_packages(this, fake.script, DEADLINE)
 
 
 def test_what_leads_to_our_packages_is_kept_from_the_detector(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", "somewhere")
     monkeypatch.setenv("VIRTUAL_ENV", "elsewhere")
-    assert {"PYTHONPATH", "VIRTUAL_ENV"}.isdisjoint(pythons.clean_environment())
-    assert pythons.alone(Path("python"), "x")[1:3] == ["-E", "-s"]
+    assert {"PYTHONPATH", "VIRTUAL_ENV"}.isdisjoint(environment.clean_environment())
+    assert environment.alone(Path("python"), "x")[1:3] == ["-E", "-s"]
 
 
 @pytest.mark.parametrize("name", ["mediapipe_pose", "onnx_pose", "serving"])
@@ -225,7 +244,8 @@ def test_programs_use_nothing_of_ours(name: str) -> None:
     used = {name.partition(".")[0] for name in imported(SCRIPTS / f"{name}.py")}
     assert used <= STANDARD | {"numpy", "cv2", "mediapipe", "google", "onnxruntime", "serving"}
     if name != "serving":
-        packages = read_requirements(SCRIPTS / f"{name}.py").packages
+        packages = re.findall(r'^#     "(.*)",$', (SCRIPTS / f"{name}.py").read_text(), re.MULTILINE)
+        assert len(packages) > 5
         assert all("==" in package for package in packages)
 
 
@@ -504,7 +524,7 @@ def made_or_skip(name: str, patch: pytest.MonkeyPatch) -> None:
     about = detectors.DETECTORS[name]
     patch.setitem(detectors.DETECTORS, name, About(about.script, about.needs_model, PATIENCE))
     wanted = DetectorChoice(name)
-    if not environment.is_made(name, wanted.script) and "KINEMODE_TEST_DETECTOR" not in os.environ:
+    if environment.made_python(name, wanted.script) is None and "KINEMODE_TEST_DETECTOR" not in os.environ:
         pytest.skip(f"the environment of {name} is not there; KINEMODE_TEST_DETECTOR=1 makes it (150 MB)")
 
 

@@ -18,8 +18,8 @@ class Patience:
     """How long a detector is waited for [s].
 
     answer: until it must have said something, at its start and of each picture. end: that it may take to end. python:
-    until a Python has said what it is. installation: that making the environment may take, some 150 MB over a slow
-    line.
+    until it is known what packages a Python has. installation: that making the environment may take, some 150 MB over
+    a slow line.
     """
 
     answer: float = 120.0

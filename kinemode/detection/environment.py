@@ -1,26 +1,27 @@
-"""The environment of a detector: made once in the user's cache, with packages that never meet ours."""
+"""The environment of a detector: made once in the user's cache, with packages that never meet ours.
+
+The package uv, a dependency of ours, makes it: it reads what a program says that it needs (PEP 723: inline script
+metadata), finds or fetches a Python, and is there wherever we are, so that there is no second way by pip.
+"""
 
 from __future__ import annotations
 
-import json
+import hashlib
 import os
+import re
 import shutil
 import subprocess
 import warnings
-from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
-from humanoid.support.atomic import replacing
+from uv import find_uv_bin
+
 from humanoid.support.compiled_folder import cache_roots, locked
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import Patience
-from kinemode.detection.pythons import Python, alone, clean_environment, fitting_python, named_python
-from kinemode.detection.requirements import Requirements, read_requirements
 from kinemode.notices import InputWarning
 from kinemode.target import cache_folder
 
-STAMP = "ready.json"
 PATIENCE = Patience()
 
 
@@ -33,83 +34,98 @@ def python_for(detector: str, script: Path, given: Path | None = None, patience:
     ------
     InputError: no Python that fits, or packages that cannot be had; with what to do about it.
     """
-    needed = read_requirements(script)
-    base = None if given is None else named_python(given, needed, detector, patience.python)
-    if base is not None and base.has(needed):
-        return base.path
-    name = f"detector-{detector}-{needed.digest}"
-    for root in cache_roots():
-        if _is_ready(root / name, needed):
-            return _python_of(root / name)
-    folder = cache_folder() / name
+    base = None if given is None else shutil.which(given)
+    if given is not None and base is None:
+        raise InputError(given, "is no Python", remedy=f"name the file of a CPython {_needs(script)[0]}")
+    python = None if base is None else Path(base).absolute()
+    if python is not None and _has_packages(python, script, patience.python):
+        return python
+    if (ready := made_python(detector, script)) is not None:
+        return ready
+    folder = cache_folder().absolute() / _name(detector, script)
     try:
         with locked(folder.with_suffix(".lock")):
-            if not _is_ready(folder, needed):  # another process may have made it meanwhile
-                _make(folder, detector, needed, base, patience)
+            if made_python(detector, script) is None:  # another process may have made it meanwhile
+                _make(folder, detector, script, python, patience.installation)
     except OSError as error:
-        raise InputError(folder, f"cannot be made: {error.strerror}", remedy="KINEMODE_CACHE names another") from None
-    return _python_of(folder)
-
-
-def is_made(detector: str, script: Path) -> bool:
-    """Whether the environment of a detector is there."""
-    needed = read_requirements(script)
-    return any(_is_ready(root / f"detector-{detector}-{needed.digest}", needed) for root in cache_roots())
-
-
-def _python_of(folder: Path) -> Path:
+        raise InputError(
+            folder, f"cannot be made: {error.strerror or error}", remedy="KINEMODE_CACHE names another"
+        ) from None
     return folder / "bin" / "python"
 
 
-def _is_ready(folder: Path, needed: Requirements) -> bool:
-    """Whether an environment is whole: its stamp was written last; and the Python that it was made with still there."""
-    with suppress(OSError, ValueError, TypeError, KeyError):
-        stamp = json.loads((folder / STAMP).read_text(encoding="utf-8"))
-        return bool(stamp["packages"] == list(needed.packages)) and os.access(_python_of(folder), os.X_OK)
-    return False
+def made_python(detector: str, script: Path) -> Path | None:
+    """The Python of a detector's environment; None where that is not there, or the Python that it was made with."""
+    pythons = (root.absolute() / _name(detector, script) / "bin" / "python" for root in cache_roots())
+    return next((python for python in pythons if os.access(python, os.X_OK)), None)
 
 
-def _make(folder: Path, detector: str, needed: Requirements, base: Python | None, patience: Patience) -> None:
-    """Make the environment; what an interrupted attempt has left goes first, and the stamp comes last."""
-    uv = shutil.which("uv")
-    python = base or (None if uv else fitting_python(needed, patience.python))
-    if uv is None and python is None:
-        problem = f"needs a CPython {needed.span} (with venv), and there is none here"
-        remedy = "install one, or uv, which fetches it; --python PATH names one elsewhere"
-        raise InputError(detector, problem, remedy=remedy)
-    said = f"{detector} gets an environment of its own, once: {len(needed.packages)} packages into {folder}"
-    warnings.warn(said, InputWarning, stacklevel=2)
-    shutil.rmtree(folder, ignore_errors=True)
-    wanted = needed.python if python is None else str(python.path)
-    if uv is not None:
-        made = [uv, "venv", "--quiet", "--no-project", "--python", wanted, str(folder)]
-        filled = [uv, "pip", "install", "--quiet", "--no-deps", "--python", str(_python_of(folder))]
-    else:
-        made = alone(Path(wanted), "-m", "venv", str(folder))
-        filled = alone(_python_of(folder), "-m", "pip", "install", "--quiet", "--no-deps", "--no-input")
-        filled += ["--disable-pip-version-check"]
-    for words in (made, [*filled, *needed.packages]):
-        _run(words, detector, needed, patience.installation)
-    with replacing(folder / STAMP) as temporary:
-        temporary.write_text(json.dumps({"packages": needed.packages, "made_with": wanted}), encoding="utf-8")
+def alone(python: Path, *words: str) -> list[str]:
+    """The command of a Python that looks at no variable and no packages of the user, and writes nothing beside code."""
+    return [str(python), "-E", "-s", "-B", *words]
 
 
-def _run(words: Sequence[str], detector: str, needed: Requirements, seconds: float) -> None:
-    """One step of making it, in so many seconds; raises InputError with the last thing that the installer said."""
-    first = needed.packages[0]
-    offline = f"it takes a network, once; or --python PATH: a CPython {needed.span} that has {first} and what it needs"
+def clean_environment() -> dict[str, str]:
+    """The variables of this process without those that would lead another Python, or an installer, to our packages."""
+    ours = ("VIRTUAL_ENV", "CONDA_PREFIX", "__PYVENV_LAUNCHER__")
+    return {name: v for name, v in os.environ.items() if name not in ours and not name.startswith("PYTHON")}
+
+
+def _needs(script: Path) -> tuple[str, str]:
+    """The versions of Python that a program says it runs with, and a digest of this and of its packages."""
+    header = script.read_text(encoding="utf-8").partition("# ///\n")[0]
+    return re.findall(r'requires-python = "(.+)"', header)[0], hashlib.sha256(header.encode()).hexdigest()[:16]
+
+
+def _name(detector: str, script: Path) -> str:
+    """The name of an environment's folder: another one for other packages, the same for every checkout."""
+    return f"detector-{detector}-{_needs(script)[1]}"
+
+
+def _has_packages(python: Path, script: Path, seconds: float) -> bool:
+    """Whether a Python has all that a program needs: nothing is missing where nothing can be had from anywhere."""
+    nowhere = ("--dry-run", "--no-cache", "--no-config", "--no-index", "--offline", "--break-system-packages")
     try:
-        subprocess.run(
-            words, check=True, capture_output=True, text=True, timeout=seconds, env=clean_environment(),
-            stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        _uv("pip", "install", *nowhere, *_packages(python, script), seconds=seconds)
+    except subprocess.SubprocessError:
+        return False
+    return True
+
+
+def _make(folder: Path, detector: str, script: Path, base: Path | None, seconds: float) -> None:
+    """Make the environment, which gets its name when it is whole; what an interrupted attempt has left goes first."""
+    needed = _needs(script)[0]
+    said = f"{detector} gets an environment of its own, once: some 150 MB of packages into {folder}"
+    warnings.warn(said, InputWarning, stacklevel=3)
+    part = folder.with_suffix(".part")
+    for old in (folder, part):
+        shutil.rmtree(old, ignore_errors=True)
+    remedy = f"it takes a network, once; or --python PATH: a CPython {needed} that has the packages {script} lists"
+    try:
+        _uv("venv", "--no-project", "--python", str(base or needed), str(part), seconds=seconds)
+        _uv("pip", "install", *_packages(part, script), seconds=seconds)
     except subprocess.TimeoutExpired:
-        raise InputError(detector, f"was not installed within {seconds / 60:.0f} minutes", remedy=offline) from None
+        raise InputError(detector, f"was not installed within {seconds / 60:.0f} minutes", remedy=remedy) from None
     except subprocess.CalledProcessError as error:
-        raise InputError(detector, f"cannot be installed: {_last_error(error)}", remedy=offline) from None
+        raise InputError(detector, f"cannot be installed: {_last_error(error)}", remedy=remedy) from None
+    part.rename(folder)
+
+
+def _packages(python: Path, script: Path) -> list[str]:
+    """The words for the packages that a program lists, in a Python or its environment: these and no others."""
+    return ["--no-deps", "--python", str(python), "--requirements", str(script)]
+
+
+def _uv(*words: str, seconds: float) -> None:
+    """Run uv, far from settings of a project; raises SubprocessError where it fails or takes longer."""
+    subprocess.run(
+        [find_uv_bin(), "--quiet", *words],
+        check=True, capture_output=True, text=True, timeout=seconds, env=clean_environment(), cwd=os.sep,
+        stdin=subprocess.DEVNULL,
+    )  # fmt: skip
 
 
 def _last_error(error: subprocess.CalledProcessError) -> str:
     lines = [line.strip() for line in f"{error.stdout}\n{error.stderr}".splitlines() if line.strip()]
-    told = [line for line in lines if "error" in line.lower()] or lines
-    return told[-1] if told else f"{Path(error.cmd[0]).name} ended with {error.returncode}"
+    reasons = [line for line in lines if line.lower().startswith(("error", "cause"))] or lines
+    return reasons[-1] if reasons else f"uv ended with {error.returncode}"

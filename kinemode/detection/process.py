@@ -16,9 +16,8 @@ import numpy as np
 
 from humanoid.support.errors import InputError
 from kinemode.detection.detectors import DetectorChoice
-from kinemode.detection.environment import python_for
+from kinemode.detection.environment import alone, clean_environment, python_for
 from kinemode.detection.people import Search, State
-from kinemode.detection.pythons import alone, clean_environment
 
 
 class DetectorProcess:

@@ -37,7 +37,7 @@ def detect(
 ) -> dict[str, Path]:
     """Find the keypoints of all people in clips, and write them as keypoint files that `track` reads.
 
-    The detector runs in an environment of its own in the user's cache, made when it is first needed, by uv or by pip.
+    The detector runs in an environment of its own in the user's cache, made when it is first needed, by uv.
     The same call goes on where one was interrupted.
 
     Parameters
