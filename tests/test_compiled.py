@@ -8,9 +8,10 @@ import fcntl
 import importlib
 import os
 import shutil
-import subprocess
 import sys
+import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -19,8 +20,8 @@ from typing import Any
 import pytest
 from numba.core.caching import IndexDataCacheFile
 
-from humanoid.support import compiled, compiled_folder
-from humanoid.support.compiled_folder import KEPT, cache_roots, source_folder
+from humanoid.support import compiled
+from humanoid.support.compiled_folder import KEPT, UNUSED, cache_roots, source_folder
 from humanoid.support.compiled_sources import PACKAGES, imported_files, imported_names, sources_digest
 from tests.waiting import DEADLINE
 
@@ -97,6 +98,8 @@ def test_another_checkout_of_the_same_sources_is_served(toy: Toy, monkeypatch: p
     assert Path(kernel.__file__ or "").is_relative_to(elsewhere)
     assert toy.run(3.0) == (6.0, 1)
     assert not list(elsewhere.rglob("*.nbi"))
+    (index,) = (toy.folder.parent / "cache").rglob("*.nbi")
+    assert (index.parent / "saving").exists()  # where both wait for each other
 
 
 def test_the_digest_is_of_all_that_is_imported(toy: Toy) -> None:
@@ -215,35 +218,49 @@ def test_a_folder_that_cannot_be_written_to(toy: Toy, closed: list[str], monkeyp
     monkeypatch.setattr("tempfile.tempdir", os.environ["TMPDIR"])
     hits = [toy.run(3.0), toy.run(3.0)]
     assert hits == [(6.0, 0), (6.0, 0 if "TMPDIR" in closed else 1)]
-    assert not list(toy.folder.rglob("*.nbi"))
+    assert not list(toy.folder.rglob("__pycache__"))
 
 
-def test_old_folders_are_removed_but_none_in_use(tmp_path: Path) -> None:
-    folders = []
-    for i in range(KEPT + 3):
-        folders.append(source_folder(tmp_path, "a.module", f"digest{i}"))
-        os.utime(folders[-1], (i, i))
+def test_a_folder_that_can_only_be_read(toy: Toy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is there, by an earlier run, and the next one is taken."""
+    assert toy.run(3.0) == (6.0, 0)
+    source_folder.cache_clear()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    temporary_file = tempfile.TemporaryFile
+
+    def refused(*, dir: Path | str) -> Any:
+        if Path(dir).is_relative_to(tmp_path / "cache"):
+            raise OSError(errno.EROFS, "Read-only file system")
+        return temporary_file(dir=dir)
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
+    assert [toy.run(3.0), toy.run(3.0)] == [(6.0, 0), (6.0, 1)]
+
+
+def test_old_folders_are_removed_but_none_of_the_last_day(tmp_path: Path) -> None:
+    def aged(folders: list[Path], days: float) -> None:
+        for i, folder in enumerate(folders):
+            last = time.time() - days * UNUSED + i
+            os.utime(folder, (last, last))
+
+    folders = [source_folder(tmp_path, "a.module", f"digest{i}") for i in range(KEPT + 3)]
     other = source_folder(tmp_path, "a.module_too", "digest")
-    assert all(folder.is_dir() for folder in folders)  # this process uses them all
-    for folder in [*folders[1:], other]:
-        os.close(compiled_folder._held.pop(folder))
-    new = source_folder(tmp_path, "a.module", "new")
-    kept = [folders[0], *folders[-(KEPT - 1) :], new, other]
-    assert sorted(path for path in tmp_path.iterdir()) == sorted(kept)
+    aged([*folders, other], 0.9)
+    folders.append(source_folder(tmp_path, "a.module", "new"))
+    assert sorted(tmp_path.iterdir()) == sorted([*folders, other])
+    aged([*folders, other], 1.1)
+    newest = source_folder(tmp_path, "a.module", "newest")
+    kept = folders[1 - KEPT :]
+    assert sorted(tmp_path.iterdir()) == sorted([*kept, newest, other])
+    source_folder.cache_clear()  # as in a new process
+    assert time.time() - source_folder(tmp_path, "a.module", "new").stat().st_mtime < DEADLINE
 
 
-def test_a_folder_in_use_is_marked_for_other_processes(tmp_path: Path) -> None:
-    """A folder that vanishes before its mark is made comes again; the mark goes with the process."""
-    code = "import sys; from humanoid.support.compiled_folder import source_folder; from pathlib import Path\n"
-    code += "source_folder(Path(sys.argv[1]), 'm', 'd'); print('there', flush=True); sys.stdin.read()"
-    child = subprocess.Popen([sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    assert child.stdout is not None
-    assert child.stdout.readline() == b"there\n"
-    folder = tmp_path / "m-d"
-    compiled_folder._remove(folder)
-    assert folder.is_dir()
-    child.communicate(timeout=DEADLINE)
-    with (folder / "in-use").open("r+") as mark:
-        fcntl.flock(mark, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    compiled_folder._remove(folder)
-    assert list(tmp_path.iterdir()) == []
+def test_a_folder_that_is_removed_meanwhile_costs_time_only(toy: Toy) -> None:
+    assert toy.run(3.0) == (6.0, 0)
+    scaled = toy.kernel().scaled
+    shutil.rmtree(toy.folder.parent / "cache")
+    assert (scaled(3.0), scaled(3)) == (6.0, 6.0)
+    source_folder.cache_clear()
+    assert toy.run(3.0) == (6.0, 0)
+    assert toy.run(3.0) == (6.0, 1)

@@ -11,12 +11,12 @@ import inspect
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core import config
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 from humanoid.support.compiled_folder import cache_roots, locked, source_folder
@@ -50,9 +50,8 @@ def _cache(function: Callable[..., Any]) -> FunctionCache | None:
     except (OSError, TypeError):  # typed in at a prompt
         return None
     for root in cache_roots():
-        with suppress(OSError), _entering:
-            folder = source_folder(root, function.__module__, digest)
-            return _SharedCache(function, folder)
+        with suppress(OSError, RuntimeError), _entering:  # what numba raises is of the second kind
+            return _SharedCache(function, source_folder(root, function.__module__, digest))
     return None
 
 
@@ -66,47 +65,6 @@ def _digest(function: Callable[..., Any]) -> str:
     return known[1]
 
 
-class _Locator(_CacheLocator):
-    """Says that a function's code is in one folder, wherever its source file is and whenever that was written: the
-    folder is named by what the sources say, so every checkout and environment with these sources shares it."""
-
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        self._py_file = inspect.getfile(function)  # numba names it in a warning
-        self._line = function.__code__.co_firstlineno
-        self._folder = str(folder)
-        self.ensure_cache_path()  # OSError where it cannot be written to
-
-    def from_function(self, function: object, file: object) -> _Locator:  # type: ignore[override]  # one, no class
-        """This one."""
-        return self
-
-    def get_cache_path(self) -> str:
-        """The folder."""
-        return self._folder
-
-    def get_source_stamp(self) -> str:
-        """Nothing more than the folder's name says."""
-        return ""
-
-    def get_disambiguator(self) -> str:
-        """The line, as numba does."""
-        return str(self._line)
-
-
-class _Code(CompileResultCacheImpl):
-    """What numba writes of a function, in one folder."""
-
-    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        self._where = _Locator(function, folder)
-        self._locator_classes: Any = (self._where,)  # asked for a locator, one after the other
-        super().__init__(function)
-
-    @property
-    def locator(self) -> _Locator:
-        """The folder's, whatever NUMBA_CACHE_LOCATOR_CLASSES says."""
-        return self._where
-
-
 class _SharedCache(FunctionCache):
     """Numba's cache of one function, for several processes that compile at once, and for full or failing disks.
 
@@ -115,8 +73,16 @@ class _SharedCache(FunctionCache):
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
-        cast(Any, self)._impl_class = partial(_Code, folder=folder)
-        super().__init__(function)
+        shared, settings = cast(Any, self), cast(Any, config)
+        users, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)
+        try:
+            super().__init__(function)
+        finally:
+            settings.CACHE_DIR = users
+        # numba adds the place of the source file and when it was written: the folder's name says enough, and every
+        # checkout and environment with these sources shares it
+        shared._cache_path = str(folder)
+        shared._cache_file = IndexDataCacheFile(str(folder), shared._impl.filename_base, source_stamp="")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Code for a signature, None where there is none or it cannot be read."""

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import os
 import shutil
 import stat
 import tempfile
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 KEPT = 4  # folders of one module, the one in use included: a few checkouts and branches side by side
-_held: dict[Path, int] = {}  # folders this process uses, and the open files whose locks say so
+UNUSED = 24 * 3600.0  # [s] since a process began to use a folder, before which it stays: that process may still run
 
 
 def cache_roots() -> Iterator[Path]:
@@ -31,18 +33,20 @@ def cache_roots() -> Iterator[Path]:
         yield last
 
 
+@functools.cache
 def source_folder(root: Path, module: str, digest: str) -> Path:
-    """The folder for what is compiled from one state of a module's sources, marked as in use until this process ends.
+    """The folder for what is compiled from one state of a module's sources.
 
-    Older ones of the module not in use are removed. Raises OSError where there cannot be such a folder.
+    Older ones of the module that have not been used for a day are removed. Raises OSError where there cannot be such a
+    folder.
     """
     folder = root.absolute() / f"{module}-{digest}"
-    if folder not in _held:
-        new = not folder.exists()
-        _held[folder] = _enter(folder)
-        os.utime(folder)
-        if new:
-            _tidy(folder, module)
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    tempfile.TemporaryFile(dir=folder).close()  # OSError where it cannot be written to
+    os.utime(folder)  # when it was last used
+    if new:
+        _tidy(folder, module)
     return folder
 
 
@@ -57,46 +61,14 @@ def locked(file: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _enter(folder: Path) -> int:
-    """Make a folder and mark it as in use: a shared lock, which ends with the process however that ends."""
-    while True:
-        folder.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):  # another process has just removed it
-            handle = os.open(_mark(folder), os.O_RDWR | os.O_CREAT, 0o600)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_SH)
-                if os.path.samestat(os.fstat(handle), _mark(folder).stat()):
-                    return handle
-            except FileNotFoundError:
-                pass
-            except OSError:
-                os.close(handle)
-                raise
-            os.close(handle)
-
-
 def _tidy(used: Path, module: str) -> None:
     """Remove all but the last used folders of a module."""
-    with suppress(OSError):
-        others = [path for path in used.parent.glob(f"{module}-*") if path != used and path.is_dir()]
-        for folder in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[KEPT - 1 :]:
-            _remove(folder)
-
-
-def _remove(folder: Path) -> None:
-    """Remove a folder unless it is in use."""
-    with suppress(OSError):
-        handle = os.open(_mark(folder), os.O_RDWR | os.O_CREAT, 0o600)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            gone = folder.rename(folder.with_name(f"removed-{uuid.uuid4().hex}"))
-        finally:
-            os.close(handle)
-        shutil.rmtree(gone, ignore_errors=True)
-
-
-def _mark(folder: Path) -> Path:
-    return folder / "in-use"
+    with suppress(OSError):  # another process does the same
+        others = sorted((path.stat().st_mtime, path) for path in used.parent.glob(f"{module}-*") if path != used)
+        for last, folder in others[: 1 - KEPT]:
+            if last < time.time() - UNUSED:
+                gone = folder.rename(used.with_name(f"removed-{uuid.uuid4().hex}"))
+                shutil.rmtree(gone, ignore_errors=True)
 
 
 def _users_cache() -> Path | None:
