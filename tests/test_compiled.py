@@ -264,3 +264,14 @@ def test_a_folder_that_is_removed_meanwhile_costs_time_only(toy: Toy) -> None:
     source_folder.cache_clear()
     assert toy.run(3.0) == (6.0, 0)
     assert toy.run(3.0) == (6.0, 1)
+
+
+def test_a_process_of_more_than_a_day_keeps_its_folder(toy: Toy, monkeypatch: pytest.MonkeyPatch) -> None:
+    scaled = toy.kernel().scaled
+    scaled(3.0)
+    monkeypatch.setattr(compiled._SharedCache, "save_overload", lambda *_: None)  # which marks it, too
+    (folder,) = (toy.folder.parent / "cache").iterdir()
+    long_ago = time.time() - 2.0 * UNUSED
+    os.utime(folder, (long_ago, long_ago))
+    scaled(3)  # another signature is looked for
+    assert folder.stat().st_mtime > time.time() - UNUSED

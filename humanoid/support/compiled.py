@@ -8,6 +8,7 @@ and of all that it imports (see `compiled_sources` and `compiled_folder`).
 from __future__ import annotations
 
 import inspect
+import os
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -87,6 +88,7 @@ class _SharedCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Code for a signature, None where there is none or it cannot be read."""
         try:
+            os.utime(self.cache_path)  # in use: a process may live longer than folders that nobody uses
             return super().load_overload(sig, target_context)
         except Exception:  # a file that a crash of the machine left empty can raise anything
             with suppress(OSError):

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 KEPT = 4  # folders of one module, the one in use included: a few checkouts and branches side by side
-UNUSED = 24 * 3600.0  # [s] since a process began to use a folder, before which it stays: that process may still run
+UNUSED = 24 * 3600.0  # [s] since a process last took code from a folder, before which it stays
 
 
 def cache_roots() -> Iterator[Path]:
