@@ -16,7 +16,7 @@ from estimator.data.observation import Observation
 from estimator.inference.origin import Family, Origin
 from estimator.runs.run_file import Run
 from estimator.search.mode_search import ModeSearch
-from estimator.trackers.capabilities import HasDiagnosticImages, SeesOtherwise, SupportsSmoothing
+from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for, stored_changes
 from estimator.tracking.settings import Settings
@@ -81,25 +81,25 @@ def explain(run: Run, frame: int, hypothesis: int | None = None) -> Explanation:
     """
     k = _chosen(run, frame, hypothesis)
     settings = run_settings(run)
-    tracker = make_tracker(run.header.tracker, run.body, settings)
+    can = capabilities_of(make_tracker(run.header.tracker, run.body, settings))
     observation = run.observation(frame)
     if run.header.cues:
         with closing(cue_reader(run, settings)) as reader:
             observation = replace(observation, cues=reader.at(frame))
     result, cameras = run.result(frame), range(len(observation.cameras))
-    if isinstance(tracker, SeesOtherwise):
-        observation = tracker.seen_as(observation, result)
+    if can.seen_as is not None:
+        observation = can.seen_as(observation, result)
     stored, parts = float(result.energy[k]), tuple[EnergyPart, ...]()
-    if isinstance(tracker, SupportsSmoothing):
-        case = _case(run, tracker.search, observation, k)
+    if can.energy is not None:
+        case = _case(run, can.energy, observation, k)
         parts = tuple(energy_parts(case))
         notes = tuple(_notes(run, case, result, sum(p.energy for p in parts) - stored))
         views = tuple(_view(run, case, c) for c in cameras)
     else:
         notes = (f"the hypotheses of {run.header.tracker} have no energy that could be taken apart",)
         views = tuple(_pose_view(run, observation, run.body.at(result.q[k]), c) for c in cameras)
-    if isinstance(tracker, HasDiagnosticImages) and observation.cues:
-        more = tracker.pictures(observation, result)
+    if can.pictures is not None and observation.cues:
+        more = can.pictures(observation, result)
         views = tuple(
             replace(view, pictures=(*view.pictures, more[c])) if c in more else view for c, view in enumerate(views)
         )

@@ -8,11 +8,14 @@ from typing import Any
 from estimator.data.observation import Observation
 from estimator.search.settings import BY_INDEX
 from estimator.trackers.base import TrackerProtocol
-from estimator.trackers.capabilities import Parallel, RequiresCues, SupportsSmoothing
+from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
+from estimator.tracking.registry import TRACKERS, make_tracker
+from estimator.tracking.settings import Settings
 from estimator.vision.cues.base import Cue
 from estimator.vision.likelihood.registry import CUES
+from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.settings import Chosen
@@ -43,16 +46,21 @@ def check_beginning(
 
 def check_start(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
     """Raise InputError where a tracker is to begin by an index and does not."""
-    begins = isinstance(tracker, RequiresCues) and bool(tracker.needed_cues) and not tracker.needs_keypoints
+    begins = capabilities_of(tracker).needed_cues and not tracker.needs_keypoints
     if chosen.settings.search.start == BY_INDEX and not begins:
         raise InputError("start", f"{chosen.tracker} does not begin by an index", remedy="leave it out")
 
 
 def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -> None:
     """Raise InputError where a tracker, of some name, uses cues of which none is looked at."""
-    if isinstance(tracker, RequiresCues) and tracker.needed_cues and not set(tracker.needed_cues) & set(cues):
-        problem = f"{name} needs {' or '.join(tracker.needed_cues)}, which is not looked at"
-        raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in tracker.needed_cues))
+    needed = capabilities_of(tracker).needed_cues
+    if needed and not set(needed) & set(cues):
+        problem = f"{name} needs {' or '.join(needed)}, which is not looked at"
+        raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in needed))
+
+
+def _shares_work(name: str, body: Body, settings: Settings | None = None) -> bool:
+    return capabilities_of(make_tracker(name, body, settings)).shared is not None
 
 
 def _how_to_give(cue: Cue) -> str:
@@ -64,12 +72,20 @@ def _how_to_give(cue: Cue) -> str:
     return f"--cues {cue.name}"
 
 
-def check_capabilities(tracker: TrackerProtocol[Any], chosen: Chosen, workers: int) -> None:
-    """Raise InputError where a tracker is asked for what it cannot do; smoothing that was not asked for is left out."""
-    if workers > 1 and not isinstance(tracker, Parallel):
-        raise InputError("workers", f"{chosen.tracker} works in one process", remedy="leave it out")
+def processes_for(trackers: Sequence[Chosen], body: Body, workers: int) -> list[int]:
+    """How many of so many processes each tracker has work for; raises InputError where none has work for several."""
+    counts = [workers if workers <= 1 or _shares_work(c.tracker, body, c.settings) else 1 for c in trackers]
+    if workers not in counts:
+        sharing = ", ".join(name for name in TRACKERS if _shares_work(name, body))
+        problem = f"{trackers[0].tracker} works in one process"
+        raise InputError("workers", problem, remedy=f"leave it out; work is shared by {sharing}")
+    return counts
+
+
+def check_smoothing(tracker: TrackerProtocol[Any], chosen: Chosen) -> None:
+    """Raise InputError where hypotheses without energy are to be smoothed; where nobody asked it is left out."""
     asked = chosen.settings.smooth.enabled and "smooth" in chosen.changes
-    if asked and not isinstance(tracker, SupportsSmoothing):
+    if asked and capabilities_of(tracker).energy is None:
         problem = f"the hypotheses of {chosen.tracker} have no energy that could be smoothed"
         raise InputError(chosen.source or "settings", problem, place="[smooth]", remedy="leave it out")
 

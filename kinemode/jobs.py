@@ -18,7 +18,7 @@ from estimator.data.sequence import Cues
 from estimator.numerics.pool import checked_count
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.runs.run_store import TemporaryFolder
-from estimator.trackers.capabilities import SupportsSmoothing, sharing
+from estimator.trackers.capabilities import capabilities_of, sharing
 from estimator.tracking.fitting import person
 from estimator.tracking.fitting.fit import Fit
 from estimator.tracking.leaps import leap_note, leaps
@@ -34,12 +34,13 @@ from kinemode.findings import diagnosed
 from kinemode.indexing import beginning, with_index
 from kinemode.initialisation import (
     check_beginning,
-    check_capabilities,
     check_cue,
     check_keypoints,
+    check_smoothing,
     check_start,
     note_on_beginning,
     notes_on_fit,
+    processes_for,
 )
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.load import Inputs, load_inputs
@@ -47,7 +48,7 @@ from kinemode.inputs.named import PathLike
 from kinemode.inputs.persons import plain
 from kinemode.notices import FindingWarning, InputWarning
 from kinemode.pictures import CueChoice, chosen_cues, cue_choice, doubts, names_of, notes_on, opened_cues
-from kinemode.settings import Chosen, check_workers, choose
+from kinemode.settings import Chosen, choose
 from kinemode.target import RunTarget
 from kinemode.terminal.interruption import kept_if_interrupted
 from kinemode.terminal.progress import Reporter, unreported
@@ -96,9 +97,12 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
 def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> TrackingJob:
     """The options checked against subject and tracker, with where the run goes and whom it is of."""
     chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
-    check_workers(chosen, checked_count(wanted.workers))
+    body, workers = Body(loaded), checked_count(wanted.workers)
+    processes_for([chosen], body, workers)
     chosen = beginning(chosen, wanted.start)
-    check_start(make_tracker(chosen.tracker, Body(loaded), chosen.settings), chosen)
+    tracker = make_tracker(chosen.tracker, body, chosen.settings)
+    check_start(tracker, chosen)
+    check_smoothing(tracker, chosen)
     chosen = with_index(chosen, loaded, wanted.index, wanted.progress)
     job = TrackingJob(
         chosen,
@@ -108,7 +112,7 @@ def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int 
         person,
         RunTarget(path, wanted.resume, wanted.overwrite),
         wanted.progress,
-        wanted.workers,
+        workers,
         wanted.estimates,
     )
     _check_fit_choice(job.fit, loaded)
@@ -121,7 +125,6 @@ def track_inputs(job: TrackingJob, subject: Subject, inputs: Inputs, choice: Cue
     chosen = chosen_cues(choice, inputs, job.settings.cues, job.chosen.source)
     body = Body(subject)
     tracker = make_tracker(job.tracker, body, job.settings)
-    check_capabilities(tracker, job.chosen, job.workers)
     check_cue(tracker, job.tracker, names_of(chosen))
     check_beginning(tracker, job.tracker, subject, inputs.observations, chosen is not None)
     if chosen is not None:
@@ -245,11 +248,10 @@ def _track_into(
                 state=state, first=first, cues=cues, last=last, progress=report,
             )  # fmt: skip
         results = list(Run.open(target.path))  # as stored, so that a resumed run is told the same
-        if job.settings.smooth.enabled and isinstance(tracker, SupportsSmoothing):
+        energy = capabilities_of(tracker).energy
+        if job.settings.smooth.enabled and energy is not None:
             with job.progress("smoothing") as report:
-                smoothed = smooth_track(
-                    tracker.search, observations, results, job.settings.smooth, cues=cues, progress=report
-                )
+                smoothed = smooth_track(energy, observations, results, job.settings.smooth, cues=cues, progress=report)
             writer.put_smoothed(smoothed)
         against = run_findings(Run.open(target.path))
         writer.put_findings(against)

@@ -24,7 +24,6 @@ from estimator.tracking.registry import (
     current_changes,
     other_tables,
     settings_for,
-    shares_work,
 )
 from estimator.tracking.settings import Settings
 from estimator.vision.likelihood.settings import CueSettings
@@ -116,9 +115,9 @@ def read_settings(tracker: str, given: Mapping[str, Any] | PathLike | None, mode
 
 
 def choose_for_all(
-    trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None, modes: int | None, workers: int, fits: bool
-) -> dict[str, tuple[dict[str, Any], int | None, int]]:
-    """For each of several trackers the changes, the modes and the workers that have an effect on it.
+    trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None, modes: int | None, fits: bool
+) -> dict[str, tuple[dict[str, Any], int | None]]:
+    """For each of several trackers the changes and the modes that have an effect on it.
 
     trackers: in the order of their turns. fits: whether the subject is fitted, which the first does for all. given: a
     tracker takes its own table of it, and the common ones.
@@ -138,11 +137,8 @@ def choose_for_all(
     }
     chosen = {name: _choose(name, given_to[name], source, used[name]) for name in trackers}
     _check_each_acts(list(chosen.values()), fits)
-    if workers > 1 and not any(shares_work(name, c.settings) for name, c in chosen.items()):
-        check_workers(chosen[trackers[0]], workers)
     own = {name: c.used(fits and name == trackers[0]) for name, c in chosen.items()}
-    processes = {name: workers if shares_work(name, c.settings) else 1 for name, c in chosen.items()}
-    return {name: (own[name], used[name], processes[name]) for name in trackers}
+    return {name: (own[name], used[name]) for name in trackers}
 
 
 def former_names_in(trackers: Sequence[str], given: Mapping[str, Any] | PathLike | None) -> list[str]:
@@ -163,15 +159,6 @@ def _check_each_acts(chosen: Sequence[Chosen], fits: bool) -> None:
     for i in idle:
         if i.name not in acting:
             raise i.refused(chosen[0].source)
-
-
-def check_workers(chosen: Chosen, workers: int) -> None:
-    """Raise InputError where several processes would have nothing to share."""
-    if workers > 1 and not shares_work(chosen.tracker, chosen.settings):
-        sharing = ", ".join(name for name in TRACKERS if shares_work(name, settings_for(name)))
-        raise InputError(
-            "workers", f"{chosen.tracker} works in one process", remedy=f"leave it out; work is shared by {sharing}"
-        )
 
 
 def describe_settings(tracker: str = DEFAULT) -> str:

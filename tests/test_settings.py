@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from builders import body_of
 
 from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.tracking.idle_rules import RULES
@@ -17,8 +18,8 @@ from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.idle import ONE_CAMERA, PICTURES
 from humanoid.support.settings import declared, every_setting, is_group, members, setting
+from kinemode.initialisation import processes_for
 from kinemode.settings import (
-    check_workers,
     choose,
     choose_for_all,
     describe_settings,
@@ -195,29 +196,29 @@ def test_several_hypotheses_of_a_single_mode_are_refused() -> None:
 
 
 def test_processes_are_refused_where_they_share_nothing() -> None:
-    check_workers(choose("css", None), 2)
-    check_workers(choose("multiple-hypothesis", None), 2)
-    check_workers(choose("annealed", None), 1)
-    for name in ("annealed", "condensation", "single-mode", "gaussian-multiple-hypothesis"):
+    body, alone = body_of("arm8"), ("annealed", "condensation", "single-mode", "gaussian-multiple-hypothesis")
+    for name in alone:
         with pytest.raises(InputError, match=rf"workers: {name} works in one process.*css, css-paper"):
-            check_workers(choose(name, None), 2)
+            processes_for([choose(name, None)], body, 2)
+    several = [choose(name, None) for name in (*alone, "css", "multiple-hypothesis")]
+    assert processes_for(several, body, 2) == [1, 1, 1, 1, 2, 2]
+    assert processes_for(several, body, 1) == [1] * 6
 
 
 def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
     changes = {"css": {"samples": 3}, "single_mode": {"limits": False}, "cost": {"nu": 5.0}}
-    chosen = choose_for_all(("single-mode", "css", "condensation"), changes, 4, 2, fits=False)
-    assert chosen["single-mode"] == ({"single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None, 1)
-    assert chosen["css"] == ({"css": {"samples": 3}, "cost": {"nu": 5.0}}, 4, 2)
-    assert chosen["condensation"][1:] == (4, 1)
-    for name, (own, modes, _) in chosen.items():
+    chosen = choose_for_all(("single-mode", "css", "condensation"), changes, 4, fits=False)
+    assert chosen["single-mode"] == ({"single_mode": {"limits": False}, "cost": {"nu": 5.0}}, None)
+    assert chosen["css"] == ({"css": {"samples": 3}, "cost": {"nu": 5.0}}, 4)
+    assert chosen["condensation"][1] == 4
+    for name, (own, modes) in chosen.items():
         choose(name, own, modes).check(fits=False)
     for trackers, wrong in (
         (("single-mode", "condensation"), {"given": {"css": {"samples": 3}}}),
         (("single-mode", "css"), {"given": {"css": {"shape": "weakest", "tail": 4.0}}}),
         (("single-mode", "robust-single-mode"), {"modes": 3}),
-        (("single-mode", "condensation"), {"workers": 2}),
     ):
-        given = {"given": None, "modes": None, "workers": 1, **wrong}
+        given = {"given": None, "modes": None, **wrong}
         with pytest.raises(InputError, match="css"):
             choose_for_all(trackers, fits=False, **given)
 

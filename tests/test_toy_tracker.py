@@ -18,6 +18,7 @@ from benchmarks.support.common import ROOT
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
 from estimator.runs.run_file import Run
+from estimator.trackers.capabilities import Capabilities
 from estimator.tracking.registry import TRACKERS, make_tracker, register
 from estimator.tracking.runner import run as run_tracker
 from estimator.tracking.runner import stored_state
@@ -196,7 +197,7 @@ def test_a_stored_state_that_is_not_its_own_is_refused(clip: RenderedClip, tmp_p
 class Ahead(ToyTracker):
     """Keeps what it is shown of the frames that follow."""
 
-    frames_ahead = 2
+    capabilities = Capabilities(frames_ahead=2)
 
     def __init__(self) -> None:
         super().__init__(body_of("human34"))

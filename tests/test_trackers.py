@@ -17,7 +17,7 @@ from estimator.inference.clusters import mean_and_covariance
 from estimator.synthesis.motion import authored_motion
 from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.baselines.single_mode import unlimited
-from estimator.trackers.capabilities import Parallel, SupportsSmoothing, UsesLookahead
+from estimator.trackers.capabilities import capabilities_of, energy_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.particle_set import FrameEnergy
 from estimator.trackers.particle_state import ParticleState
@@ -159,9 +159,11 @@ def test_keypoint_trackers_begin_with_four_keypoints_whatever_the_pictures_show(
         assert begins.can_start(few) is enough
         pictures = tuple(ImageCues(camera) for camera in few.cameras)
         assert begins.can_start(replace(few, cues=pictures)) is enough
-    assert isinstance(begins, SupportsSmoothing)
-    assert not isinstance(begins, UsesLookahead)
-    assert isinstance(begins, Parallel) == (TRACKERS[name].group in ("css", "css_dual", "multiple_hypothesis"))
+    can = capabilities_of(begins)
+    assert can.energy is not None
+    assert (can.frames_ahead, can.frames_behind) == (0, 0)
+    shares = TRACKERS[name].group in ("css", "css_dual") or name == "multiple-hypothesis"
+    assert (can.shared is not None) == shares
 
 
 STEPS = ("steps_active_set", "steps_failed", "steps_free", "steps_proxqp")
@@ -205,10 +207,9 @@ def test_the_log_evidence_is_the_mean_likelihood_of_the_particles() -> None:
         changes = {"condensation": {"particles": 40, "temperature": temperature}}
         filtering = make_tracker("condensation", body, settings_for("condensation", changes=changes))
         (_, before), (result, after) = run(filtering, seen, SEED)
-        assert isinstance(filtering, SupportsSmoothing)
         assert isinstance(before, ParticleState)
         assert isinstance(after, ParticleState)
-        energy = FrameEnergy(filtering.search, seen[1], before.mixture)
+        energy = FrameEnergy(energy_of(filtering, "condensation"), seen[1], before.mixture)
         poses = after.particles.states[:, : body.nq]
         likelihood = np.exp(-energy.values(poses, np.zeros(40, dtype=int)) / temperature)
         assert result.extra["log_evidence"] == pytest.approx(np.log(likelihood.mean()), rel=1e-9)

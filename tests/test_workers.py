@@ -24,7 +24,7 @@ from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.trackers.baselines.single_mode import unlimited
-from estimator.trackers.capabilities import SupportsSmoothing, sharing
+from estimator.trackers.capabilities import energy_of, sharing
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.registry import make_tracker, settings_for
 from estimator.tracking.runner import run
@@ -54,13 +54,12 @@ def tracked(
     seen = assemble(body, keypoints, cameras, np.arange(FRAMES) / 10.0)
     cues = CueReader([clip.videos[name]], [cameras[name]], cue_settings(["edges", "flow"]))
     tracker = make_tracker("css", body, settings_for("css", modes=3, changes=QUICK | changes))
-    assert isinstance(tracker, SupportsSmoothing)
     results = []
     with sharing(tracker, processes):
         for result, _ in run(tracker, seen, 0, cues=cues):
             results.append(result)
             if counts is not None:
-                counts.append(tracker.search.seeker.solver.counts)
+                counts.append(energy_of(tracker, "css").seeker.solver.counts)
     return results
 
 

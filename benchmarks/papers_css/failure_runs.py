@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.papers_css.sequences import Task, rendered, track_clip
 from benchmarks.support.kept_runs import Figures, Kept, removed
 from benchmarks.support.scores import Outcome, TrackErrors, outcome
-from estimator.trackers.capabilities import SupportsSmoothing
+from estimator.trackers.capabilities import capabilities_of
 from estimator.tracking.registry import TRACKERS, changes_for, make_tracker, settings_for
 from estimator.tracking.settings import Settings
 from humanoid.support.errors import InputError
@@ -113,7 +113,7 @@ class Tracking:
         """The `Attempt`; the run itself is not kept."""
         out, clip = kept.scratch(self, ".run"), self.prepare()
         run, times = track_clip(self.task, clip, out, **self.how)
-        smooths = isinstance(make_tracker(self.tracker, run.body, self.settings), SupportsSmoothing)
+        smooths = capabilities_of(make_tracker(self.tracker, run.body, self.settings)).energy is not None
         scored = outcome(run, times, clip.truth)
         t, cpu = self.task, times.cpu_tracking
         attempt = Attempt(self.tracker, t.motion, t.clip_seed, self.seed, self.size, cpu, len(run), smooths, scored)

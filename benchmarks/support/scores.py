@@ -24,7 +24,7 @@ from estimator.runs.evaluation import (
 from estimator.runs.pairs import paired
 from estimator.runs.run_file import Run
 from estimator.runs.trajectory_errors import FAR, FAR_PX, FAR_PX_SIZE, trajectory_errors
-from estimator.trackers.capabilities import SupportsSmoothing
+from estimator.trackers.capabilities import capabilities_of
 from estimator.tracking.registry import make_tracker
 from estimator.tracking.smoothing import FixedLag
 from kinemode.explain import run_settings
@@ -110,10 +110,10 @@ def fixed_lag(run: Run) -> np.ndarray:
     hypotheses have no energy has the track itself.
     """
     settings = run_settings(run)
-    tracker = make_tracker(run.header.tracker, run.body, settings)
-    if not isinstance(tracker, SupportsSmoothing):
+    energy = capabilities_of(make_tracker(run.header.tracker, run.body, settings)).energy
+    if energy is None:
         return np.asarray(run.mode_landmarks[:, 0])
-    smoother = FixedLag(tracker.search, settings.smooth)
+    smoother = FixedLag(energy, settings.smooth)
     given = [g for i in range(len(run)) for g in smoother.push(run.observation(i), run.result(i))] + smoother.flush()
     points = np.full((run.frame_count, len(run.body.landmark_names), 3), np.nan)
     for index, q in given:

@@ -6,6 +6,7 @@ from estimator.data.observation import Observation
 from estimator.search.examples.person_seen import CUES, can_be_looked_up
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import BY_INDEX
+from estimator.trackers.capabilities import Capabilities
 
 MIN_KEYPOINTS = 4  # fewer say nothing worth a search
 
@@ -34,9 +35,9 @@ class Initialisation:
         return self.search.settings.start != BY_INDEX
 
     @property
-    def needed_cues(self) -> tuple[str, ...]:
-        """What poses are looked up by (see `estimator.trackers.capabilities.RequiresCues`)."""
-        return () if self.needs_keypoints else CUES
+    def capabilities(self) -> Capabilities:
+        """The hypotheses have the energy of the search; without keypoints poses are looked up by cues."""
+        return Capabilities(energy=self.search, needed_cues=() if self.needs_keypoints else CUES)
 
     def can_start(self, observation: Observation) -> bool:
         """Whether a frame has enough keypoints, or shows the person where poses are looked up."""

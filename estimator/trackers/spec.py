@@ -60,9 +60,9 @@ class Spec:
     several hypotheses if one of them is `modes`.
     defaults: nested changes that this name makes to the common groups of settings.
     idle: rules of which settings have no effect on it.
-    shares_work, keeps_limits: of its own settings: whether several processes share the work on a frame; whether poses
-    stay within the joint limits. looks_up, may_look_up: whether it cannot do without an index of examples after the
-    first frame; whether it makes use of one that is given.
+    keeps_limits, looks_up, may_look_up: by its own settings: whether poses stay within the joint limits; whether it
+    cannot do without an index of examples after the first frame; whether it makes use of one that is given. What else
+    it can do the tracker itself says (`estimator.trackers.capabilities.Capabilities`).
     """
 
     name: str
@@ -72,7 +72,6 @@ class Spec:
     settings: Any = None
     defaults: Mapping[str, Any] = field(default_factory=dict)
     idle: tuple[IdleRule, ...] = ()
-    shares_work: Callable[[Any], bool] = _no
     keeps_limits: Callable[[Any], bool] = _yes
     looks_up: Callable[[Any], bool] = _no
     may_look_up: Callable[[Any], bool] = _no

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from estimator.data.observation import Observation
 from estimator.trackers.base import State, TrackerProtocol
-from estimator.trackers.capabilities import UsesLookahead, UsesLookback, frames_ahead, frames_behind
+from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.leaps import LastFrame, LeapCheck
 
@@ -48,14 +48,14 @@ class FrameByFrame(Generic[S]):
         self.tracker, self.seed = tracker, seed
         self.state, self.last = state, last
         self._check = LeapCheck(tracker.body)
-        self._ahead = frames_ahead(tracker)
+        self._can = capabilities_of(tracker)
         self._waiting: deque[Observation] = deque()
-        self._before = deque(before, maxlen=frames_behind(tracker))
+        self._before = deque(before, maxlen=self._can.frames_behind)
 
     def push(self, observation: Observation) -> FrameResult | None:
         """Take the next frame; the result of the one that now has all that follow it, None where there is none yet."""
         self._waiting.append(observation)
-        return self._next() if len(self._waiting) > self._ahead else None
+        return self._next() if len(self._waiting) > self._can.frames_ahead else None
 
     def rest(self) -> Iterator[FrameResult]:
         """The results that are still held back, at the end of a clip."""
@@ -76,21 +76,17 @@ class FrameByFrame(Generic[S]):
         return result
 
     def _searched(self, observation: Observation, following: Sequence[Observation]) -> FrameResult:
-        tracker, rng = self.tracker, np.random.default_rng((self.seed, observation.index))
+        tracker: Any = self.tracker  # whose methods take what its capabilities say
+        result: FrameResult
+        rng = np.random.default_rng((self.seed, observation.index))
+        ahead = (following,) if self._can.frames_ahead or self._can.frames_behind else ()
         if self.state is None:
             if not tracker.can_start(observation):
                 return _empty(observation, tracker.body.nq, tracker.body.nv)
-            if isinstance(tracker, UsesLookahead):
-                self.state, result = tracker.init(rng, observation, following)
-            else:
-                self.state, result = tracker.init(rng, observation)
+            self.state, result = tracker.init(rng, observation, *ahead)
             return result
-        if isinstance(tracker, UsesLookback):
-            self.state, result = tracker.step(rng, self.state, observation, following, tuple(self._before))
-        elif isinstance(tracker, UsesLookahead):
-            self.state, result = tracker.step(rng, self.state, observation, following)
-        else:
-            self.state, result = tracker.step(rng, self.state, observation)
+        behind = (tuple(self._before),) if self._can.frames_behind else ()
+        self.state, result = tracker.step(rng, self.state, observation, *ahead, *behind)
         leapt = result.status == "tracked" and self._check.leapt_since(self.last, result)
         return replace(result, status="hard") if leapt else result
 

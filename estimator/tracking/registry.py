@@ -125,11 +125,6 @@ def current_changes(
     return renamed(defaults, changes, source), tuple(former_names(defaults, changes))
 
 
-def shares_work(name: str, settings: Settings) -> bool:
-    """Whether the work on a frame is shared where there are several processes."""
-    return TRACKERS[name].shares_work(settings.own)
-
-
 def make_tracker(name: str, body: Body, settings: Settings | None = None) -> TrackerProtocol[Any]:
     """A tracker for a body; one object serves one clip.
 

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.data.sequence import Cues, Progress
 from estimator.trackers.base import State, TrackerProtocol
-from estimator.trackers.capabilities import frames_behind
+from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.tracking.frame_by_frame import FrameByFrame
 from estimator.tracking.leaps import LastFrame
@@ -61,7 +61,8 @@ def _results(frames: FrameByFrame[S], observations: Iterable[Observation], cues:
 
 def _before(tracker: TrackerProtocol[S], done: Sequence[Observation], cues: Cues | None) -> list[Observation]:
     """Of the frames that are done those that the tracker looks back at."""
-    return [_seen(observation, cues) for observation in done[max(0, len(done) - frames_behind(tracker)) :]]
+    behind = capabilities_of(tracker).frames_behind
+    return [_seen(observation, cues) for observation in done[max(0, len(done) - behind) :]]
 
 
 def _seen(observation: Observation, cues: Cues | None) -> Observation:

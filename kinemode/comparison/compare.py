@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
 from estimator.tracking.registry import common_settings
+from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode import jobs
@@ -20,6 +21,7 @@ from kinemode.comparison.files import write_comparison
 from kinemode.comparison.scores import Course, TrackerScore, courses, scored
 from kinemode.comparison.times import TimeFile
 from kinemode.indexing import beginning, index_unused, uses_index
+from kinemode.initialisation import processes_for
 from kinemode.inputs.files import InputFiles
 from kinemode.inputs.named import PathLike
 from kinemode.notices import InputWarning
@@ -59,10 +61,11 @@ def compare_trackers(
     order = sorted(names, key=lambda n: not runs_at[n].exists())  # runs that are there say who the person is
     # anything wrong with the settings is said before the first is tracked
     fits = wanted.fit != "off" and jobs.is_built_in(loaded)
-    chosen = choose_for_all(order, wanted.settings, wanted.modes, wanted.workers, fits)
+    chosen = choose_for_all(order, wanted.settings, wanted.modes, fits)
     for sentence in former_names_in(names, wanted.settings):
         warnings.warn(sentence, InputWarning, stacklevel=3)
-    each = {name: beginning(choose(name, *chosen[name][:2]), wanted.start) for name in names}
+    each = {name: beginning(choose(name, *chosen[name]), wanted.start) for name in names}
+    processes = dict(zip(names, processes_for(list(each.values()), Body(loaded), wanted.workers), strict=True))
     looking = {name for name in names if uses_index(each[name])}
     if wanted.index is not None and not looking:
         raise index_unused(each[names[0]])
@@ -83,11 +86,11 @@ def compare_trackers(
         with kept_if_interrupted(frames_so_far), warnings.catch_warnings():
             if runs:  # the input is the same: its warnings were given
                 warnings.simplefilter("ignore", InputWarning)
-            own, count, workers = chosen[name]
+            own, count = chosen[name]
             progress = times.clocked(name, wanted.progress)
             how = replace(
-                wanted, tracker=name, modes=count, settings=own, workers=workers, out=runs_at[name], progress=progress,
-                index=wanted.index if name in looking else None,
+                wanted, tracker=name, modes=count, settings=own, workers=processes[name], out=runs_at[name],
+                progress=progress, index=wanted.index if name in looking else None,
             )  # fmt: skip
             runs[name] = jobs.track_subject(loaded, files, how)
         loaded = runs[name].subject  # fitted now, and not again

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.data.observation import Observation
+from estimator.trackers.capabilities import Capabilities, capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from kinemode.testing.laws import differing, require
 from kinemode.testing.results import check_result
@@ -35,7 +36,8 @@ def check_tracker(
     Equal seeds give equal tracks; a frame leaves states and observations of before as they were; a state's arrays,
     stored and read again, are the same to the last bit, and a track that goes on from them is the uninterrupted one;
     results are well formed and finite (`kinemode.testing.results.check_result`); a frame in which nothing is seen is
-    "unobserved", and one of nonsense is flagged: neither raises; nothing is enough to begin with nothing.
+    "unobserved", and one of nonsense is flagged: neither raises; nothing is enough to begin with nothing; what it can
+    do beside tracking is one record (`estimator.trackers.capabilities.Capabilities`).
 
     Parameters
     ----------
@@ -70,6 +72,8 @@ class _TrackerCheck:
     def __init__(self, make: Callable[[], Any], observations: list[Observation], seed: int, keeps_limits: bool) -> None:
         self.make, self.frames, self.seed, self.keeps_limits = make, observations, seed, keeps_limits
         self.who = type(make()).__name__
+        can = getattr(make(), "capabilities", Capabilities())
+        self.require(isinstance(can, Capabilities), "what it can do is one record", f"capabilities is {can!r}")
         if len(observations) < 3:
             raise ValueError(f"{len(observations)} frames are too few: three or more are needed")
 
@@ -79,12 +83,12 @@ class _TrackerCheck:
     def track(self, frames: Sequence[Observation], state: Any = None, first: int = 0, of: Any = None) -> list[Told]:
         """Every frame from `first` on, with a generator of its own as in `estimator.tracking.runner.run`."""
         tracker = self.make() if of is None else of
-        ahead, behind = getattr(tracker, "frames_ahead", 0), getattr(tracker, "frames_behind", 0)
+        ahead, behind = capabilities_of(tracker).frames_ahead, capabilities_of(tracker).frames_behind
         told = []
         for k in range(first, len(frames)):
             seen, result = frames[k], None
             rng = np.random.default_rng((self.seed, seen.index))
-            following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead else ()
+            following = (tuple(frames[k + 1 : k + 1 + ahead]),) if ahead or behind else ()
             if state is not None:
                 before = (tuple(frames[max(0, k - behind) : k]),) if behind else ()
                 state, result = tracker.step(rng, state, seen, *following, *before)
@@ -121,7 +125,7 @@ class _TrackerCheck:
         tracker = self.make()
         again = self.track(self.frames, of=tracker)
         self.same(whole, again, self.frames, "equal seeds give equal tracks")
-        begin = self.frames if getattr(tracker, "frames_ahead", 0) else self.frames[:2]
+        begin = self.frames if capabilities_of(tracker).frames_ahead else self.frames[:2]
         twice = self.track(begin, of=tracker)
         self.same(whole, twice, self.frames, "a tracker that has tracked tracks the same again")
 

@@ -8,8 +8,8 @@ scales the covariance instead.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from estimator.search.hypothesis import Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.trackers.baselines.single_mode import without_limits
+from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import FROM_A_PAPER, LEAST_SQUARES, OVERLAPPING, together
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import Initialisation, observable
@@ -85,9 +86,11 @@ class MultipleHypothesis(Initialisation, CarriesMixture):
         steps = StepCounts.between(before, search.steps)
         return classify_frame(search, observation, mixture, search_counts({Family.SAMPLE: self.settings.starts}, steps))
 
-    def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.Parallel`; without joint limits the first frame's work alone is."""
-        return search_pool(self.search, processes)
+    @property
+    def capabilities(self) -> Capabilities:
+        """Its searches can be shared within joint limits: a body without is not made again in another process."""
+        inherited = super().capabilities
+        return replace(inherited, shared=partial(search_pool, self.search)) if self.settings.limits else inherited
 
     def _samples(self, rng: np.random.Generator, prior: Mixture, dt: float) -> list[Hypothesis]:
         """Starts; each has the penalty of the change since its parent, and flow is that of its parent's surface."""
@@ -121,7 +124,6 @@ def _spec(name: str, sentence: str, settings: MultipleHypothesisSettings, defaul
         settings=settings,
         defaults=defaults,
         idle=(ONLY_TO_BEGIN, idle_where("search.follow", "no search begins where its parent was")),
-        shares_work=_within_limits,
         keeps_limits=_within_limits,
     )
 

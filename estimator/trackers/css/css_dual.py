@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 from estimator.search.mode_search import ModeSearch
@@ -30,12 +29,7 @@ class CssDual(PointsBeside):
 
     def __init__(self, search: ModeSearch, settings: CssDualSettings | None = None) -> None:
         settings = settings or CssDualSettings()
-        self._css = CovarianceScaledSampling(search, settings)
-        super().__init__(self._css, search, settings.beside)
-
-    def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.Parallel`."""
-        return self._css.shared(processes)
+        super().__init__(CovarianceScaledSampling(search, settings), search, settings.beside)
 
 
 SPEC = Spec(
@@ -54,6 +48,5 @@ SPEC = Spec(
             f"{_GROUP}.beside.points {_GROUP}.beside.evidence {_GROUP}.beside.exchange", css_dual__beside__farthest=0.0
         ),
     ),
-    shares_work=lambda own: True,
     may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
 )

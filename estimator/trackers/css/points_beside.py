@@ -20,6 +20,7 @@ from estimator.inference.mixture import Mixture
 from estimator.search.mode_search import ModeSearch
 from estimator.search.point_features import PointFeatures
 from estimator.trackers.base import State, TrackerProtocol
+from estimator.trackers.capabilities import Capabilities, capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import observable
 from humanoid.support.settings import CheckedSettings, setting
@@ -112,9 +113,9 @@ class PointsBeside:
         return self.inner.needs_keypoints
 
     @property
-    def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.RequiresCues`."""
-        return tuple(getattr(self.inner, "needed_cues", ()))
+    def capabilities(self) -> Capabilities:
+        """Those of the tracker within, which sees keypoints that nobody has detected."""
+        return replace(capabilities_of(self.inner), seen_as=self.seen_as)
 
     def can_start(self, observation: Observation) -> bool:
         """See `estimator.trackers.base.TrackerProtocol`."""
@@ -144,7 +145,7 @@ class PointsBeside:
         return self._begun(replace(after, inner=inner), observation), result
 
     def seen_as(self, observation: Observation, result: FrameResult) -> Observation:
-        """See `estimator.trackers.capabilities.SeesOtherwise`."""
+        """See `estimator.trackers.capabilities.Capabilities.seen_as`."""
         if "kept_std" not in result.extra:
             return observation
         return _with(observation, result.extra["kept_pixels"], result.extra["kept_std"])

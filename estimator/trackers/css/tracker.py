@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -24,6 +23,7 @@ from estimator.search.hypothesis import Candidate
 from estimator.search.mode_search import ModeSearch
 from estimator.search.proposals import LimbProposal
 from estimator.search.search_pool import search_pool
+from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.css.budget import Source, allocated
 from estimator.trackers.css.frame_proposals import Proposals
 from estimator.trackers.css.settings import IDLE, PAPER, REFINE_ALL, CssSettings
@@ -93,9 +93,10 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
         told = self._searches(candidates, StepCounts.between(before, self.search.steps))
         return classify_frame(self.search, observation, mixture, told)
 
-    def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.Parallel`."""
-        return search_pool(self.search, processes)
+    @property
+    def capabilities(self) -> Capabilities:
+        """Its searches can be shared."""
+        return replace(super().capabilities, shared=partial(search_pool, self.search))
 
     def _sources(self, proposals: Proposals, observation: Observation) -> list[Source]:
         s = self.settings
@@ -157,7 +158,6 @@ def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str
         settings=settings,
         defaults=defaults,
         idle=IDLE,
-        shares_work=lambda own: True,
         may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
     )
 

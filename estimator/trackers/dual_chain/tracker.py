@@ -20,6 +20,7 @@ from estimator.inference.particles import Particles
 from estimator.inference.tempering import TemperingSettings
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import AS_DETECTED, ONLY_FILTERS, together
 from estimator.trackers.dual_chain.pose_chain import BY_PAST, ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
@@ -93,9 +94,10 @@ class DualChain(Initialisation):
         )
 
     @property
-    def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.RequiresCues`."""
-        return self.seen.needed_cues or super().needed_cues
+    def capabilities(self) -> Capabilities:
+        """It needs the cues of its features, too."""
+        inherited = super().capabilities
+        return replace(inherited, needed_cues=self.seen.needed_cues or inherited.needed_cues)
 
     @cached_property
     def parts(self) -> PoseParts:

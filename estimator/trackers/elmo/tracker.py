@@ -5,9 +5,8 @@ from the last pose."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from estimator.search.hypothesis import Candidate, Hypothesis
 from estimator.search.mode_search import ModeSearch
 from estimator.search.search_pool import search_pool
 from estimator.search.settings import BY_INDEX, BY_KEYPOINTS, BY_VOLUME
+from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import FROM_A_PAPER, together
 from estimator.trackers.elmo.lookup_picture import lookup_picture
 from estimator.trackers.elmo.settings import ElmoSettings
@@ -61,11 +61,6 @@ class Elmo(Initialisation):
     Of every searched frame it tells `searches`, `searches_FAMILY` and steps (see `search_counts`), `looked_at`: with
     how many examples the picture was compared, and `fell_back`: whether its buckets were empty and all were.
     """
-
-    @property
-    def needed_cues(self) -> tuple[str, ...]:
-        """See `estimator.trackers.capabilities.RequiresCues`."""
-        return CUES
 
     def __init__(self, search: ModeSearch, settings: ElmoSettings | None = None) -> None:
         self.search = search
@@ -105,13 +100,14 @@ class Elmo(Initialisation):
             raise ValueError(f"the person was seen at {seen:g} s, after {state.time:g}")
         return ElmoState(state.mixture, state.time, seen)
 
-    def shared(self, processes: int) -> AbstractContextManager[None]:
-        """See `estimator.trackers.capabilities.Parallel`."""
-        return search_pool(self.search, processes)
+    @property
+    def capabilities(self) -> Capabilities:
+        """Whatever else it does, it looks up, by cues."""
+        shared = partial(search_pool, self.search)
+        return replace(super().capabilities, needed_cues=CUES, shared=shared, pictures=self.pictures)
 
     def pictures(self, observation: Observation, result: FrameResult) -> Mapping[int, CuePicture]:
-        """See `estimator.trackers.capabilities.HasDiagnosticImages`: what was looked up, and the modes that came of
-        it."""
+        """See `Capabilities.pictures`: what was looked up, and the modes that came of it."""
         anatomy, modes = self.search.jumps.anatomy, list(result.q)
         shown: dict[int, CuePicture] = {}
         for look in self.looked(observation):
@@ -267,7 +263,6 @@ def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDE
             idle_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
         ),
         looks_up=lambda own: own.neighbours > 0,
-        shares_work=lambda own: True,
     )
 
 

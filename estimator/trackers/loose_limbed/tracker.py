@@ -17,6 +17,7 @@ from estimator.inference.beliefs.space import PLACEMENTS, points_of
 from estimator.inference.mixture import Mixture
 from estimator.inference.particles import systematic
 from estimator.search.mode_search import ModeSearch
+from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import ONLY_FILTERS
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.loose_limbed.assembly import assembled
@@ -48,19 +49,17 @@ class LooseLimbed:
     `estimator.trackers.loose_limbed.state.belief_arrays`, and limb_names (L).
     """
 
-    frames_ahead = 1
     needs_keypoints = False
 
     def __init__(self, search: ModeSearch, settings: LooseLimbedSettings | None = None) -> None:
-        # its energy is not that of the hypotheses, which limbs have drawn: no `SupportsSmoothing`
         self._search = search
         self.body: Body = search.body
         self.settings = settings or LooseLimbedSettings()
 
     @property
-    def frames_behind(self) -> int:
-        """See `estimator.trackers.capabilities.UsesLookback`."""
-        return int(self.settings.smoothing)
+    def capabilities(self) -> Capabilities:
+        """It has no energy to give: that of its search is not that of its hypotheses, which limbs have drawn."""
+        return Capabilities(frames_ahead=1, frames_behind=int(self.settings.smoothing))
 
     @cached_property
     def graph(self) -> LimbGraph:
@@ -91,7 +90,7 @@ class LooseLimbed:
     def init(
         self, rng: np.random.Generator, observation: Observation, following: Sequence[Observation] = ()
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.UsesLookahead`."""
+        """See `estimator.trackers.capabilities.Capabilities.frames_ahead`."""
         return self._searched(rng, None, observation, following)
 
     def step(
@@ -102,7 +101,7 @@ class LooseLimbed:
         following: Sequence[Observation] = (),
         before: Sequence[Observation] = (),
     ) -> tuple[LimbState, FrameResult]:
-        """See `estimator.trackers.capabilities.UsesLookback`."""
+        """See `estimator.trackers.capabilities.Capabilities.frames_behind`."""
         if not self.can_start(observation):
             after, result = predict_unobserved(self._search, state.mixture, observation.time - state.time, observation)
             return replace(state, mixture=after.mixture, time=after.time), result
@@ -210,7 +209,8 @@ class LooseLimbed:
     ) -> Graph:
         """The graph of a frame, of those behind it and of those of the following that are looked at."""
         reader = self.instants
-        shown = [*behind, observation, *(o for o in following[: self.frames_ahead] if reader.shows_person(o))]
+        ahead = following[: self.capabilities.frames_ahead]
+        shown = [*behind, observation, *(o for o in ahead if reader.shows_person(o))]
         instants = [reader.instant(rng, o, anew=past is None) for o in shown]
         return window(self.potentials, self.settings.outlier, instants, past)
 
