@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
-from estimator.inference.origin import Family, Origin, Origins, PreviousPose, families
+from estimator.inference.mixture import MODE_FIELDS, Mode, mode_arrays, modes_of
+from estimator.inference.origin import ORIGIN_FIELDS, Family, Origin, Origins, PreviousPose, families
+from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 
 Q, AHEAD = np.array([0.1, 0.2]), np.array([0.3, 0.4])
 KINDS = [
@@ -52,3 +56,14 @@ def test_runs_keep_their_names_and_old_words_are_read() -> None:
     assert families({}) is None
     with pytest.raises(ValueError, match="'x'"):
         families({"origin_family": np.array(["x"])})
+
+
+def test_every_field_of_a_hypothesis_is_in_the_table_that_files_go_by() -> None:
+    renamed = {"price": "penalty"}
+    assert {f.name for f in fields(Mode)} - {"origin"} == set(MODE_FIELDS)
+    of_the_frame = {"index", "time", "status", "origins", "extra"}
+    assert {f.name for f in fields(FrameResult)} - of_the_frame == set(RESULT_FIELDS)
+    assert [f.name for f in fields(Origins)] == [renamed.get(name, name) for name in ORIGIN_FIELDS]
+    mode = Mode(np.arange(3.0), np.eye(2), 1.5, "converged", np.ones(2), 1e-9, 0.01, 4, "exchanged")
+    (again,) = modes_of(mode_arrays([mode]))
+    assert all(np.array_equal(getattr(again, name), getattr(mode, name)) for name in MODE_FIELDS)

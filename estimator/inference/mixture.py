@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.data.formats.checked_arrays import Field
 from estimator.inference.origin import Origin
+
+MODE_FIELDS = {
+    "q": Field("f", ("K", "nq")),
+    "covariance": Field("f", ("K", "nv", "nv")),
+    "energy": Field("f", ("K",), finite=False),
+    "status": Field("U", ("K",)),
+    "velocity": Field("f", ("K", "nv")),
+    "kkt_residual": Field("f", ("K",), finite=False),
+    "penetration": Field("f", ("K",), finite=False),
+    "parent": Field("i", ("K",)),
+    "association": Field("U", ("K",)),
+}
+"""What K modes are as arrays, one for every field of `Mode` but its origin (see `estimator.inference.origin`). States,
+results, run files and `Run` go by this table."""
 
 
 @dataclass(frozen=True)
@@ -60,3 +76,15 @@ def mixture_of(modes: tuple[Mode, ...], log_scores: np.ndarray) -> Mixture:
     scores = log_scores[order] - np.max(log_scores, initial=-np.inf)
     weights = np.exp(scores)
     return Mixture(tuple(modes[k] for k in order), weights / weights.sum(), scores)
+
+
+def mode_arrays(modes: Iterable[Mode]) -> dict[str, np.ndarray]:
+    """K modes as the arrays of `MODE_FIELDS`."""
+    listed = list(modes)
+    return {name: field.array([getattr(m, name) for m in listed]) for name, field in MODE_FIELDS.items()}
+
+
+def modes_of(arrays: Mapping[str, np.ndarray]) -> tuple[Mode, ...]:
+    """The modes whose `mode_arrays` are among the arrays, without origins."""
+    columns = [a if a.ndim > 1 else a.tolist() for a in (arrays[name] for name in MODE_FIELDS)]
+    return tuple(Mode(**dict(zip(MODE_FIELDS, row, strict=True))) for row in zip(*columns, strict=True))

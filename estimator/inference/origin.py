@@ -9,8 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.data.formats.checked_arrays import Field
+
 PREFIX = "origin_"
-_STORED = {"penalty": "price"}  # names that fields have in run files, where these are others
+ORIGIN_FIELDS = {
+    "family": Field("U", ("K",)),
+    "q_previous": Field("f", ("K", "nq"), finite=False),
+    "paid": Field("b", ("K",)),
+    "price": Field("f", ("K",)),
+    "q_predicted": Field("f", ("K", "nq"), finite=False),
+    "q_assigned": Field("f", ("K", "nq"), finite=False),
+    "extent": Field("f", ("K", "C"), finite=False),
+}
+"""The fields of `Origins` by the names that run files have them by after `PREFIX`, in their order. One that may be NaN
+is left out where all of it is."""
 
 
 class Family(str, Enum):
@@ -132,8 +144,8 @@ class Origins:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """As arrays to be stored, those left out that say nothing; `from_arrays` is the inverse."""
-        by_name = {_STORED.get(f.name, f.name): getattr(self, f.name) for f in fields(self)}
-        return {PREFIX + name: a for name, a in by_name.items() if a.dtype.kind != "f" or np.isfinite(a).any()}
+        own = zip(ORIGIN_FIELDS.items(), (getattr(self, f.name) for f in fields(self)), strict=True)
+        return {PREFIX + name: a for (name, field), a in own if field.finite or np.isfinite(a).any()}
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, np.ndarray], nq: int) -> Origins | None:
@@ -142,11 +154,10 @@ class Origins:
         family = families(arrays)
         if family is None:
             return None
-        shapes = {"q_previous": nq, "q_predicted": nq, "q_assigned": nq, "extent": 0}
-        rows = {
-            name: arrays.get(PREFIX + name, np.full((len(family), width), np.nan)) for name, width in shapes.items()
-        }
-        return Origins(family=family, paid=arrays[PREFIX + "paid"], penalty=arrays[PREFIX + "price"], **rows)
+        sizes = {"K": len(family), "nq": nq, "C": 0}
+        kept = {name: arrays.get(PREFIX + name) for name in ORIGIN_FIELDS} | {"family": family}
+        absent = (f.nothing(*(sizes[size] for size in f.shape)) for f in ORIGIN_FIELDS.values())
+        return Origins(*(none if a is None else a for a, none in zip(kept.values(), absent, strict=True)))
 
 
 def families(arrays: Mapping[str, np.ndarray]) -> np.ndarray | None:

@@ -25,7 +25,7 @@ from estimator.runs.coordinates import follower_columns, joint_entries, opensim_
 from estimator.runs.gait_coordinates import GAIT_MODELS, gait_coordinates
 from estimator.runs.joint_table import joint_columns, std_columns
 from estimator.runs.opensim_model import opensim_model
-from estimator.runs.run_checks import EXTRA
+from estimator.runs.run_arrays import EXTRA
 from estimator.runs.run_reader import Run
 from humanoid.subject.joint_names import ROOT_TURNS, joint_names
 from humanoid.support.atomic import replacing

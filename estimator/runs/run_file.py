@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import functools
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ import numpy as np
 from estimator.data.formats.packing import pack, unpack
 from estimator.data.observation import Observation
 from estimator.runs import run_store
-from estimator.runs.run_checks import EXTRA
+from estimator.runs.run_arrays import frame_arrays
 from estimator.runs.run_header import RunHeader, with_findings
 from estimator.runs.run_reader import Run
 from estimator.trackers.frame_result import FrameResult
@@ -122,7 +121,7 @@ class RunWriter:
 
     def append(self, result: FrameResult, state: Mapping[str, np.ndarray]) -> None:
         """Store a frame and, in the same transaction, the tracker's exact state after it in place of the last one."""
-        data, exact = pack(_packed(result)), pack(state)
+        data, exact = pack(frame_arrays(result)), pack(state)
         execute = self._connection.execute
         with run_store.translated(self.path, kept=True):
             execute("BEGIN IMMEDIATE")
@@ -193,29 +192,3 @@ class RunWriter:
 
 def _estimate_of(o: Observation) -> dict[str, np.ndarray]:
     return {} if o.estimate is None else {"estimate_q": o.estimate.q, "estimate_covariance": o.estimate.covariance}
-
-
-def _packed(result: FrameResult) -> dict[str, np.ndarray]:
-    """Arrays of a result; covariances as the upper triangle in single precision, the exact ones being in the state."""
-    rows, columns = _triangle(result.covariance.shape[-1])
-    return {
-        "index": np.array(result.index, dtype=np.int64),
-        "time": np.array(result.time, dtype=np.float64),
-        "status": np.array(result.status),
-        "q": result.q,
-        "weight": result.weight,
-        "energy": result.energy,
-        "covariance": result.covariance[:, rows, columns].astype(np.float32),
-        "parent": np.asarray(result.parent, dtype=np.int64),
-        "kkt_residual": result.kkt_residual,
-        "penetration": result.penetration,
-        "association": np.array(result.association, dtype=np.str_),
-        **({} if result.velocity is None else {"velocity": result.velocity}),
-        **({} if result.origins is None else result.origins.arrays()),
-        **{EXTRA + name: array for name, array in result.extra.items()},
-    }
-
-
-@functools.lru_cache(maxsize=4)
-def _triangle(n: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.triu_indices(n)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimator.data.formats.checked_arrays import Field, sizes_of
 from estimator.data.formats.packing import unpack
 from estimator.data.observation import Observation, PoseEstimate
-from estimator.inference.origin import Origins, families
+from estimator.inference.origin import ORIGIN_FIELDS, families
 from estimator.runs import run_store
 from estimator.runs.calibration import PosteriorCalibration
 from estimator.runs.coordinates import joint_entries
@@ -20,11 +21,18 @@ from estimator.runs.filtering import Filtering, filtered
 from estimator.runs.joint_angle import ONE_NUMBER, JointAngle, joint_angle, joint_entry, joint_value
 from estimator.runs.joint_table import data_frame
 from estimator.runs.posterior import Posterior
-from estimator.runs.run_checks import check_frame, check_observation, check_trajectory, extra_of
+from estimator.runs.run_arrays import (
+    check_frame,
+    check_observation,
+    check_trajectory,
+    extra_of,
+    frame_result,
+    symmetric,
+)
 from estimator.runs.run_header import RunHeader
 from estimator.runs.run_store import TemporaryFolder
 from estimator.runs.spread import LEVEL, Spread, spread_of
-from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.trackers.paths import backtrack
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import BUILT_IN, Subject, subject_from_text
@@ -124,13 +132,7 @@ class Run(Summarised):
 
     def result(self, i: int) -> FrameResult:
         """Frame `i` of the file; negative counts from the end."""
-        a = self._frames[i]
-        return FrameResult(
-            int(a["index"]), float(a["time"]), str(a["status"]), a["q"], a["weight"], a["energy"],
-            _symmetric(a["covariance"], self.body.nv), a["parent"], a["kkt_residual"], a["penetration"],
-            tuple(str(s) for s in a["association"]), a.get("velocity"), Origins.from_arrays(a, self.body.nq),
-            extra_of(a),
-        )  # fmt: skip
+        return frame_result(self._frames[i], self.body)
 
     def observation(self, i: int) -> Observation:
         """What was seen in planned frame `i`, without the pictures; raises InputError where it was never stored."""
@@ -205,7 +207,7 @@ class Run(Summarised):
     @cached_property
     def mode_q(self) -> np.ndarray:
         """(T, K, nq) configurations."""
-        return self._padded("q", (self.body.nq,))
+        return self._padded("q")
 
     @cached_property
     def mode_weight(self) -> np.ndarray:
@@ -233,34 +235,28 @@ class Run(Summarised):
         nv = self.body.nv
         out = np.full((len(self._frames), self.hypothesis_count, nv, nv), np.nan, dtype=np.float32)
         for t, frame in enumerate(self._frames):
-            out[t, : len(frame["covariance"])] = _symmetric(frame["covariance"], nv)
+            out[t, : len(frame["covariance"])] = symmetric(frame["covariance"], nv)
         return out
 
     @cached_property
     def mode_parent(self) -> np.ndarray:
         """(T, K) index into the frame before, -1 if none."""
-        parent = self._padded("parent")
-        return np.where(np.isnan(parent), -1, parent).astype(np.int64)
+        return self._padded("parent")
 
     @cached_property
     def mode_association(self) -> np.ndarray:
         """(T, K) text, empty where there is no hypothesis."""
-        k = self.hypothesis_count
-        rows = [[*f["association"], *[""] * (k - len(f["association"]))] for f in self._frames]
-        return np.array(rows, dtype=np.str_).reshape(len(rows), k)
+        return self._padded("association")
 
     @cached_property
     def mode_velocity(self) -> np.ndarray:
         """(T, K, nv) [1/s], see `Mode`; NaN also in runs made before it was kept."""
-        return self._padded("velocity", (self.body.nv,))
+        return self._padded("velocity")
 
     @cached_property
     def mode_family(self) -> np.ndarray:
         """(T, K) text: what each hypothesis was searched from, see `Origin`; empty where that is not known."""
-        known = [families(f) for f in self._frames]
-        rows = [[] if row is None else row.tolist() for row in known]
-        k = self.hypothesis_count
-        return np.array([row + [""] * (k - len(row)) for row in rows], dtype=np.str_).reshape(len(rows), k)
+        return self._stacked([families(f) for f in self._frames], ORIGIN_FIELDS["family"])
 
     @cached_property
     def extra(self) -> Mapping[str, np.ndarray]:
@@ -321,7 +317,7 @@ class Run(Summarised):
         out = np.full((len(self._frames), nv, nv), np.nan)
         for t, (frame, k) in enumerate(zip(self._frames, self.path, strict=True)):
             if k >= 0:
-                out[t] = _symmetric(frame["covariance"][k : k + 1], nv)[0]
+                out[t] = symmetric(frame["covariance"][k : k + 1], nv)[0]
         return out
 
     def posterior(self, i: int, calibration: PosteriorCalibration | None = None) -> Posterior:
@@ -431,11 +427,18 @@ class Run(Summarised):
         """(planned T, C, L) of `pixels`."""
         return self._keypoints[1]
 
-    def _padded(self, key: str, shape: tuple[int, ...] = ()) -> np.ndarray:
-        out = np.full((len(self._frames), self.hypothesis_count, *shape), np.nan)
-        for t, frame in enumerate(self._frames):
-            if key in frame:
-                out[t, : len(frame[key])] = frame[key]
+    def _padded(self, name: str) -> np.ndarray:
+        """An array of the hypotheses over all frames."""
+        return self._stacked([f.get(name) for f in self._frames], RESULT_FIELDS[name])
+
+    def _stacked(self, frames: Sequence[np.ndarray | None], field: Field) -> np.ndarray:
+        """Arrays (K, ...) of all frames as one (T, K, ...), with nothing where a frame has fewer or none."""
+        sizes = {**sizes_of(self.body), "K": self.hypothesis_count}
+        out = field.nothing(len(frames), *(sizes[size] for size in field.shape))
+        out = out.astype(np.result_type(out, *{a.dtype for a in frames if a is not None}))  # the longest text fits
+        for t, array in enumerate(frames):
+            if array is not None:
+                out[t, : len(array)] = array
         return out
 
     def _along(self, per_mode: np.ndarray) -> np.ndarray:
@@ -444,15 +447,6 @@ class Run(Summarised):
         some = self.path >= 0
         out[some] = per_mode[some, self.path[some]]
         return out
-
-
-def _symmetric(triangle: np.ndarray, n: int) -> np.ndarray:
-    """Symmetric matrices (K, n, n) from their upper triangles (K, n (n + 1) / 2)."""
-    rows, columns = np.triu_indices(n)
-    full = np.zeros((len(triangle), n, n))
-    full[:, rows, columns] = triangle
-    full[:, columns, rows] = triangle
-    return full
 
 
 _MOST = 50_000_000  # entries that are filled up

@@ -5,10 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from estimator.data.formats.checked_arrays import Field
+from estimator.inference.mixture import MODE_FIELDS
 from estimator.inference.origin import Origins
+
+RESULT_FIELDS = {"weight": Field("f", ("K",)), **{name: f for name, f in MODE_FIELDS.items() if name != "status"}}
+"""The arrays of a frame's K hypotheses; of runs made before it was kept `velocity` is missing."""
 
 TRACKED = "tracked"
 STATUS_MEANINGS = {
@@ -59,6 +65,21 @@ class FrameResult:
     velocity: np.ndarray | None = None
     origins: Origins | None = None
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        index: int, time: float, status: str, arrays: Mapping[str, np.ndarray],
+        origins: Origins | None = None, extra: Mapping[str, np.ndarray] | None = None,
+    ) -> FrameResult:  # fmt: skip
+        """The one whose `arrays` these are, among others."""
+        own: dict[str, Any] = {name: arrays[name] for name in RESULT_FIELDS if name in arrays}
+        own["association"] = tuple(own["association"].tolist())
+        return FrameResult(index, time, status, **own, origins=origins, extra=extra or {})
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The hypotheses as the arrays of `RESULT_FIELDS` that there are."""
+        own = ((name, field, getattr(self, name)) for name, field in RESULT_FIELDS.items())
+        return {name: field.array(value) for name, field, value in own if value is not None}
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "extra", {name: _read_only(value) for name, value in self.extra.items()})

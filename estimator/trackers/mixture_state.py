@@ -20,7 +20,7 @@ from estimator.data.formats.checked_arrays import (
 )
 from estimator.data.observation import Observation
 from estimator.energy.descent.solution import ITERATIONS, StepCounts
-from estimator.inference.mixture import Mixture, Mode
+from estimator.inference.mixture import MODE_FIELDS, Mixture, mode_arrays, modes_of
 from estimator.inference.origin import Family, Origins
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.frame_result import FrameResult
@@ -28,18 +28,11 @@ from humanoid.kinematics.body import Body
 
 FAR = 3.0  # standard deviations beyond which a keypoint is not explained
 ENOUGH = 0.5  # of `agreement`; with less a frame is hard
-_NUMBERS = ("energy", "kkt_residual", "penetration")
 _FIELDS = {
     "time": Field("f"),
     "log_scores": Field("f", ("K",), finite=False),
     "weights": Field("f", ("K",)),
-    "q": Field("f", ("K", "nq")),
-    "covariance": Field("f", ("K", "nv", "nv")),
-    "velocity": Field("f", ("K", "nv")),
-    "parent": Field("i", ("K",)),
-    "status": Field("U", ("K",)),
-    "association": Field("U", ("K",)),
-    **{name: Field("f", ("K",), finite=False) for name in _NUMBERS},
+    **MODE_FIELDS,
 }
 
 
@@ -54,18 +47,11 @@ class MixtureState:
 
     def arrays(self) -> dict[str, np.ndarray]:
         """See `estimator.trackers.base.State`."""
-        modes = self.mixture.modes
         return {
             "time": np.array(self.time),
             "log_scores": self.mixture.log_scores,
             "weights": self.mixture.weights,
-            "q": np.array([m.q for m in modes]),
-            "covariance": np.array([m.covariance for m in modes]),
-            "velocity": np.array([m.velocity for m in modes]),
-            "parent": np.array([m.parent for m in modes]),
-            "status": np.array([m.status for m in modes], dtype=np.str_),
-            "association": np.array([m.association for m in modes], dtype=np.str_),
-            **{name: np.array([getattr(m, name) for m in modes]) for name in _NUMBERS},
+            **mode_arrays(self.mixture.modes),
             **({"unseen": np.array(self.unseen)} if self.unseen else {}),
         }
 
@@ -79,24 +65,11 @@ class MixtureState:
         check_configurations(body, arrays["q"], "q")
         if minima:
             check_covariances(arrays["covariance"])
-        modes = tuple(
-            Mode(
-                q=arrays["q"][k],
-                covariance=arrays["covariance"][k],
-                velocity=arrays["velocity"][k],
-                status=str(arrays["status"][k]),
-                parent=int(arrays["parent"][k]),
-                association=str(arrays["association"][k]),
-                energy=float(arrays["energy"][k]),
-                kkt_residual=float(arrays["kkt_residual"][k]),
-                penetration=float(arrays["penetration"][k]),
-            )
-            for k in range(len(arrays["weights"]))
-        )
         unseen = float(arrays.get("unseen", 0.0))
         if not 0.0 <= unseen < np.inf:
             raise DamageError(f"unseen for {unseen:g} s")
-        return MixtureState(Mixture(modes, arrays["weights"], arrays["log_scores"]), float(arrays["time"]), unseen)
+        mixture = Mixture(modes_of(arrays), arrays["weights"], arrays["log_scores"])
+        return MixtureState(mixture, float(arrays["time"]), unseen)
 
 
 class CarriesMixture:
@@ -150,23 +123,9 @@ def result_of(
     observation: Observation, mixture: Mixture, status: str, extra: Mapping[str, np.ndarray] | None = None
 ) -> FrameResult:
     """The hand-off to run files and pictures."""
-    modes = mixture.modes
-    return FrameResult(
-        index=observation.index,
-        time=observation.time,
-        status=status,
-        q=np.array([m.q for m in modes]),
-        weight=mixture.weights,
-        energy=np.array([m.energy for m in modes]),
-        covariance=np.array([m.covariance for m in modes]),
-        parent=np.array([m.parent for m in modes]),
-        kkt_residual=np.array([m.kkt_residual for m in modes]),
-        penetration=np.array([m.penetration for m in modes]),
-        association=tuple(m.association for m in modes),
-        velocity=np.array([m.velocity for m in modes]),
-        origins=Origins.of([m.origin for m in modes], len(modes[0].q)),
-        extra=extra or {},
-    )
+    origins = Origins.of([m.origin for m in mixture.modes], len(mixture.modes[0].q))
+    arrays = {"weight": mixture.weights, **mode_arrays(mixture.modes)}
+    return FrameResult.of(observation.index, observation.time, status, arrays, origins, extra)
 
 
 def search_counts(families: Mapping[Family, int], steps: StepCounts) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.data.observation import Observation
 from estimator.trackers.base import State, TrackerProtocol
 from estimator.trackers.capabilities import capabilities_of
-from estimator.trackers.frame_result import FrameResult
+from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult
 from estimator.tracking.leaps import LastFrame, LeapCheck
 
 S = TypeVar("S", bound=State)
@@ -92,17 +92,6 @@ class FrameByFrame(Generic[S]):
 
 
 def _empty(observation: Observation, nq: int, nv: int) -> FrameResult:
-    none = np.zeros(0)
-    return FrameResult(
-        index=observation.index,
-        time=observation.time,
-        status="unobserved",
-        q=np.zeros((0, nq)),
-        weight=none,
-        energy=none,
-        covariance=np.zeros((0, nv, nv)),
-        parent=np.zeros(0, dtype=np.int64),
-        kkt_residual=none,
-        penetration=none,
-        association=(),
-    )
+    sizes = {"K": 0, "nq": nq, "nv": nv}
+    arrays = {name: field.nothing(*(sizes[size] for size in field.shape)) for name, field in RESULT_FIELDS.items()}
+    return FrameResult.of(observation.index, observation.time, "unobserved", arrays)

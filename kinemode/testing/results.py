@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
+from estimator.data.formats.checked_arrays import sizes_of
 from estimator.data.observation import Observation
-from estimator.trackers.frame_result import STATUS_MEANINGS, FrameResult
+from estimator.trackers.frame_result import RESULT_FIELDS, STATUS_MEANINGS, FrameResult
 from humanoid.kinematics.body import Body
 from kinemode.testing.laws import require
 
@@ -75,13 +76,9 @@ def check_result(
 def _shapes(law: Law, body: Body, result: FrameResult) -> None:
     count = len(result.weight)
     law(count >= 1, "there is a hypothesis", "there is none")
-    expected = {
-        "q": (count, body.nq), "weight": (count,), "energy": (count,), "covariance": (count, body.nv, body.nv),
-        "parent": (count,), "kkt_residual": (count,), "penetration": (count,), "association": (count,),
-        "velocity": (count, body.nv),
-    }  # fmt: skip
-    for name, shape in expected.items():
-        array = getattr(result, name)
+    sizes = {**sizes_of(body), "K": count}
+    for name, field in RESULT_FIELDS.items():
+        array, shape = getattr(result, name), tuple(sizes[size] for size in field.shape)
         if array is not None:
             law(np.shape(array) == shape, "arrays have their shapes", f"{name} is {np.shape(array)}, not {shape}")
 

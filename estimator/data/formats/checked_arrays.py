@@ -18,11 +18,24 @@ _NORM = 1e-3  # by how much a quaternion of a configuration may be off one
 
 
 class Field(NamedTuple):
-    """One array. kinds: numpy's letters. shape: sizes, by name (K, nq, nv, ...). finite: all numbers are."""
+    """One array. kind: numpy's letter. shape: sizes, by name (K, nq, nv, ...). finite: all numbers are."""
 
-    kinds: str
+    kind: str
     shape: tuple[str, ...] = ()
     finite: bool = True
+
+    @property
+    def dtype(self) -> type[np.generic]:
+        """The type that an array has which is made here."""
+        return {"f": np.float64, "i": np.int64, "b": np.bool_, "U": np.str_}[self.kind]
+
+    def array(self, values: object) -> np.ndarray:
+        """Values as such an array."""
+        return np.asarray(values, dtype=self.dtype)
+
+    def nothing(self, *shape: int) -> np.ndarray:
+        """An array that says nothing: NaN, -1 for indices, no, or empty text."""
+        return np.full(shape, {"f": np.nan, "i": -1, "b": False, "U": ""}[self.kind], self.dtype)
 
 
 class DamageError(ValueError):
@@ -43,7 +56,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], fields: Mapping[str, Field], 
             continue
         wanted = tuple(sizes.get(size, -1) for size in field.shape)
         fits = array.ndim == len(wanted) and all(w in (-1, n) for w, n in zip(wanted, array.shape, strict=True))
-        if array.dtype.kind not in field.kinds or not fits:
+        if array.dtype.kind != field.kind or not fits:
             raise DamageError(f"{name} has the shape {array.shape} and type {array.dtype}")
         if array.dtype.kind == "U" and not valid_text(array):
             raise DamageError(f"{name} has characters that are none")

@@ -1,7 +1,8 @@
-"""What the arrays of a run file's frames have to be. A tracker's state is checked by the tracker that made it."""
+"""The arrays of a run file's frames and what they have to be. A tracker's state is checked by its tracker."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,8 +20,8 @@ from estimator.data.formats.checked_arrays import (
     those_there,
 )
 from estimator.data.formats.packing import valid_text
-from estimator.inference.origin import PREFIX, families
-from estimator.trackers.frame_result import check_extra
+from estimator.inference.origin import ORIGIN_FIELDS, PREFIX, Origins, families
+from estimator.trackers.frame_result import RESULT_FIELDS, FrameResult, check_extra
 from humanoid.kinematics.body import Body
 
 EXTRA = "extra_"
@@ -31,30 +32,52 @@ _FRAME = {
     "index": Field("i"),
     "time": Field("f"),
     "status": Field("U"),
-    "q": Field("f", ("K", "nq")),
-    "weight": Field("f", ("K",)),
-    "energy": Field("f", ("K",), finite=False),
+    **{name: field for name, field in RESULT_FIELDS.items() if name != "velocity"},
     "covariance": Field("f", ("K", "triangle")),
-    "parent": Field("i", ("K",)),
-    "kkt_residual": Field("f", ("K",), finite=False),
-    "penetration": Field("f", ("K",), finite=False),
-    "association": Field("U", ("K",)),
 }
-_VELOCITY = {"velocity": Field("f", ("K", "nv"))}  # runs made before it was kept have none
-_ORIGINS = {
-    f"{PREFIX}family": Field("U", ("K",)),
-    f"{PREFIX}paid": Field("b", ("K",)),
-    f"{PREFIX}price": Field("f", ("K",)),
-}
-_ORIGIN_POSES = {
-    f"{PREFIX}{name}": Field("f", ("K", "nq"), finite=False) for name in ("q_previous", "q_predicted", "q_assigned")
-}
-_ORIGIN_EXTENT = {f"{PREFIX}extent": Field("f", ("K", "any"), finite=False)}
+_VELOCITY = {"velocity": RESULT_FIELDS["velocity"]}  # runs made before it was kept have none
+_ORIGINS = {PREFIX + name: field for name, field in ORIGIN_FIELDS.items()}
 _ESTIMATE = {"estimate_q": Field("f", ("nq",)), "estimate_covariance": Field("f", ("nv", "nv"))}
 _OBSERVATION = {
     "pixels": Field("f", ("C", "L", "2"), finite=False),
     "confidence": Field("f", ("C", "L")),
 }
+
+
+def frame_arrays(result: FrameResult) -> dict[str, np.ndarray]:
+    """What is stored of a frame; covariances as the upper triangle in single precision, the exact ones being in the
+    state."""
+    rows, columns = _triangle(result.covariance.shape[-1])
+    return {
+        "index": _FRAME["index"].array(result.index),
+        "time": _FRAME["time"].array(result.time),
+        "status": _FRAME["status"].array(result.status),
+        **result.arrays(),
+        "covariance": result.covariance[:, rows, columns].astype(np.float32),
+        **({} if result.origins is None else result.origins.arrays()),
+        **{EXTRA + name: array for name, array in result.extra.items()},
+    }
+
+
+def frame_result(arrays: Mapping[str, np.ndarray], body: Body) -> FrameResult:
+    """The frame that was stored so."""
+    hypotheses = {**arrays, "covariance": symmetric(arrays["covariance"], body.nv)}
+    origins = Origins.from_arrays(arrays, body.nq)
+    index, time, status = int(arrays["index"]), float(arrays["time"]), str(arrays["status"])
+    return FrameResult.of(index, time, status, hypotheses, origins, extra_of(arrays))
+
+
+def symmetric(triangle: np.ndarray, n: int) -> np.ndarray:
+    """Symmetric matrices (K, n, n) from their upper triangles (K, n (n + 1) / 2)."""
+    rows, columns = _triangle(n)
+    full = np.zeros((len(triangle), n, n))
+    full[:, rows, columns] = full[:, columns, rows] = triangle
+    return full
+
+
+@functools.lru_cache(maxsize=4)
+def _triangle(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.triu_indices(n)
 
 
 def check_frame(arrays: Mapping[str, np.ndarray], body: Body, planned: int, before: int | None) -> None:
@@ -118,13 +141,11 @@ def _check_origins(arrays: Mapping[str, np.ndarray], body: Body, count: int) -> 
     """Where modes came from; poses and extents that there are not are NaN, or are left out."""
     if not any(name.startswith(PREFIX) for name in arrays):
         return
-    sizes = {"nq": body.nq, "K": count}
-    check_arrays(arrays, _ORIGINS, sizes)
+    there = {name: field for name, field in _ORIGINS.items() if field.finite or name in arrays}
+    check_arrays(arrays, there, {"nq": body.nq, "K": count})
     try:
         families(arrays)
     except ValueError as error:
         raise DamageError(f"{PREFIX}family: {error}") from None
-    poses = those_there(_ORIGIN_POSES, arrays)
-    check_arrays(arrays, poses | those_there(_ORIGIN_EXTENT, arrays), sizes)
-    for name in poses:
+    for name in (name for name, field in there.items() if "nq" in field.shape):
         check_configurations(body, arrays[name][~np.isnan(arrays[name]).all(axis=1)], name)
