@@ -231,7 +231,7 @@ def test_a_file_gives_the_same_shouts(
     with pytest.raises(InputError, match=r"damaged: template 0 .* train-templates"):
         load_templates(tmp_path / "bad.npz")
     np.savez(tmp_path / "other.npz", q=np.zeros(3))
-    with pytest.raises(InputError, match=r"no templates of limbs"):
+    with pytest.raises(InputError, match=r"no file of templates of limbs"):
         load_templates(tmp_path / "other.npz")
 
 

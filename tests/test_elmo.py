@@ -225,7 +225,7 @@ def recipe(**changes: Any) -> Callable[[dict[str, np.ndarray]], None]:
 
 BROKEN: dict[str, tuple[Callable[[dict[str, np.ndarray]], None], str]] = {
     "of another kind": (lambda a: a.pop("codes"), "is no index of examples"),
-    "format": (header(format=7), "is an index of format 7, this kinemode reads 2"),
+    "format": (header(format=7), "is of format 7, this kinemode reads 2"),
     "subject": (header(q_names=["a", "b"]), "is of another subject than human34: its coordinates are a, b"),
     "recipe": (header(recipe={"colour": 1}), "is damaged"),
     "side": (header(side=-1.0), "is damaged: a side of -1 m"),

@@ -1,13 +1,18 @@
-"""The arrays of an .npz file that anybody may have written."""
+"""Files of arrays: those that anybody may have written, and our own with a header of JSON."""
 
 from __future__ import annotations
 
+import json
 import zipfile
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from estimator.data.formats.checked_json import mapping
 from estimator.data.formats.packing import valid_text
+from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 _MOST_BYTES = 400_000_000  # of all arrays together, unpacked: hours of landmarks
@@ -35,6 +40,39 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         if not valid_text(array):
             raise InputError(path, "has characters that are none", place=name)
     return arrays
+
+
+def write_headed(path: Path, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """A file for `read_headed`; raises InputError where it cannot be written.
+
+    header: of numbers, texts, lists and objects, with the number of its `format`.
+    """
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
+
+
+def read_headed(
+    path: Path, kind: str, number: int, needed: Collection[str], remedy: str
+) -> tuple[dict[str, np.ndarray], Mapping[str, Any]]:
+    """Arrays and header of a file by `write_headed`.
+
+    kind: what the file has to be, for what is said. number: of the format that is read. needed: arrays that tell it.
+
+    Raises
+    ------
+    InputError: as `read_npz`; it is no such file, or one of another format.
+    """
+    arrays = read_npz(path)
+    if not {"header", *needed} <= arrays.keys():
+        raise InputError(path, f"is no {kind}", remedy=remedy)
+    try:
+        header = mapping(json.loads(str(arrays["header"])), path, "header")
+    except json.JSONDecodeError:
+        raise InputError(path, "is damaged: its header is not JSON", remedy=remedy) from None
+    if header.get("format") != number:
+        problem = f"is of format {str(header.get('format'))[:20]}, this kinemode reads {number}"
+        raise InputError(path, problem, remedy=remedy)
+    return arrays, header
 
 
 def read_npy(path: Path) -> np.ndarray:

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays, check_configurations
-from estimator.data.formats.checked_json import mapping
-from estimator.data.formats.npz import read_npz
+from estimator.data.formats.npz import read_headed, write_headed
 from estimator.search.examples.bits import Bits
 from estimator.search.examples.hashing import KEY_BITS, TABLES, HashTables, Neighbours
 from estimator.vision.edge_histogram import bin_count
 from estimator.vision.person_view import ViewFrame
 from humanoid.kinematics.body import ROOT_Q, Body
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 FORMAT = 2  # another whenever equal pictures are described otherwise
@@ -89,12 +85,12 @@ class ExampleIndex:
     def save(self, path: str | Path) -> None:
         """Write it to one file; raises InputError where that cannot be written."""
         header = {"format": FORMAT, "recipe": asdict(self.recipe), "q_names": list(self.q_names), "side": self.side}
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file, header=np.array(json.dumps(header)), q=self.q.astype(np.float32), codes=self.tables.codes,
-                feature=self.bits.feature, threshold=self.bits.threshold, true_rate=self.bits.true_rate,
-                false_rate=self.bits.false_rate, keys=self.tables.chosen.astype(np.int32),
-            )  # fmt: skip
+        arrays = {
+            "q": self.q.astype(np.float32), "codes": self.tables.codes, "feature": self.bits.feature,
+            "threshold": self.bits.threshold, "true_rate": self.bits.true_rate, "false_rate": self.bits.false_rate,
+            "keys": self.tables.chosen.astype(np.int32),
+        }  # fmt: skip
+        write_headed(Path(path), header, arrays)
 
 
 def load_index(path: str | Path, body: Body) -> ExampleIndex:
@@ -120,8 +116,10 @@ def check_index(path: str | Path, body: Body) -> None:
 
 def _checked(path: Path, body: Body) -> tuple[dict[str, np.ndarray], IndexRecipe, float]:
     """The arrays of a file, its recipe and side."""
-    arrays = read_npz(path)
-    header = _header(arrays, path)
+    needed = ("codes", "q", "feature", "keys")
+    arrays, header = read_headed(path, "index of examples", FORMAT, needed, REMEDY)
+    if not isinstance(header.get("q_names"), list):
+        raise InputError(path, "is damaged: names are needed", place="q_names", remedy=REMEDY)
     names = tuple(str(name) for name in header["q_names"])
     if names != body.q_names:
         problem = f"is of another subject than {body.subject.source}: its coordinates are {', '.join(names[:9])}, ..."
@@ -134,23 +132,6 @@ def _checked(path: Path, body: Body) -> tuple[dict[str, np.ndarray], IndexRecipe
     except (DamageError, TypeError, ValueError, KeyError) as error:
         raise InputError(path, f"is damaged: {error}", remedy=REMEDY) from None
     return arrays, recipe, side
-
-
-def _header(arrays: Mapping[str, np.ndarray], path: Path) -> Mapping[str, Any]:
-    if not {"header", "codes", "q", "feature", "keys"} <= arrays.keys():
-        raise InputError(path, "is no index of examples", remedy=REMEDY)
-    try:
-        header = mapping(json.loads(str(arrays["header"])), str(path), "header")
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, "is damaged: its header is not JSON", remedy=REMEDY) from None
-    if header.get("format") != FORMAT:
-        problem = f"is an index of format {str(header.get('format'))[:20]}, this kinemode reads {FORMAT}"
-        raise InputError(path, problem, remedy=REMEDY)
-    if not isinstance(header.get("q_names"), list):
-        raise InputError(path, "is damaged: names are needed", place="q_names", remedy=REMEDY)
-    return header
 
 
 def _check(arrays: Mapping[str, np.ndarray], body: Body, side: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,10 @@ import numpy as np
 
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.data.formats.checked_json import mapping
-from estimator.data.formats.npz import read_npz
+from estimator.data.formats.npz import read_headed, write_headed
 from estimator.trackers.loose_limbed.part_detectors.templates import REMEDY, LimbTemplate, LimbTemplates
 from estimator.vision.eigen_templates import EigenSpace
 from estimator.vision.patches import CHANNELS
-from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError
 
 FORMAT = 1  # another whenever equal pictures give other patches
@@ -41,8 +39,7 @@ def save_templates(templates: LimbTemplates, path: str | Path) -> None:
         for space in _SPACES:
             for name in _OF_SPACE:
                 arrays[f"{space}_{name}_{k}"] = np.asarray(getattr(getattr(template, space), name), np.float32)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, header=np.array(json.dumps(header)), **arrays)  # type: ignore[arg-type]
+    write_headed(Path(path), header, arrays)
 
 
 def load_templates(path: str | Path) -> LimbTemplates:
@@ -53,27 +50,11 @@ def load_templates(path: str | Path) -> LimbTemplates:
     InputError: the file cannot be read, is damaged, has no templates or those of another version.
     """
     path = Path(path)
-    arrays = read_npz(path)
-    header = _header(arrays, path)
+    arrays, header = read_headed(path, "file of templates of limbs", FORMAT, _RIG, REMEDY)
     try:
         return _read(arrays, header)
     except (DamageError, TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
         raise InputError(path, f"is damaged: {error}", remedy=REMEDY) from None
-
-
-def _header(arrays: Mapping[str, np.ndarray], path: Path) -> Mapping[str, Any]:
-    if not {"header", *_RIG} <= arrays.keys():
-        raise InputError(path, "has no templates of limbs", remedy=REMEDY)
-    try:
-        header = mapping(json.loads(str(arrays["header"])), str(path), "header")
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, "is damaged: its header is not JSON", remedy=REMEDY) from None
-    if header.get("format") != FORMAT:
-        problem = f"has templates of format {str(header.get('format'))[:20]}, this kinemode reads {FORMAT}"
-        raise InputError(path, problem, remedy=REMEDY)
-    return header
 
 
 def _read(arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> LimbTemplates:
