@@ -10,7 +10,6 @@ import pytest
 
 from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.point_features import skin_features
-from estimator.synthesis.skin_detector import SkinDetectorSettings, simulated_blobs, simulated_faces
 from estimator.vision.faces import FACE, FaceDetector, face_of_keypoints, skin_points
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -103,43 +102,3 @@ def test_a_detector_that_cannot_be_is_one_line(tmp_path: Path, monkeypatch: pyte
     monkeypatch.delattr(cv2, "FaceDetectorYN")
     with pytest.raises(InputError, match="no FaceDetectorYN"):
         FaceDetector(broken)
-
-
-FRAMES = 800
-
-
-def test_simulated_blobs_err_as_asked() -> None:
-    settings = SkinDetectorSettings(noise=2.0, missing=0.1, clutter=0.2, spread=0.2)
-    pixels = np.tile([[100.0, 50], [40, 150], [160, 150]], (FRAMES, 1, 1))
-    radii = np.array([30.0, 12.0, 12.0])
-    blobs = simulated_blobs(pixels, radii, 0, (200, 200), np.random.default_rng(0), settings)
-    counts = np.array([len(b.area) for b in blobs])
-    assert counts.mean() == pytest.approx(3 * 0.9 + 0.2, abs=0.07)
-    at_left = np.concatenate([b.mean[np.linalg.norm(b.mean - [40, 150], axis=1) < 8.0] for b in blobs]) - [40, 150]
-    np.testing.assert_allclose(at_left.std(axis=0), 2.0, rtol=0.1)
-    assert not any(b.merged.any() for b in blobs)
-    assert all((np.diff(b.area) <= 0).all() for b in blobs)
-    hidden = np.zeros((FRAMES, 3), bool)
-    hidden[:, 2] = True
-    without = simulated_blobs(pixels, radii, 0, (200, 200), np.random.default_rng(0), settings, hidden)
-    assert np.mean([len(b.area) for b in without]) == pytest.approx(2 * 0.9 + 0.2, abs=0.07)
-
-
-def test_simulated_blobs_merge_where_they_touch() -> None:
-    exact = SkinDetectorSettings(noise=0.0, missing=0.0, clutter=0.0, spread=0.0)
-    pixels = np.array([[[100.0, 50], [60, 150], [80, 150]], [[100, 50], [np.nan, 0], [500, 0]]])
-    first, second = simulated_blobs(pixels, np.array([30.0, 12, 12]), 0, (200, 200), np.random.default_rng(0), exact)
-    assert first.merged.tolist() == [False, True]
-    np.testing.assert_allclose(first.mean[1], [70, 150])
-    np.testing.assert_allclose(first.covariance[1], np.diag([100.0 + 36.0, 36.0]))
-    np.testing.assert_allclose(second.mean, [[100, 50]])
-
-
-def test_simulated_faces_miss_as_asked() -> None:
-    settings = SkinDetectorSettings(missing=0.2)
-    pixels = np.tile([100.0, 50.0], (FRAMES, 1))
-    pixels[:100] = np.nan
-    faces = simulated_faces(pixels, 30.0, np.random.default_rng(0), settings)
-    seen = np.array([len(f.mean) for f in faces])
-    assert seen[:100].sum() == 0
-    assert seen[100:].mean() == pytest.approx(0.8, abs=0.05)

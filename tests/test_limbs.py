@@ -23,7 +23,7 @@ from humanoid.support.errors import InputError
 from tests.builders import SUBJECTS, bent, body_of, camera_at, gripper, random_pose
 from tests.tiers import later
 from viz import palette
-from viz.pictures.limb_picture import draw_limbs, write_limb_picture
+from viz.pictures.limb_picture import draw_limbs
 from viz.pictures.painter import camera_view
 
 ROBOTS = {"human": 10, "g1": 9}
@@ -369,7 +369,6 @@ def test_limbs_are_drawn_where_they_are(graphs: dict[tuple[str, str], LimbGraph]
         draw_limbs(nothing, view, graph, t[:-1], R[:-1])
     with pytest.raises(InputError, match="weights"):
         draw_limbs(nothing, view, graph, t, R, weights=np.ones(3))
-    assert write_limb_picture(body, graph, q, [camera, camera_at(90.0)], tmp_path / "limbs.png").stat().st_size > 5000
 
 
 def _partition(subject: Subject, rule: Rule) -> list[tuple[int, ...]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.vision.ridges import SCALES, nearest_scale, ridges_of
+from estimator.vision.ridges import SCALES, ridges_of
 
 HEIGHT, WIDTH = 200, 240
 Y, X = np.mgrid[:HEIGHT, :WIDTH].astype(float)
@@ -58,7 +58,8 @@ def test_a_bar_answers_most_at_half_its_width() -> None:
         answer = ridges_of(_bar(0.4, width))
         centre, along = np.array([[120.0, 100.0]]), np.array([0.4])
         values = [float(answer.ridge(s, centre, along)[0]) for s in range(len(SCALES))]
-        assert abs(int(np.argmax(values)) - int(nearest_scale(answer.scales, np.array([0.5 * width]))[0])) <= 1
+        nearest = int(np.argmin(np.abs(np.log(answer.scales / (0.5 * width)))))
+        assert abs(int(np.argmax(values)) - nearest) <= 1
         side = centre + 0.5 * width * np.array([[-np.sin(0.4), np.cos(0.4)]])
         step = 200.0 / np.sqrt(2.0 * np.pi)  # of an edge with nothing near
         assert float(answer.edge(0, side, along)[0]) == pytest.approx(-step, rel=0.25)

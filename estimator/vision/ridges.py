@@ -68,11 +68,6 @@ def ridges_of(picture: np.ndarray, scales: tuple[float, ...] = SCALES) -> Ridges
     return Ridges(np.array(scales), np.array(steps), first, second)
 
 
-def nearest_scale(scales: np.ndarray, half_width: np.ndarray) -> np.ndarray:
-    """Index (N,) of the scale that is nearest, as a ratio, to half the width (N,) [px] of a bar."""
-    return np.asarray(np.searchsorted(np.sqrt(scales[1:] * scales[:-1]), half_width))
-
-
 def _reduced(grey: np.ndarray, step: int) -> np.ndarray:
     if step == 1:
         return grey

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import cv2
 import numpy as np
 
-from estimator.data.cameras.camera import Camera
-from humanoid.kinematics.body import Body
-from humanoid.limbs.limb import Limb, LimbGraph, limb_placements
-from humanoid.support.atomic import replacing
+from humanoid.limbs.limb import Limb, LimbGraph
 from humanoid.support.errors import InputError
 from viz import palette
-from viz.pictures.painter import BodyPainter, ImageProjection, camera_view
+from viz.pictures.painter import ImageProjection
 from viz.solids.solid import side_of
 
 FILLED = 0.35  # how strongly a cone covers what is behind it
@@ -91,31 +85,3 @@ def _outline(limb: Limb, view: ImageProjection, t: np.ndarray, R: np.ndarray) ->
         return None
     fixed = np.round(pixels * 2**_SHIFT).astype(np.int32)
     return [cv2.convexHull(fixed.reshape(-1, 2)), *fixed]
-
-
-def write_limb_picture(
-    body: Body, graph: LimbGraph, q: np.ndarray, cameras: Sequence[Camera], path: str | Path, flesh: float = 0.55
-) -> Path:
-    """Write a PNG of a pose q (nq,): the cones over the body in every camera, side by side.
-
-    flesh: opacity of the body beneath.
-
-    Raises
-    ------
-    InputError: the graph is another body's, or the file cannot be written.
-    """
-    posed = body.at(np.asarray(q, dtype=float))
-    t, R = limb_placements(graph, body, posed)
-    painter, pictures = BodyPainter(body), []
-    for camera in cameras:
-        view = camera_view(camera, LONGEST)
-        picture = np.full((view.size[1], view.size[0], 3), palette.bgr(palette.BACKGROUND), dtype=np.uint8)
-        painter.solid(picture, view, posed, flesh, palette.MUTED)
-        draw_limbs(picture, view, graph, t, R)
-        pictures.append(picture)
-    height = max(picture.shape[0] for picture in pictures)
-    filled = [cv2.copyMakeBorder(p, 0, height - len(p), 0, 0, cv2.BORDER_CONSTANT) for p in pictures]
-    encoded = cv2.imencode(".png", np.concatenate(filled, axis=1))[1]
-    with replacing(Path(path)) as temporary:
-        temporary.write_bytes(encoded.tobytes())
-    return Path(path)
