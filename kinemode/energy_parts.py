@@ -50,7 +50,7 @@ class Case(NamedTuple):
     dt: float
     predicted: PosedBody | None
     assigned: PosedBody
-    likelihood: ImageLikelihood | None
+    likelihood: ImageLikelihood
 
 
 def energy_parts(case: Case) -> Iterator[EnergyPart]:
@@ -65,7 +65,7 @@ def energy_parts(case: Case) -> Iterator[EnergyPart]:
     for term in search.model.cost(keypoints, q_previous, case.dt).terms:
         if term is not keypoints:  # told camera by camera already
             yield EnergyPart(term.name, "", term.value(case.posed))
-    for camera_likelihood in () if case.likelihood is None else case.likelihood.cameras:
+    for camera_likelihood in case.likelihood.cameras:
         yield from _image_parts(case, camera_likelihood)
 
 

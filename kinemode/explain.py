@@ -189,13 +189,11 @@ def _posed(body: Body, q: np.ndarray | None) -> PosedBody | None:
     return None if q is None else body.at(q)
 
 
-def _likelihood(
-    search: ModeSearch, observation: Observation, origin: Origin, about: FrameResult
-) -> ImageLikelihood | None:
+def _likelihood(search: ModeSearch, observation: Observation, origin: Origin, about: FrameResult) -> ImageLikelihood:
     """What the pictures say, for the extent that the search went by; `about`: a frame to tell it by where the run does
     not."""
     likelihood = search.likelihood(observation, about.q[0])
-    if likelihood is None or len(origin.extent) != len(likelihood.cameras):
+    if len(origin.extent) != len(likelihood.cameras):
         return likelihood
     cameras = zip(likelihood.cameras, origin.extent, strict=True)
     return ImageLikelihood(tuple(CameraLikelihood(c.model, c.cues, extent, c.detected) for c, extent in cameras))
@@ -212,14 +210,15 @@ def _notes(run: Run, case: Case, result: FrameResult, difference: float) -> Iter
             "the run does not say what its hypotheses paid for, so the change since the frame before and the flow from"
             f" there are left out ({difference:+.3f}): it was made by a kinemode that did not keep it; track again"
         )
-    if case.likelihood is not None:
+    if case.likelihood.cameras:
         yield "the pictures' features are assigned anew at the pose; the search assigned them a little before it ended"
 
 
 def _view(run: Run, case: Case, c: int) -> CueView:
     """What the pictures of one camera are drawn from."""
     view = _pose_view(run, case.search.associated(case.observation, case.association), case.posed, c)
-    return view if case.likelihood is None else _with_cues(view, case, case.likelihood.cameras[c])
+    cameras = case.likelihood.cameras
+    return _with_cues(view, case, cameras[c]) if cameras else view
 
 
 def _pose_view(run: Run, seen: Observation, posed: PosedBody, c: int) -> CueView:

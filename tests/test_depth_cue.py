@@ -19,7 +19,7 @@ from estimator.vision.cues.depth.floor import found_floor
 from estimator.vision.cues.depth.matching import spread_over, surface_precision
 from estimator.vision.cues.depth.person import nearest_thing
 from estimator.vision.depth_map import DepthPoints
-from estimator.vision.likelihood.image_likelihood import ImageModel
+from estimator.vision.likelihood.image_likelihood import ImageLikelihood, ImageModel
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import Body, points_in_world
@@ -211,7 +211,7 @@ def test_the_true_pose_has_less_energy_and_agrees_more(pair: RenderedClip) -> No
     body, q = Body(load_subject(pair.subject)), np.load(pair.truth)["q"][2]
     cues = reader(pair, stereo=False)
     read = cues.at(2)[:1]
-    likelihood = ImageModel(body).likelihood(read, [60.0])
+    likelihood = ImageLikelihood.of(ImageModel(body), read, [60.0])
     cues.close()
     rng = np.random.default_rng(3)
     true, agreed = sum(likelihood.assigned_values(body.at(q))), likelihood.agreement(body.at(q))[0]

@@ -79,7 +79,6 @@ def test_the_parts_of_a_picture_are_all_there_is(clip: RenderedClip, runs: dict[
     np.testing.assert_array_equal(origins.q_previous[0], before.q[parent])
     np.testing.assert_array_equal(origins.q_predicted[0], predicted)
     likelihood = search.likelihood(observation, before.q[0])
-    assert likelihood is not None
     assigned = likelihood.assigned(run.body.at(origins.q_assigned[0]))
     flow = likelihood.followed(run.body.at(before.q[parent]), run.body.at(predicted))
     whole = search.model.cost(search.term(observation, result.association[0]), before.q[parent], dt, [*assigned, *flow])

@@ -95,7 +95,7 @@ def model(settings: CueSettings) -> ImageModel:
 
 
 def likelihood(settings: CueSettings = SETTINGS) -> ImageLikelihood:
-    return model(settings).likelihood(frame().cues, frame().extents)
+    return ImageLikelihood.of(model(settings), frame().cues, frame().extents)
 
 
 def energy(settings: CueSettings, q: np.ndarray) -> float:
@@ -273,7 +273,7 @@ def test_motion_boundaries_weigh_as_printed() -> None:
     f, curvature = frame(), []
     for potential in (0.0, 1.0):
         flow = replace(f.cues[0]["flow"], boundary=np.full_like(f.cues[0]["flow"].boundary, potential))
-        matched = model(EDGES).likelihood([f.cues[0].changed(flow=flow)], f.extents[:1])
+        matched = ImageLikelihood.of(model(EDGES), [f.cues[0].changed(flow=flow)], f.extents[:1])
         scaled = Cost(f.body, matched.assigned(f.body.at(f.q))).at(f.q)
         curvature.append(np.trace(scaled.hessian))
     # pulls weaken by 1 - k; the Leclerc potential gives a part of it back to residuals that count as smaller
@@ -311,7 +311,7 @@ def test_hidden_nodes_cost_what_is_documented() -> None:
     for q in (f.q, q_hidden):
         posed = f.body.at(q)
         seen = predictor.predict(posed)
-        quadratic = Cost(f.body, model(s).likelihood(f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
+        quadratic = Cost(f.body, ImageLikelihood.of(model(s), f.cues[:1], f.extents[:1]).assigned(posed)).of(posed)
         assert not quadratic.gradient.any()
         values.append(quadratic.value)
         counts.append((seen.back_facing + s.surface.occluded * seen.occluded) / len(seen.state))
@@ -325,7 +325,7 @@ def test_unused_cues_leave_nothing() -> None:
     assert energy(silent, f.q_off) == 0.0
     assert likelihood(silent).followed(f.body.at(f.q_before)) == []
     bare = [ImageCues(c.camera) for c in f.cues]
-    matched = model(SETTINGS).likelihood(bare, f.extents)
+    matched = ImageLikelihood.of(model(SETTINGS), bare, f.extents)
     posed = f.body.at(f.q)
     assert matched.followed(posed) == []
     assert matched.agreement(posed) == []

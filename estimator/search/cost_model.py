@@ -57,17 +57,16 @@ class CostModel:
             self.body, observation, self.keypoint_sigma(observation), self.settings.potential, self.settings.nu
         )
 
-    def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood | None:
-        """What the pictures of a frame say, None where there are none; `posed`, about where the body is, gives its
-        extent in the images."""
+    def likelihood(self, observation: Observation, posed: PosedBody) -> ImageLikelihood:
+        """What the pictures of a frame say; `posed`, about where the body is, gives its extent in the images."""
         if not observation.cues:
-            return None
+            return ImageLikelihood()
         points = self.body.landmarks(posed)
         pixels = [c.camera.project(points) for c in observation.cues]
         # landmarks behind a camera have no place in its image
         extents = [image_extent(p, np.isfinite(p).all(axis=1).astype(np.float64)) for p in pixels]
         detected = min(1.0, observation.count / (ALL_DETECTED * len(observation.cameras)))
-        return self.image.likelihood(observation.cues, extents, detected)
+        return ImageLikelihood.of(self.image, observation.cues, extents, detected)
 
     @property
     def image(self) -> ImageModel:

@@ -40,7 +40,7 @@ def start_modes(search: ModeSearch, rng: np.random.Generator, observation: Obser
     case = case._replace(likelihood=likelihood)
     names = [association.name for association in associations]
     camera = only_camera(observation)
-    if likelihood is not None or (camera is not None and (search.jumps.limbs or search.jumps.parts)):
+    if likelihood.cameras or (camera is not None and (search.jumps.limbs or search.jumps.parts)):
         again = [
             Hypothesis(q, names.index(mode.association))
             for mode in modes.modes

@@ -31,7 +31,7 @@ class FrameProblem(NamedTuple):
 
     associations: Sequence[Association]
     dt: float = 0.0
-    likelihood: ImageLikelihood | None = None
+    likelihood: ImageLikelihood = ImageLikelihood()
     pulls: Sequence[LimbPull] = ()
 
 
@@ -51,7 +51,6 @@ class FrameSearch:
     def follow(self, previous: Sequence[PreviousPose]) -> list[list[Followed]]:
         """Work: the flow of the surface in every camera since it lay at each previous pose, looked for also where it
         lies at the predicted one if that is known."""
-        assert self.case.likelihood is not None
         at = self._body.at
         pasts = [PastPose(at(p.q), None if p.q_predicted is None else at(p.q_predicted)) for p in previous]
         return self.case.likelihood.follow(pasts)
@@ -83,7 +82,7 @@ class FrameSearch:
     def explore(self, h: Hypothesis) -> Candidate:
         """Work: a short search."""
         base = self._base(h)
-        q, steps = (h.q, StepCounts()) if self.case.likelihood is None else self._followed(h)
+        q, steps = self._followed(h) if self.case.likelihood.cameras else (h.q, StepCounts())
         solution = self._seeker.seek(base.plus(self._assigned(q, brief=True)), q, self._settings.explore)
         energy = solution.quadratic.value + self.case.associations[h.association].penalty
         landmarks = self._body.landmarks(solution.quadratic.posed)
@@ -133,16 +132,17 @@ class FrameSearch:
 
     def _flow(self, h: Hypothesis) -> list[Term]:
         """What the pictures say of the movement since a hypothesis' previous pose."""
-        previous, likelihood = h.origin.previous, self.case.likelihood
-        if previous is None or likelihood is None or previous.key not in self.flows:
+        previous = h.origin.previous
+        if previous is None or previous.key not in self.flows:
             return []
         if previous.key not in self._ties:
-            self._ties[previous.key] = likelihood.terms_since(self.flows[previous.key])
+            self._ties[previous.key] = self.case.likelihood.terms_since(self.flows[previous.key])
         return self._ties[previous.key]
 
     def _assigned(self, q: np.ndarray, brief: bool = False) -> list[Term]:
         """What the pictures say around q (nq,); see `ImageLikelihood.assigned`."""
-        return [] if self.case.likelihood is None else self.case.likelihood.assigned(self._body.at(q), brief)
+        likelihood = self.case.likelihood
+        return likelihood.assigned(self._body.at(q), brief) if likelihood.cameras else []
 
     def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
@@ -169,7 +169,6 @@ class FrameSearch:
     def _warm_start(self, h: Hypothesis, previous: PreviousPose) -> Solution:
         """From the pose in the frame before, or from where its velocity takes it if keypoints and flow like that
         better."""
-        assert self.case.likelihood is not None
         followed = self.flows.get(previous.key)
         flow = [] if followed is None else self.case.likelihood.leading(followed)
         association = self.case.associations[h.association]
@@ -183,7 +182,7 @@ class FrameSearch:
         """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they
         are asked anew until that moves the pose no more, or `rounds` times. Besides, the steps that it took."""
         steps = StepCounts()
-        for _ in range(self._model.cues.surface.rounds - 1 if self.case.likelihood is not None else 0):
+        for _ in range(self._model.cues.surface.rounds - 1 if self.case.likelihood.cameras else 0):
             before, assigned = q, self._assigned(q)
             solution = self._seeker.seek(base.plus(assigned), before, self._settings.explore)
             q, steps = solution.q, steps.plus(solution.steps)
@@ -215,7 +214,5 @@ class FrameSearch:
         )
 
     def _origin(self, h: Hypothesis, q_assigned: np.ndarray) -> Origin:
-        if self.case.likelihood is None:
-            return h.origin
-        extent = tuple(camera.extent for camera in self.case.likelihood.cameras)
-        return h.origin._replace(q_assigned=q_assigned, extent=extent)
+        extent = self.case.likelihood.extents
+        return h.origin._replace(q_assigned=q_assigned, extent=extent) if extent else h.origin

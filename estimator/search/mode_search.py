@@ -75,8 +75,8 @@ class ModeSearch:
         """The keypoint term of a frame in one association."""
         return self.model.observation_term(self.associated(observation, association))
 
-    def likelihood(self, observation: Observation, q: np.ndarray) -> ImageLikelihood | None:
-        """What the frame's pictures say, None where there are none; q (nq,): about where the body is."""
+    def likelihood(self, observation: Observation, q: np.ndarray) -> ImageLikelihood:
+        """What the frame's pictures say; q (nq,): about where the body is."""
         return self.model.likelihood(observation, self.body.at(q))
 
     def associations(self, observation: Observation) -> tuple[Association, ...]:
@@ -151,7 +151,7 @@ class ModeSearch:
     def _learn_flows(self, frame: FrameSearch, hypotheses: Sequence[Hypothesis]) -> None:
         """Flow of the surface from each hypothesis' previous pose: many poses at once, since their nodes see the same
         pixels, and known to all processes that search."""
-        if frame.case.likelihood is None:
+        if not frame.case.likelihood.cameras:
             return
         poses = [h.origin.previous for h in hypotheses if h.origin.previous is not None]
         new = {pose.key: pose for pose in poses if pose.key not in frame.flows}

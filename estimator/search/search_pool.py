@@ -17,6 +17,7 @@ from estimator.search.frame_search import FrameProblem, FrameSearch
 from estimator.search.hypothesis import Association
 from estimator.search.mode_search import ModeSearch
 from estimator.search.settings import ModeSearchSettings
+from estimator.vision.likelihood.image_likelihood import ImageLikelihood
 from estimator.vision.likelihood.settings import CueSettings
 from humanoid.collision.self_collision import SelfCollision
 from humanoid.kinematics.body import Body
@@ -85,7 +86,7 @@ class SearchRecipe(NamedTuple):
 
 class CaseMessage(NamedTuple):
     """A `FrameProblem` in plain data. associations: name, keypoints and penalty of each. cues, extents: of each camera
-    whose pictures are looked at; detected: see `ImageModel.likelihood`. pulls: see `FrameProblem`."""
+    whose pictures are looked at; detected: see `ImageLikelihood.of`. pulls: see `FrameProblem`."""
 
     associations: tuple[tuple[str, Observation, float], ...]
     dt: float
@@ -98,14 +99,15 @@ class CaseMessage(NamedTuple):
     def of(case: FrameProblem) -> CaseMessage:
         """The message that tells of a case."""
         associations = tuple((a.name, a.term.observation, a.penalty) for a in case.associations)
-        cameras = () if case.likelihood is None else case.likelihood.cameras
+        cameras = case.likelihood.cameras
         detected = cameras[0].detected if cameras else 0.0
         cues = tuple(c.cues if c.needs_picture else c.cues.without_picture() for c in cameras)
-        extents = tuple(c.extent for c in cameras)
-        return CaseMessage(associations, case.dt, cues, extents, detected, tuple(case.pulls))
+        return CaseMessage(associations, case.dt, cues, case.likelihood.extents, detected, tuple(case.pulls))
 
     def case(self, model: CostModel) -> FrameProblem:
         """The case, for the same body and cost."""
         terms = [(name, model.observation_term(o), penalty) for name, o, penalty in self.associations]
-        likelihood = model.image.likelihood(self.cues, self.extents, self.detected) if self.cues else None
-        return FrameProblem(tuple(Association(*each) for each in terms), self.dt, likelihood, self.pulls)
+        seen = ImageLikelihood()
+        if self.cues:
+            seen = ImageLikelihood.of(model.image, self.cues, self.extents, self.detected)
+        return FrameProblem(tuple(Association(*each) for each in terms), self.dt, seen, self.pulls)

@@ -101,10 +101,8 @@ def agreement(search: ModeSearch, observation: Observation, q: np.ndarray, assoc
     posed = search.body.at(q)
     distances = search.term(observation, association).distances(posed)
     seen = distances[~np.isnan(distances)]
-    likelihood = search.model.likelihood(observation, posed)
     shares = [float(np.mean(seen < FAR))] if seen.size else []
-    shares += [] if likelihood is None else likelihood.agreement(posed)
-    return min(shares, default=0.0)
+    return min([*shares, *search.model.likelihood(observation, posed).agreement(posed)], default=0.0)
 
 
 def classify_frame(

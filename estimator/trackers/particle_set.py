@@ -44,27 +44,22 @@ class FrameEnergy:
         self.body = search.body
         self._base = search.model.cost(search.term(observation, AS_DETECTED))
         self._likelihood = search.likelihood(observation, before.modes[0].q)
-        self._flows: list[list[Term]] = [[] for _ in before.modes]
+        self._flows = self._likelihood.followed_each([PastPose(self.body.at(m.q)) for m in before.modes])
         self._last: PlacedBodies | None = None
-        if self._likelihood is not None:
-            self._flows = self._likelihood.followed_each([PastPose(self.body.at(m.q)) for m in before.modes])
 
     def at(self, q: np.ndarray, owner: int) -> QuadraticModel:
         """The energy at q (nq,), for a particle that came from hypothesis `owner`."""
         posed = self.body.at(q)
-        cost = self._base.plus(self._flows[owner])
-        if self._likelihood is not None:
-            cost = cost.plus(self._likelihood.assigned(posed))
-        return cost.of(posed)
+        return self._base.plus([*self._flows[owner], *self._likelihood.assigned(posed)]).of(posed)
 
     def assigned_at(self, q: np.ndarray) -> np.ndarray | None:
         """Where the pictures' features are assigned for the energy at q (nq,), None without pictures."""
-        return None if self._likelihood is None else q
+        return q if self._likelihood.cameras else None
 
     @property
     def extent(self) -> tuple[float, ...]:
         """See `Origin`."""
-        return () if self._likelihood is None else tuple(camera.extent for camera in self._likelihood.cameras)
+        return self._likelihood.extents
 
     def values(self, q: np.ndarray, owner: np.ndarray) -> np.ndarray:
         """Energies (N,) of configurations (N, nq) that came from hypotheses (N,): those of `at`, to the last bit."""
@@ -74,7 +69,7 @@ class FrameEnergy:
             own = owner == k
             if flow and own.any():
                 values[own] = self._added(values[own], flow, placed.of(own))
-        if self._likelihood is not None:
+        if self._likelihood.cameras:
             for n, each in enumerate(q):
                 for value in self._likelihood.assigned_values(self.body.at(each)):
                     values[n] += value

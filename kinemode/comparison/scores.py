@@ -163,8 +163,8 @@ def _energies(runs: Mapping[str, Run], settings: Settings, progress: Progress) -
 
 def _energy(search: ModeSearch, observation: Observation, q: np.ndarray) -> float:
     """Energy of q (nq,) in the better association of a frame's keypoints: keypoints, edges, outlines and priors."""
-    likelihood, posed = search.likelihood(observation, q), search.body.at(q)
-    assigned = [] if likelihood is None else likelihood.assigned(posed)
+    posed = search.body.at(q)
+    assigned = search.likelihood(observation, q).assigned(posed)
     return min(
         search.model.cost(a.term, image_terms=assigned).of(posed).value + a.penalty
         for a in search.associations(observation)

@@ -67,7 +67,7 @@ class Proposals:
         # the association that continues each mode's; the first where the frame has not that of the parent
         self._own = [names.index(m.association) if m.association in names else 0 for m in prior.modes]
         step = settings.momentum * case.dt
-        moves = settings.transition and case.likelihood is not None and step > 0.0
+        moves = settings.transition and bool(case.likelihood.cameras) and step > 0.0
         predicted = [search.body.integrate(m.q, step * m.velocity) if moves else None for m in prior.modes]
         self._previous = [self._previous_pose(m.q, q) for m, q in zip(prior.modes, predicted, strict=True)]
 
@@ -143,7 +143,7 @@ class Proposals:
         if self._settings.transition:
             return PreviousPose(q, q_predicted)
         # flow is a term of its own in the image likelihood (CSS section 3.1.2), where there is any
-        return PreviousPose(q, paid=False) if self._case.likelihood is not None else None
+        return PreviousPose(q, paid=False) if self._case.likelihood.cameras else None
 
     def _origin(self, i: int, family: Family) -> Origin:
         """Of hypotheses that moved from mode i."""

@@ -136,7 +136,7 @@ def assembled(
     made += instead(graph, made[0], received, s.exchange)
     weight, pulls = np.where(places.explained, 1.0, s.doubted), LimbPulls(graph, search.body)
     fine = tuple(pulls.of_choice(choice, weight, s.fine(len(observation.cameras))) for choice in made)
-    case = FrameProblem(search.associations(observation), elapsed, None, fine)
+    case = FrameProblem(search.associations(observation), elapsed, pulls=fine)
     frame = _Frame(search, graph, pulls, case, likelihood, before, s, left_over)
     coarse = [pulls.of_choice(choice, weight, s.coarse) for choice in made]
     drawn = frame.drawn(coarse)
@@ -174,7 +174,7 @@ class _Frame(NamedTuple):
             near = np.array([*self.pulls.from_rest(pull), *(m.q for m in self.parents)])
             values = LimbTargets(body, pull).values(body.placed(near))
             starts.append(Hypothesis(near[int(np.argmin(values))], 0, Origin(Family.LIMBS), pull=k))
-        case = FrameProblem(self.case.associations[:1], 0.0, None, tuple(coarse))
+        case = FrameProblem(self.case.associations[:1], 0.0, pulls=tuple(coarse))
         reached = self.search.explored(starts, case)
         return [(c.q, c.hypothesis.pull) for c in reached] + [(m.q, 0) for m in self.parents]
 

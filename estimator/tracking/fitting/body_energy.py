@@ -126,7 +126,7 @@ def seen_at(
         landmarks = body.landmarks(posed)
         seen = [c.camera.project(landmarks) for c in observation.cues]
         extents = [image_extent(pixels, np.isfinite(pixels).all(axis=1).astype(float)) for pixels in seen]
-        yield posed, image.likelihood(observation.cues, extents)
+        yield posed, ImageLikelihood.of(image, observation.cues, extents)
 
 
 def _assigned(camera: CameraLikelihood, posed: PosedBody) -> ContourPoints:

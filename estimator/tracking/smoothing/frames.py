@@ -25,7 +25,7 @@ def frame_costs(search: ModeSearch, observation: Observation, result: FrameResul
     terms = {name: search.term(observation, name) for name in set(result.association)}
     costs = []
     for q, association in zip(result.q, result.association, strict=True):
-        assigned = [] if likelihood is None else likelihood.assigned(search.body.at(q))
+        assigned = likelihood.assigned(search.body.at(q))
         costs.append(search.model.cost(terms[association], image_terms=assigned))
     return costs
 
@@ -45,8 +45,7 @@ def renewed_cost(search: ModeSearch, observation: Observation, association: str,
     """Static energy of a frame in an association, with image features assigned at a pose."""
     if not observable(observation):
         return search.model.cost(None)
-    likelihood = search.likelihood(observation, posed.q)
-    assigned = [] if likelihood is None else likelihood.assigned(posed)
+    assigned = search.likelihood(observation, posed.q).assigned(posed)
     return search.model.cost(search.term(observation, association), image_terms=assigned)
 
 
@@ -55,8 +54,8 @@ def flow_ties(
 ) -> tuple[Ties, list[Term]]:
     """What ties a frame to the one before, in which the body lay at `before`, and what can only be a term of the frame
     itself, `before` being held."""
-    likelihood = search.likelihood(observation, posed.q)
-    return ((), []) if likelihood is None else ties_of(search.body, likelihood.followed(before, posed), before)
+    followed = search.likelihood(observation, posed.q).followed(before, posed)
+    return ties_of(search.body, followed, before)
 
 
 def only(result: FrameResult, k: int) -> FrameResult:

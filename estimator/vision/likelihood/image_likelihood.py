@@ -47,25 +47,28 @@ class ImageModel:
             self._predictors[key] = Predictor(self.surface, c, self.settings.fineness)
         return self._predictors[key]
 
-    def likelihood(self, cues: Sequence[ImageCues], extents: Sequence[float], detected: float = 0.0) -> ImageLikelihood:
-        """The likelihood of one instant.
+
+class ImageLikelihood:
+    """The image likelihood of one instant, in every camera; without cameras it says nothing of any pose."""
+
+    def __init__(self, cameras: tuple[CameraLikelihood, ...] = ()) -> None:
+        self.cameras = cameras
+
+    @staticmethod
+    def of(
+        model: ImageModel, cues: Sequence[ImageCues], extents: Sequence[float], detected: float = 0.0
+    ) -> ImageLikelihood:
+        """From what was read of the cameras' pictures.
 
         extents: the subject's extent in each camera's cues [px]. detected: how far keypoints see the person, 0 to 1.
         """
         pairs = zip(cues, extents, strict=True)
-        return ImageLikelihood(tuple(CameraLikelihood(self, of, extent, detected) for of, extent in pairs))
-
-
-class ImageLikelihood:
-    """The image likelihood of one instant, in every camera."""
-
-    def __init__(self, cameras: tuple[CameraLikelihood, ...]) -> None:
-        self.cameras = cameras
+        return ImageLikelihood(tuple(CameraLikelihood(model, of, extent, detected) for of, extent in pairs))
 
     @property
-    def follows(self) -> bool:
-        """Whether some cue ties poses to where the body was in the frame before."""
-        return any(camera.follows for camera in self.cameras)
+    def extents(self) -> tuple[float, ...]:
+        """The subject's extent in each camera's cues [px]."""
+        return tuple(camera.extent for camera in self.cameras)
 
     def assigned(self, posed: PosedBody, brief: bool = False) -> list[Term]:
         """What the cues have around a pose, features assigned to the surface as it lies there, with the penalties of
@@ -88,7 +91,7 @@ class ImageLikelihood:
     def follow(self, pasts: Sequence[PastPose]) -> list[list[Followed]]:
         """What each camera says of each past; `terms_since` makes terms of it."""
         by_camera = [camera.follow(pasts) for camera in self.cameras]
-        return [list(of_past) for of_past in zip(*by_camera, strict=True)]
+        return [[said[k] for said in by_camera] for k in range(len(pasts))]
 
     def terms_since(self, followed: Sequence[Followed]) -> list[Term]:
         """The terms of one past, from what the cameras say of it."""
@@ -134,11 +137,6 @@ class CameraLikelihood:
             shared=self.model.settings,
             settings=self.model.cues.of(name),
         )
-
-    @property
-    def follows(self) -> bool:
-        """See `ImageLikelihood.follows`."""
-        return bool(self._following)
 
     def assigned(self, posed: PosedBody, brief: bool = False) -> list[Term]:
         """See `ImageLikelihood.assigned`: one term of all features on contours, then the cues' other terms."""
