@@ -99,7 +99,6 @@ def test_the_option_goes_before_the_file_and_the_file_before_the_default(tmp_pat
 
 IDLE = {
     ("css", "[css]\ntransition = false\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.transition is off"),
-    ("css", "[css]\nshape = 'weakest'\ntail = 4.0\n"): ("[css] tail", "css.shape is weakest"),
     ("css", "[css]\njumps = 0\njump_penalty = 2.0\n"): ("[css] jump_penalty", "css.jumps is 0"),
     ("css", "[single_mode]\nlimits = false\n"): ("[single_mode] limits", "css uses [css]"),
     ("css", "[smooth]\nlag = 3\n"): ("[smooth] lag", "live use"),
@@ -146,6 +145,19 @@ def test_rules_name_settings_that_there_are(tracker: str) -> None:
         assert set(rule.names) <= names | groups
         assert {name for name, _ in rule.where} <= names
         assert rule.needs in ("", PICTURES, ONE_CAMERA)
+
+
+def test_a_rule_is_for_what_a_default_or_the_input_decides() -> None:
+    """Not for what somebody must have turned off."""
+    rules = {name: (*RULES, *idle_rules(), *spec.idle) for name, spec in TRACKERS.items()}
+    acting = set()
+    for name, of_tracker in rules.items():
+        values = {f"{table}.{key}": value for table, key, value in every_setting(settings_for(name))}
+        for rule in of_tracker:
+            decided = [values[n] == value for n, value in rule.where if not n.startswith("cues.use_")]
+            acting |= {rule} if rule.needs or all(decided) else set()
+    for rule in {rule for of_tracker in rules.values() for rule in of_tracker}:
+        assert {rule, rule.of_group("css_dual", "css")} & acting, rule
 
 
 @pytest.mark.parametrize("tracker", TRACKERS)
@@ -215,7 +227,7 @@ def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:
         choose(name, own, modes).check(fits=False)
     for trackers, wrong in (
         (("single-mode", "condensation"), {"given": {"css": {"samples": 3}}}),
-        (("single-mode", "css"), {"given": {"css": {"shape": "weakest", "tail": 4.0}}}),
+        (("single-mode", "css"), {"given": {"css": {"transition": False, "jump_penalty": 2.0}}}),
         (("single-mode", "robust-single-mode"), {"modes": 3}),
     ):
         given = {"given": None, "modes": None, **wrong}

@@ -1,6 +1,7 @@
-"""Which of the common settings have no effect under which others.
+"""Which of the common settings have no effect under which others; the rules of a tracker stand in its `Spec`.
 
-The rules of a tracker stand in its `Spec`, those of a cue in its `Cue`.
+There is a rule where somebody may well be mistaken: what makes the settings idle is a default, or the input. Who turns
+a part off and sets its details, too, knows what he does.
 """
 
 from __future__ import annotations
@@ -10,12 +11,10 @@ from humanoid.support.idle import PICTURES, idle_where, idle_without
 RULES = (
     idle_where("cost.nu", cost__potential="gaussian"),
     idle_where("cost.transition_nu", cost__transition_potential="gaussian"),
-    idle_where("cost.upright_weight cost.pose_prior_weight cost.pose_prior_file", cost__stabiliser_weight=0.0),
     idle_where("cost.pose_prior_file", cost__pose_prior_weight=0.0),
     idle_where("cost.clearance_scale search.contact", cost__interpenetration_weight=0.0),
     idle_where("cost.exchange_penalty", search__exchange=False),
     idle_where("search.start_samples", search__start="index"),
-    idle_where("search.settled", cues__surface__rounds=1),
     idle_where("search.weigh_samples", search__weigh="height"),
     idle_where("search.weigh_samples", search__weigh="volume"),
     idle_where("smooth.lag smooth.lag_iterations", "they are for live use; a clip is smoothed as a whole"),
@@ -24,7 +23,6 @@ RULES = (
         " smooth.tolerance smooth.window smooth.rounds smooth.round_gain smooth.renewed",
         smooth__enabled=False,
     ),
-    idle_where("smooth.round_gain smooth.renewed", smooth__rounds=0),
     idle_without(
         PICTURES,
         "cues search.follow search.settled search.flow_in_covariance smooth.rounds smooth.round_gain"

@@ -26,7 +26,6 @@ from estimator.trackers.particle_set import (
 )
 from estimator.trackers.particle_state import ParticleState
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
@@ -105,10 +104,5 @@ SPEC = Spec(
     group="annealed",
     settings=AnnealedSettings(),
     defaults=FROM_A_PAPER,
-    idle=(
-        ONLY_TO_BEGIN,
-        *DYNAMICS_ALONE,
-        idle_where("annealed.diffusion", annealed__layers=1),
-        idle_where("annealed.cluster", annealed__modes=1),
-    ),
+    idle=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
 )

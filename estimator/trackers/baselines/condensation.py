@@ -17,7 +17,6 @@ from estimator.trackers.mixture_state import classify_frame
 from estimator.trackers.particle_set import DYNAMICS_ALONE, FrameEnergy, Summary, first_particle_set, summarised, unseen
 from estimator.trackers.particle_state import ParticleState
 from estimator.trackers.spec import ONLY_TO_BEGIN, Spec, by_search
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
@@ -109,9 +108,5 @@ SPEC = Spec(
     group="condensation",
     settings=CondensationSettings(),
     defaults=FROM_A_PAPER,
-    idle=(
-        ONLY_TO_BEGIN,
-        *DYNAMICS_ALONE,
-        idle_where("condensation.cluster", condensation__modes=1),
-    ),
+    idle=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
 )

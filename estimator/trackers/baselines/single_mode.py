@@ -83,7 +83,6 @@ def without_limits(search: ModeSearch) -> ModeSearch:
 _IDLE = (
     ONLY_TO_BEGIN,
     idle_where("search.weigh search.weigh_samples", "a single mode has all the weight"),
-    idle_where("search.follow cost.transition_potential cost.transition_nu", single_mode__transition=False),
 )
 
 

@@ -44,9 +44,6 @@ SPEC = Spec(
             f"{_GROUP}.beside.evidence.shared {_GROUP}.beside.points.mistaken {_GROUP}.beside.points.lost",
             "a keypoint is of one landmark",
         ),
-        idle_where(
-            f"{_GROUP}.beside.points {_GROUP}.beside.evidence {_GROUP}.beside.exchange", css_dual__beside__farthest=0.0
-        ),
     ),
     may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
 )

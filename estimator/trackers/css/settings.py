@@ -80,19 +80,11 @@ PAPER = CssSettings(
 
 IDLE = (
     idle_where("css.swapped_readings", search__exchange=False),
-    idle_where(
-        "search.follow", css__keep=False, css__swapped_readings=0, css__jumps=0, css__limb_searches=0, css__exchanges=0,
-        css__samples=0,
-    ),
     idle_where("cost.transition_potential cost.transition_nu", css__transition=False),
     idle_where("css.jump_penalty css.limb_penalty css.momentum", css__transition=False),
     idle_where("css.jump_penalty", css__jumps=0),
     idle_where("css.limb_samples", css__limb_searches=0),
-    idle_where("css.limb_searches", css__limb_samples=0),
     idle_where("css.limb_penalty", css__limb_searches=0, css__exchanges=0),
-    idle_where("css.limb_penalty", css__limb_samples=0, css__exchanges=0),
-    idle_where("css.shape css.scale css.tail", css__samples=0),
-    idle_where("css.tail", because="which is regular", css__shape="weakest"),
     idle_where("css.examples css.lost_examples css.example_penalty", search__index=""),
     idle_where("css.example_penalty", css__examples=0, css__lost_examples=0),
     idle_where("css.example_penalty", css__transition=False),

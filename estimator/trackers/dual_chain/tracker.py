@@ -22,10 +22,9 @@ from estimator.search.jumps.anatomy import anatomy_of
 from estimator.search.mode_search import ModeSearch
 from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.defaults import AS_DETECTED, ONLY_FILTERS, together
-from estimator.trackers.dual_chain.pose_chain import BY_PAST, ParticleSet, PoseChain, PoseChainSettings
+from estimator.trackers.dual_chain.pose_chain import ParticleSet, PoseChain, PoseChainSettings
 from estimator.trackers.dual_chain.pose_parts import PoseParts
 from estimator.trackers.dual_chain.seen_features import (
-    KEYPOINTS,
     SKIN,
     KeypointFeatures,
     SeenFeatures,
@@ -217,28 +216,15 @@ _PLAIN = PoseChainSettings(particles=1000, tempering=TemperingSettings(powers=1)
 _IDLE = (
     ONLY_TO_BEGIN,
     *DYNAMICS_ALONE,
-    idle_where(
-        "dual_chain.skin dual_chain.face_model dual_chain.evidence.shared dual_chain.evidence.hidden "
-        "dual_chain.points.mistaken dual_chain.points.lost",
-        dual_chain__features=KEYPOINTS,
-    ),
     idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
-    idle_where(
-        "dual_chain.pose.kernels dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.tempering "
-        "dual_chain.pose.lost dual_chain.pose.renewed",
-        dual_chain__pose__draws=BY_PAST,
-    ),
     idle_where(
         "dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.lost dual_chain.pose.renewed",
         dual_chain__past=False,
     ),
     idle_where("dual_chain.pose.groups", dual_chain__chain=False),
-    idle_where("dual_chain.pose.wide", dual_chain__pose__far=0.0),
-    idle_where("dual_chain.pose.renewed", dual_chain__pose__lost=0.0),
     idle_where(
         "dual_chain.pose.tempering.survival dual_chain.pose.tempering.moves", dual_chain__pose__tempering__powers=1
     ),
-    idle_where("dual_chain.cluster", dual_chain__modes=1),
     idle_without(PICTURES, "dual_chain.outline"),
 )
 

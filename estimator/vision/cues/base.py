@@ -23,7 +23,6 @@ from estimator.vision.cues.settings import SurfaceSettings
 from estimator.vision.prediction import Prediction, Predictor
 from humanoid.kinematics.body import Body, PosedBody
 from humanoid.shape.surface import Surface
-from humanoid.support.idle import IdleRule
 
 LEAST_NOISE = 0.5  # px
 
@@ -141,8 +140,6 @@ class Cue:
     `ImageCues.picture`, which otherwise stays in the process that reads it. uses_masks: whether it takes given masks of
     the person, or pictures of the empty scene. needs_depth: whether it says something only where a stereo pair or depth
     pictures are given.
-    idle: which of its settings have no effect under which others. That the group of a
-    cue that is not used has none need not be said.
     """
 
     name: ClassVar[str]
@@ -153,7 +150,6 @@ class Cue:
     needs_picture: ClassVar[bool] = False
     uses_masks: ClassVar[bool] = False
     needs_depth: ClassVar[bool] = False
-    idle: ClassVar[tuple[IdleRule, ...]] = ()
 
     def prepare(self, pictures: CameraPictures, settings: Any) -> Any:
         """What has to be known of a whole clip before it is read, such as its background; given to `read`."""

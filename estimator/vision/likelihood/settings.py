@@ -61,9 +61,8 @@ def cue_settings(names: Iterable[str] | None = None, *, working_size: int = CueS
 
 
 def idle_rules() -> tuple[IdleRule, ...]:
-    """Which settings of cues have no effect under which others."""
-    unused = [IdleRule((f"cues.{name}",), ((f"cues.{_USE}{name}", False),)) for name in CUES]
-    return (*unused, *(rule for cue in CUES.values() for rule in cue.idle))
+    """The settings of a cue that is not looked at have no effect."""
+    return tuple(IdleRule((f"cues.{name}",), ((f"cues.{_USE}{name}", False),)) for name in CUES)
 
 
 @cache

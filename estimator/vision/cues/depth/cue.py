@@ -19,7 +19,7 @@ from estimator.vision.cues.depth.matching import (
     surface_precision,
 )
 from estimator.vision.cues.depth.reading import DepthReading, PersonPoints
-from estimator.vision.cues.depth.settings import IDLE, DepthSettings
+from estimator.vision.cues.depth.settings import DepthSettings
 from estimator.vision.depth_map import DepthPoints
 from estimator.vision.prediction import Prediction
 from humanoid.kinematics.body import PosedBody, directions_in_world, points_in_world
@@ -33,7 +33,6 @@ class Depth(Cue):
     name = "depth"
     summary = "points of the surface in space, by stereo or a depth camera (ELMO section 3.2)"
     settings = DepthSettings()
-    idle = IDLE
     needs_depth = True
 
     def prepare(self, pictures: CameraPictures, settings: DepthSettings) -> DepthReading | None:

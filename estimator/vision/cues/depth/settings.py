@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator.vision.stereo import StereoSettings
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
@@ -32,6 +31,3 @@ class DepthSettings(StereoSettings):
     surface_noise: float = setting(0.02, above=0)
     slide: float = setting(0.1, above=0)
     nu: float = setting(6.0, above=0)
-
-
-IDLE = (idle_where("cues.depth.surface_noise cues.depth.slide cues.depth.nu", cues__depth__evidence=0.0),)

@@ -15,7 +15,7 @@ from estimator.vision.cues.base import CameraView, ContourMatch, Cue, ExplainedP
 from estimator.vision.cues.cue_picture import CONTOUR_LEGEND, CuePicture, contour_dots, links
 from estimator.vision.cues.edges.edge_map import EdgeMap, EdgeSettings, edge_map
 from estimator.vision.cues.edges.matching import edge_assignments
-from estimator.vision.cues.edges.settings import IDLE, EdgeCueSettings
+from estimator.vision.cues.edges.settings import EdgeCueSettings
 from estimator.vision.prediction import Prediction
 
 _NONE = np.zeros((0, 0), dtype=np.float32)
@@ -27,7 +27,6 @@ class Edges(Cue):
     name = "edges"
     summary = "image edges along the contours of the body (CSS section 3.1.2)"
     settings = EdgeCueSettings()
-    idle = IDLE
     on_contours = True
 
     def read(self, pictures: CameraPictures, instant: int, settings: EdgeSettings, prepared: Any) -> EdgeMap:

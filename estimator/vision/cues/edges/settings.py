@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator.vision.cues.edges.edge_map import EdgeSettings
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
@@ -25,14 +24,3 @@ class EdgeCueSettings(EdgeSettings):
     candidates: int = setting(4, at_least=1)
     nu: float = setting(6.0, above=0)
     motion_boundary: float = setting(0.3, at_least=0, at_most=1)
-
-
-_MATCHING = "cues.edges.noise cues.edges.window cues.edges.candidates cues.edges.nu"
-_READING = "cues.edges.smoothing cues.edges.contrast_window cues.edges.contrast_floor cues.edges.noise_floor"
-_SEEN = "cues.surface.back_facing cues.surface.occluded"
-IDLE = (
-    idle_where(f"cues.edges.motion_boundary {_MATCHING}", cues__edges__evidence=0.0),
-    idle_where(_READING, cues__edges__evidence=0.0, cues__use_silhouette=False),
-    idle_where(_SEEN, cues__surface__visibility_evidence=0.0, cues__edges__evidence=0.0),
-    idle_where(_SEEN, cues__surface__visibility_evidence=0.0, cues__use_edges=False),
-)

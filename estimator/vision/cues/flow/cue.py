@@ -24,7 +24,7 @@ from estimator.vision.cues.cue_picture import (
 )
 from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.vision.cues.flow.point_flow import follow_points
-from estimator.vision.cues.flow.settings import IDLE, FlowCueSettings
+from estimator.vision.cues.flow.settings import FlowCueSettings
 from humanoid.kinematics.body import points_in_world
 
 FLOW_NODES = 200  # more say nothing new; beside keypoints flow has less weight, and fewer are enough
@@ -50,7 +50,6 @@ class Flow(Cue):
     name = "flow"
     summary = "optical flow of the surface since the frame before (CSS section 3.1.2)"
     settings = FlowCueSettings()
-    idle = IDLE
     follows = True
 
     def read(self, pictures: CameraPictures, instant: int, settings: FlowSettings, prepared: Any) -> FlowField | None:

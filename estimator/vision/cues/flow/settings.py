@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator.vision.cues.flow.flow_field import FlowSettings
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
@@ -24,14 +23,3 @@ class FlowCueSettings(FlowSettings):
     noise: float = setting(0.5, above=0)
     share: float = setting(0.1, at_least=0)
     nu: float = setting(4.0, above=0)
-
-
-_MATCHING = "cues.flow.leading cues.flow.noise cues.flow.share cues.flow.nu"
-_FIELD = "cues.flow.finest_scale cues.flow.tolerance cues.flow.relative_tolerance cues.flow.boundary_reach"
-IDLE = (
-    idle_where("cues.edges.motion_boundary", cues__use_flow=False),
-    idle_where(_MATCHING, cues__flow__evidence=0.0),
-    idle_where(_FIELD, cues__flow__evidence=0.0, cues__edges__motion_boundary=0.0),
-    idle_where(_FIELD, cues__flow__evidence=0.0, cues__edges__evidence=0.0),
-    idle_where(_FIELD, cues__flow__evidence=0.0, cues__use_edges=False),
-)

@@ -27,7 +27,7 @@ from estimator.vision.cues.silhouette.foreground import (
     silhouette_of,
 )
 from estimator.vision.cues.silhouette.matching import across_outline, nearest_contour, nearest_outline
-from estimator.vision.cues.silhouette.settings import IDLE, SilhouetteCueSettings
+from estimator.vision.cues.silhouette.settings import SilhouetteCueSettings
 from estimator.vision.prediction import Prediction
 from estimator.vision.visibility import OUTER
 
@@ -53,7 +53,6 @@ class Outline(Cue):
     name = "silhouette"
     summary = "the outline of what differs from the background, which is learned, given, or given as masks"
     settings = SilhouetteCueSettings()
-    idle = IDLE
     on_contours = True
     uses_masks = True
 

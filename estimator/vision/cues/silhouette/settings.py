@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from estimator.vision.cues.silhouette.subtraction import SilhouetteSettings
-from humanoid.support.idle import idle_where
 from humanoid.support.settings import setting
 
 
@@ -22,6 +21,3 @@ class SilhouetteCueSettings(SilhouetteSettings):
     evidence: float = setting(60.0, at_least=0)
     noise: float = setting(0.02, above=0)
     nu: float = setting(8.0, above=0)
-
-
-IDLE = (idle_where("cues.silhouette.nu", cues__silhouette__evidence=0.0),)
