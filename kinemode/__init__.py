@@ -30,13 +30,12 @@ if TYPE_CHECKING:
     from kinemode.public.cameras import calibrate
     from kinemode.public.clips import annotate, render
     from kinemode.public.detection import detect
-    from kinemode.public.indexing import train_index
     from kinemode.public.landmarks import landmark_start
     from kinemode.public.live import live
     from kinemode.public.results import evaluate, export, gait, open_run, overlay, plot, report, samples, view
     from kinemode.public.stepping import Tracker
-    from kinemode.public.templates import train_templates
     from kinemode.public.tracking import compare, fit, track
+    from kinemode.public.training import train_index, train_templates
     from kinemode.terminal.progress import reported
 
 # Pinocchio, OpenCV and numba take a second to import; a name costs only when it is first used.
@@ -76,8 +75,8 @@ _MODULES = {
     "report": "kinemode.public.results",
     "reported": "kinemode.terminal.progress",
     "track": "kinemode.public.tracking",
-    "train_index": "kinemode.public.indexing",
-    "train_templates": "kinemode.public.templates",
+    "train_index": "kinemode.public.training",
+    "train_templates": "kinemode.public.training",
     "view": "kinemode.public.results",
     "write_cameras": "estimator.data.formats.cameras",
     "write_keypoints": "estimator.data.formats.keypoints",

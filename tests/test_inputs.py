@@ -18,8 +18,7 @@ from estimator.data.formats.cameras import write_cameras
 from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.media.clip import Clip, ClipReport
 from estimator.data.media.film import write_film
-from estimator.data.resampling import at_places
-from estimator.data.timing import CameraClock, clip_clock, keypoint_clock, timeline
+from estimator.data.timing import CameraClock, at_places, clip_clock, keypoint_clock, timeline
 from estimator.vision.resolution import resized_camera, same_aspect
 from humanoid.support.errors import InputError
 from kinemode.inputs import load as load_module

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import kinemode
-from estimator.numerics.signals import uninterrupted
+from estimator.numerics.worker_main import uninterrupted
 from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from kinemode import __main__ as front

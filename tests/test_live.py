@@ -26,7 +26,7 @@ from estimator.trackers.frame_result import FrameResult
 from kinemode.detection.detectors import DetectorChoice
 from kinemode.detection.people import Asked, People
 from kinemode.rendering.files import RenderedClip
-from kinemode.streams import detecting
+from kinemode.streams import sources
 from kinemode.streams.capture import CapturedPicture, FileCamera, LatestFrameQueue
 from kinemode.streams.session import run_session
 from tests.waiting import DEADLINE, ended, kinemode_process, until
@@ -434,8 +434,8 @@ def test_the_person_who_was_largest_stays_the_one(monkeypatch: pytest.MonkeyPatc
             self.lost = next(lost)
             return next(pictures)
 
-    monkeypatch.setattr(detecting, "DetectorProcess", lambda wanted: None)
-    monkeypatch.setattr(detecting, "People", Seen)
-    finds = detecting.Detecting(DetectorChoice())
+    monkeypatch.setattr(sources, "DetectorProcess", lambda wanted: None)
+    monkeypatch.setattr(sources, "People", Seen)
+    finds = sources.Detecting(DetectorChoice())
     answers = [finds(np.zeros((2, 2, 3), np.uint8), 0.1 * t) for t in range(4)]
     assert [None if a is None else a is large for a in answers] == [True, False, None, True]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import beta
 
-from humanoid.shape.flesh_nodes import grid_nodes
+from humanoid.shape.flesh import grid_nodes
 from humanoid.subject import superquadric
 from humanoid.subject.superquadric import derivatives, fault, largest_bend, normals, points
 from humanoid.subject.urdf_flesh import Flesh

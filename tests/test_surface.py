@@ -12,7 +12,7 @@ import pytest
 
 from humanoid.kinematics.body import Body, points_in_world
 from humanoid.kinematics.proportions import ProportionedBody
-from humanoid.shape.flesh_nodes import even_nodes, flesh_derivatives, flesh_normals, flesh_points
+from humanoid.shape.flesh import even_nodes, flesh_derivatives, flesh_normals, flesh_points
 from humanoid.shape.solids import solids_of
 from humanoid.shape.surface import Surface, flesh_surface, surface_of
 from humanoid.shape.surface_shape import SurfaceShape

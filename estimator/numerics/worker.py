@@ -8,8 +8,7 @@ from multiprocessing.connection import wait
 from multiprocessing.reduction import send_handle
 from typing import Any, NoReturn
 
-from estimator.numerics.signals import uninterrupted
-from estimator.numerics.worker_main import PARTING, Failure, Sealed, main
+from estimator.numerics.worker_main import PARTING, Failure, Sealed, main, uninterrupted
 from humanoid.support.errors import InputError
 
 _GUARD = 'a script needs `if __name__ == "__main__":` around what it runs'

@@ -10,13 +10,14 @@ import signal
 import sys
 import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
-
-from estimator.numerics.signals import FOR_THE_LEADER
 
 PARTING = 1.0  # s given to a process to end by itself
 
@@ -86,3 +87,26 @@ def _end_with_the_leader() -> None:
 def _end_soon(*_: object) -> None:
     """Unless the leader is faster, which was sent the signal too where all were meant."""
     signal.setitimer(signal.ITIMER_REAL, PARTING)  # no handler takes its signal, so it ends the process
+
+
+FOR_THE_LEADER = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Signals wait until the block's end, and processes started within get them only when they are ready to."""
+    resource_tracker.ensure_running()  # it would end the blocking if it had to start
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # another thread may take what this one blocks
+        ours = [number for number in FOR_THE_LEADER if callable(signal.getsignal(number))]
+        handlers = {number: signal.signal(number, lambda n, _: came.append(n)) for number in ours}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, FOR_THE_LEADER)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)

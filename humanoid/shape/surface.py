@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.kinematics.body import Body
-from humanoid.shape.flesh_nodes import Nodes, even_nodes, flesh_normals, flesh_points, surface_area
+from humanoid.shape.flesh import Nodes, even_nodes, flesh_normals, flesh_points, surface_area
 from humanoid.shape.solids import Geometry
 from humanoid.shape.surface_hulls import HullPart, hull_nodes, hull_parts
 from humanoid.subject.subject import Flesh

@@ -13,7 +13,7 @@ import coal
 import numpy as np
 
 from humanoid.kinematics.body import Body
-from humanoid.shape.flesh_nodes import even_nodes, flesh_points
+from humanoid.shape.flesh import even_nodes, flesh_points
 from humanoid.shape.solids import ConvexSolid, Geometry, solids_of
 from humanoid.subject.subject import Flesh
 from humanoid.support.errors import InputError

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from humanoid.kinematics.body import PosedBody
 from humanoid.kinematics.proportions import ProportionedBody
-from humanoid.shape.flesh_nodes import flesh_derivatives
+from humanoid.shape.flesh import flesh_derivatives
 from humanoid.shape.surface import Surface, flesh_surface, spread_nodes
 from humanoid.subject.subject import Flesh
 from humanoid.subject.urdf_document import read_document

@@ -14,14 +14,13 @@ from humanoid.subject import example_robots, urdf_elements
 from humanoid.subject.landmark_file import SUFFIX, merge_landmark_file
 from humanoid.subject.mimic_model import with_mimics
 from humanoid.subject.mimic_settling import settle_mimics
-from humanoid.subject.urdf_check import check_urdf, natural_base
+from humanoid.subject.urdf_check import check_urdf, check_with_yourdfpy, natural_base
 from humanoid.subject.urdf_document import Document, read_document
 from humanoid.subject.urdf_edit import Meshes, add_link_landmarks, lock_joints, resolve_meshes, set_base
 from humanoid.subject.urdf_elements import Landmark, Proportion, Stabiliser, UprightElement
 from humanoid.subject.urdf_flesh import Flesh
 from humanoid.subject.urdf_mimic import Mimic, read_mimics
 from humanoid.subject.urdf_reshape import reshape
-from humanoid.subject.yourdfpy_check import check_with_yourdfpy
 from humanoid.support.atomic import replacing
 from humanoid.support.errors import InputError, misplaced
 from humanoid.support.files import read_bytes

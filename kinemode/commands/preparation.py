@@ -121,9 +121,9 @@ def calibrate(
         picture=picture,
         progress=km.reported,
     )
-    from kinemode.terminal import board_report
+    from kinemode.terminal import report
 
-    board_report.print_calibration(calibration, out, picture)
+    report.print_calibration(calibration, out, picture)
 
 
 def train_index(

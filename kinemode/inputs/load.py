@@ -19,9 +19,8 @@ from estimator.data.media.clip import Clip
 from estimator.data.observation import Observation
 from estimator.data.people.across_cameras import subject_tracks
 from estimator.data.people.everybody import everybody
-from estimator.data.resampling import at_places
 from estimator.data.sequence import assemble
-from estimator.data.timing import CameraClock, Timeline, timeline
+from estimator.data.timing import CameraClock, Timeline, at_places, timeline
 from estimator.vision.resolution import Size, declared_size, fitted_camera, fitted_track, resized_camera
 from humanoid.kinematics.body import Body
 from humanoid.support.errors import InputError

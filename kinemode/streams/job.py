@@ -17,10 +17,9 @@ from kinemode.detection.detectors import DetectorChoice
 from kinemode.inputs.load import camera_for
 from kinemode.notices import InputWarning
 from kinemode.streams.capture import CaptureDevice, CapturedPicture, DeviceCamera, FileCamera
-from kinemode.streams.detecting import Detecting
 from kinemode.streams.recording import Recording, live_header, recording
 from kinemode.streams.session import Session, Show, run_session
-from kinemode.streams.sources import KeypointSource, PlayedBack
+from kinemode.streams.sources import Detecting, KeypointSource, PlayedBack
 from kinemode.streams.step import Step
 from kinemode.streams.stepper import StepOptions, Stepper
 from viz.preview.moving import Moment, MovingPreview

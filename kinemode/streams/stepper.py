@@ -33,8 +33,7 @@ from kinemode.notices import InputWarning
 from kinemode.pictures import cue_choice
 from kinemode.settings import Chosen, PathLike, choose
 from kinemode.streams.observing import Observer
-from kinemode.streams.smoothing import Delay
-from kinemode.streams.step import Step
+from kinemode.streams.step import Delay, Step
 from kinemode.terminal.progress import unreported
 
 _AHEAD, _WARM_UP, _RATE = 4.0, 3, 30.0  # m from the camera, frames, frames per second

@@ -15,8 +15,8 @@ from estimator.trackers.frame_result import STATUS_MEANINGS
 from humanoid.support.atomic import replacing
 from viz.pictures.overlay import Progress
 from viz.report import pictures
-from viz.report.curves import COLOURS, angle_figures
 from viz.report.facts import Facts, Figure
+from viz.report.pictures import COLOURS, angle_figures
 from viz.report.tables import assumed_part, ranges_table, repeat_part, text
 from viz.scene import Scene, as_scene
 

@@ -1,18 +1,26 @@
-"""The film and the stills of a report, small enough to stand in its page."""
+"""The film, the stills and the joint curves of a report, small enough to stand in its page."""
 
 from __future__ import annotations
 
+import io
 import tempfile
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from estimator.data.media.film import write_film
+from estimator.runs.joint_angle import joint_angles
+from estimator.runs.run_file import Run
+from viz.palette import ON_PAPER, web
+from viz.pictures.joint_panels import JointPanel, panels_of
+from viz.pictures.joint_plot import draw_panel
 from viz.pictures.overlay import Progress, drawn, pictures, side_by_side
 from viz.pictures.painter import BodyPainter, camera_view
+from viz.report.facts import Figure
 from viz.scene import Scene
 
 FILM_BYTES = 8_000_000
@@ -123,3 +131,32 @@ def stills_of(scene: Scene, rows: list[int]) -> list[bytes]:
         encoded = cv2.imencode(".jpg", side_by_side(tiles), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
         stills.append(encoded.tobytes())
     return stills
+
+
+COLOURS = {side: web(colour) for side, colour in ON_PAPER.items()}
+"""Of the sides."""
+_SIZE = (3.6, 2.3)  # inches
+
+
+def angle_figures(run: Run) -> list[Figure]:
+    """A picture for every joint, those of both sides in one, in degrees, or metres where it slides, as `kinemode plot`
+    draws them."""
+    return [_figure(panel, run) for panel in panels_of([angle.degrees for angle in joint_angles(run)])]
+
+
+def _figure(panel: JointPanel, run: Run) -> Figure:
+    import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure as Drawing
+
+    drawing = Drawing(figsize=_SIZE)
+    drawing.subplots_adjust(left=0.19, right=0.985, bottom=0.19, top=0.89)  # alike in all, so that they line up
+    FigureCanvasSVG(drawing)  # no window, and none of pyplot's global state
+    axes = drawing.subplots()
+    draw_panel(axes, run, panel)
+    axes.set_xlabel("time [s]")
+    file = io.BytesIO()
+    style: Any = {"svg.fonttype": "none", "svg.hashsalt": panel.title, "font.family": "sans-serif", "font.size": 9.0}
+    with mpl.rc_context(style):
+        drawing.savefig(file, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
+    return Figure(panel.title.replace("_", " "), file.getvalue())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import cv2
@@ -24,8 +25,26 @@ from estimator.vision.cues.cue_picture import (
 )
 from estimator.vision.cues.flow.flow_field import FlowField, FlowSettings, flow_field
 from estimator.vision.cues.flow.point_flow import follow_points
-from estimator.vision.cues.flow.settings import FlowCueSettings
 from humanoid.kinematics.body import points_in_world
+from humanoid.support.settings import setting
+
+
+@dataclass(frozen=True)
+class FlowCueSettings(FlowSettings):
+    """How flow is found and checked, and how it enters the energy.
+
+    evidence: independent measurements that all inside nodes together count as (CSS eq. 9), 0 for none. leading: as many
+        as it counts while it leads a hypothesis to where the other cues are matched, at least `evidence`. There it has
+        to win over the transition; as evidence it counts less, since it is relative to a pose that is itself uncertain.
+    noise [px], share: standard deviation of the flow, and its part that grows with the flow's length. nu: Lorentzian.
+    """
+
+    evidence: float = setting(10.0, at_least=0)
+    leading: float = setting(60.0, at_least=0)
+    noise: float = setting(0.5, above=0)
+    share: float = setting(0.1, at_least=0)
+    nu: float = setting(4.0, above=0)
+
 
 FLOW_NODES = 200  # more say nothing new; beside keypoints flow has less weight, and fewer are enough
 _FEWEST = 0.4  # share of them that is always followed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -27,9 +28,25 @@ from estimator.vision.cues.silhouette.foreground import (
     silhouette_of,
 )
 from estimator.vision.cues.silhouette.matching import across_outline, nearest_contour, nearest_outline
-from estimator.vision.cues.silhouette.settings import SilhouetteCueSettings
 from estimator.vision.prediction import Prediction
 from estimator.vision.visibility import OUTER
+from humanoid.support.settings import setting
+
+
+@dataclass(frozen=True)
+class SilhouetteCueSettings(SilhouetteSettings):
+    """How the person is told from the background, and how their outline enters the energy.
+
+    evidence: independent measurements that the foreground's outline counts as, 0 for none: half from the model's
+        contour to the outline (Leclerc: a limb missing from the foreground must pull nothing), half the other way
+        (Lorentzian).
+    noise: standard deviation, as a fraction of the subject's extent. nu: spread of both.
+    """
+
+    evidence: float = setting(60.0, at_least=0)
+    noise: float = setting(0.02, above=0)
+    nu: float = setting(8.0, above=0)
+
 
 OUTLINE_SAMPLES = 200
 AGREES = 4.0  # standard deviations within which a contour point lies on the outline
