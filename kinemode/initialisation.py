@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from estimator.data.observation import Observation
@@ -12,10 +12,8 @@ from estimator.trackers.capabilities import capabilities_of
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import MIN_KEYPOINTS, enough_keypoints
 from estimator.tracking.registry import TRACKERS, make_tracker
-from estimator.tracking.settings import Settings
 from estimator.vision.cues.base import Cue
 from estimator.vision.likelihood.registry import CUES
-from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
 from kinemode.settings import Chosen
@@ -59,8 +57,8 @@ def check_cue(tracker: TrackerProtocol[Any], name: str, cues: Collection[str]) -
         raise InputError("cues", problem, remedy=", or ".join(_how_to_give(CUES[cue]) for cue in needed))
 
 
-def _shares_work(name: str, body: Body, settings: Settings | None = None) -> bool:
-    return capabilities_of(make_tracker(name, body, settings)).shared is not None
+def _shares_work(tracker: TrackerProtocol[Any]) -> bool:
+    return capabilities_of(tracker).shared is not None
 
 
 def _how_to_give(cue: Cue) -> str:
@@ -72,12 +70,14 @@ def _how_to_give(cue: Cue) -> str:
     return f"--cues {cue.name}"
 
 
-def processes_for(trackers: Sequence[Chosen], body: Body, workers: int) -> list[int]:
-    """How many of so many processes each tracker has work for; raises InputError where none has work for several."""
-    counts = [workers if workers <= 1 or _shares_work(c.tracker, body, c.settings) else 1 for c in trackers]
-    if workers not in counts:
-        sharing = ", ".join(name for name in TRACKERS if _shares_work(name, body))
-        problem = f"{trackers[0].tracker} works in one process"
+def processes_for(trackers: Mapping[str, TrackerProtocol[Any]], workers: int) -> dict[str, int]:
+    """How many of so many processes each of these trackers, by name, has work for; raises InputError where none has
+    work for several."""
+    counts = {name: workers if workers <= 1 or _shares_work(tracker) else 1 for name, tracker in trackers.items()}
+    if workers not in counts.values():
+        first, tracker = next(iter(trackers.items()))
+        sharing = ", ".join(name for name in TRACKERS if _shares_work(make_tracker(name, tracker.body)))
+        problem = f"{first} works in one process"
         raise InputError("workers", problem, remedy=f"leave it out; work is shared by {sharing}")
     return counts
 

@@ -96,11 +96,10 @@ def track_subject(loaded: Subject, files: InputFiles, wanted: TrackOptions) -> R
 
 def job_of(loaded: Subject, wanted: TrackOptions, path: Path, person: str | int | dict[str, str]) -> TrackingJob:
     """The options checked against subject and tracker, with where the run goes and whom it is of."""
-    chosen = choose(wanted.tracker, wanted.settings, wanted.modes)
-    body, workers = Body(loaded), checked_count(wanted.workers)
-    processes_for([chosen], body, workers)
+    chosen, workers = choose(wanted.tracker, wanted.settings, wanted.modes), checked_count(wanted.workers)
     chosen = beginning(chosen, wanted.start)
-    tracker = make_tracker(chosen.tracker, body, chosen.settings)
+    tracker = make_tracker(chosen.tracker, Body(loaded), chosen.settings)
+    processes_for({chosen.tracker: tracker}, workers)
     check_start(tracker, chosen)
     check_smoothing(tracker, chosen)
     chosen = with_index(chosen, loaded, wanted.index, wanted.progress)

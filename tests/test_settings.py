@@ -11,7 +11,7 @@ from builders import body_of
 
 from estimator.data.formats.settings_file import load_settings, settings_text
 from estimator.tracking.idle_rules import RULES
-from estimator.tracking.registry import TRACKERS, current_changes, settings_for
+from estimator.tracking.registry import TRACKERS, current_changes, make_tracker, settings_for
 from estimator.vision.likelihood.settings import idle_rules
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import load_subject
@@ -211,10 +211,10 @@ def test_processes_are_refused_where_they_share_nothing() -> None:
     body, alone = body_of("arm8"), ("annealed", "condensation", "single-mode", "gaussian-multiple-hypothesis")
     for name in alone:
         with pytest.raises(InputError, match=rf"workers: {name} works in one process.*css, css-paper"):
-            processes_for([choose(name, None)], body, 2)
-    several = [choose(name, None) for name in (*alone, "css", "multiple-hypothesis")]
-    assert processes_for(several, body, 2) == [1, 1, 1, 1, 2, 2]
-    assert processes_for(several, body, 1) == [1] * 6
+            processes_for({name: make_tracker(name, body)}, 2)
+    several = {name: make_tracker(name, body) for name in (*alone, "css", "multiple-hypothesis")}
+    assert list(processes_for(several, 2).values()) == [1, 1, 1, 1, 2, 2]
+    assert set(processes_for(several, 1).values()) == {1}
 
 
 def test_for_several_trackers_it_is_enough_if_one_uses_it() -> None:

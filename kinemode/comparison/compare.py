@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from estimator.runs.reference_motion import Reference
 from estimator.runs.run_file import Run
-from estimator.tracking.registry import common_settings
+from estimator.tracking.registry import common_settings, make_tracker
 from humanoid.kinematics.body import Body
 from humanoid.subject.subject import Subject
 from humanoid.support.errors import InputError
@@ -65,7 +65,9 @@ def compare_trackers(
     for sentence in former_names_in(names, wanted.settings):
         warnings.warn(sentence, InputWarning, stacklevel=3)
     each = {name: beginning(choose(name, *chosen[name]), wanted.start) for name in names}
-    processes = dict(zip(names, processes_for(list(each.values()), Body(loaded), wanted.workers), strict=True))
+    body = Body(loaded)
+    made = {name: make_tracker(name, body, chosen.settings) for name, chosen in each.items()}
+    processes = processes_for(made, wanted.workers)
     looking = {name for name in names if uses_index(each[name])}
     if wanted.index is not None and not looking:
         raise index_unused(each[names[0]])
