@@ -29,8 +29,11 @@ KEYPOINTS = {
 }
 CAMERAS = {
     "kinemode's JSON": "cameras_json",
-    "Pose2Sim and Anipose": "cameras_toml",
+    "Pose2Sim, Anipose and Caliscope": "cameras_toml",
     "OpenCV and ROS": "cameras_opencv",
+    "Kalibr": "cameras_kalibr",
+    "EasyMocap": "cameras_easymocap",
+    "CMU Panoptic": "cameras_panoptic",
     "Qualisys": "cameras_qualisys",
 }
 

@@ -16,6 +16,7 @@ import tomli_w
 from benchmarks.support.camera_files import toml_sections, write_pose2sim
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.formats.cameras import load_cameras, write_cameras
+from estimator.data.formats.cameras_json import camera_to_json
 from humanoid.support.errors import InputError
 from tests.builders import BROWN, camera_at
 from tests.test_lens import LENSES, lens_camera
@@ -182,6 +183,9 @@ def test_qualisys(tmp_path: Path) -> None:
     assert feet[1] - chest[1] > 300.0
 
 
+OURS = json.dumps(
+    {"units": "m", "cameras": [camera_to_json(camera_at(0.0, distortion=BROWN)) | {"fisheye": False, "note": "of May"}]}
+)
 WRITERS: dict[str, Callable[[Path, list[Camera]], None]] = {}
 
 
@@ -255,6 +259,59 @@ def _ours(path: Path, cameras: list[Camera]) -> None:
     write_cameras(path, cameras)
 
 
+@writer("camera_array.toml")
+def _caliscope(path: Path, cameras: list[Camera]) -> None:
+    """Rotations as matrices, beside a camera that is left out and members that nobody needs."""
+    sections = {
+        c.name.removeprefix("cam_"): {
+            "cam_id": i, "rotation_count": -1, "error": 0.2, "ignore": False, "size": list(c.image_size),
+            "matrix": c.K.tolist(), "distortions": c.distortion.tolist(), "translation": c.t_camera_world.tolist(),
+            "rotation": c.R_camera_world.tolist(), "fisheye": c.fisheye, "verified_resolutions": [[640, 480]],
+        }
+        for i, c in enumerate(cameras)
+    }  # fmt: skip
+    ignored = {**next(iter(sections.values())), "ignore": True}
+    path.write_text(tomli_w.dumps({"cameras": {**sections, "99": ignored}}))
+
+
+@writer("panoptic.json")
+def _panoptic(path: Path, cameras: list[Camera]) -> None:
+    entries = [
+        {
+            "name": c.name, "type": "hd", "resolution": list(c.image_size), "panel": 0, "node": i, "K": c.K.tolist(),
+            "distCoef": c.distortion.tolist(), "R": c.R_camera_world.tolist(),
+            "t": (100.0 * c.t_camera_world)[:, None].tolist(),
+        }
+        for i, c in enumerate(cameras)
+    ]  # fmt: skip
+    path.write_text(json.dumps({"calibDataSource": "160422", "cameras": entries}))
+
+
+@writer("extri.yml")
+def _easymocap(path: Path, cameras: list[Camera]) -> None:
+    halves = {}
+    for part in ("intri", "extri"):
+        halves[part] = cv2.FileStorage(str(path.with_name(f"{part}.yml")), cv2.FILE_STORAGE_WRITE)
+        halves[part].startWriteStruct("names", cv2.FileNode_SEQ)
+        for c in cameras:
+            halves[part].write("", c.name)
+        halves[part].endWriteStruct()
+    for c in cameras:
+        halves["intri"].write(f"K_{c.name}", c.K)
+        halves["intri"].write(f"dist_{c.name}", c.distortion[None])
+        halves["intri"].write(f"W_{c.name}", c.image_size[0])
+        halves["intri"].write(f"H_{c.name}", c.image_size[1])
+        halves["extri"].write(f"R_{c.name}", cv2.Rodrigues(c.R_camera_world)[0])
+        halves["extri"].write(f"Rot_{c.name}", c.R_camera_world)
+        halves["extri"].write(f"T_{c.name}", c.t_camera_world[:, None])
+    for half in halves.values():
+        half.release()
+
+
+FITS = {"calib.qca.txt": "Brown's model", "extri.yml": "no fisheye", "panoptic.json": "no fisheye"}
+"""What lenses these formats have."""
+
+
 def check_round(tmp_path: Path, layout: str, cameras: list[Camera], points: np.ndarray) -> None:
     """Written and read, cameras see points at the same pixels; projections with a NaN in both are equal."""
     WRITERS[layout](tmp_path / layout, cameras)
@@ -268,17 +325,88 @@ def check_round(tmp_path: Path, layout: str, cameras: list[Camera], points: np.n
 @pytest.mark.parametrize("layout", WRITERS)
 def test_every_layout_keeps_the_pixels(layout: str, tmp_path: Path) -> None:
     points = np.random.default_rng(1).normal(scale=0.6, size=(40, 3))
-    cameras = [camera_at(20.0, distortion=BROWN), replace(camera_at(110.0), name="b", distortion=np.zeros(5))]
-    if layout != "calib.qca.txt":  # QTM has Brown's model alone
-        cameras += [replace(lens_camera(model, 40.0 * i), name=model) for i, model in enumerate(LENSES) if i > 1]
-    check_round(tmp_path, layout, cameras, points)
+    cameras = [camera_at(20.0, distortion=BROWN), replace(camera_at(110.0), distortion=np.zeros(5))]
+    lenses = [lens_camera(model, 40.0 * i) for i, model in enumerate(LENSES) if i > 1]
+    cameras += [c for c in lenses if layout not in FITS or (FITS[layout] == "no fisheye" and not c.fisheye)]
+    check_round(tmp_path, layout, [replace(c, name=f"cam_{i}") for i, c in enumerate(cameras)], points)
 
 
 @pytest.mark.parametrize("layout", WRITERS)
 def test_real_cameras_in_every_layout(layout: str, tmp_path: Path, shared_data: Path) -> None:
-    cameras = list(load_cameras(shared_data / "beam4cam" / "calibration.json").values())
+    real = load_cameras(shared_data / "beam4cam" / "calibration.json").values()
+    cameras = [replace(c, name=f"cam_{i}") for i, c in enumerate(real)]
     points = np.load(shared_data / "beam4cam" / "reference3d.npz")["points"].reshape(-1, 3)
     check_round(tmp_path, layout, cameras, points)
+
+
+KALIBR = """{name}:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: {coefficients}
+  distortion_model: {model}
+  intrinsics: [{fx}, {fy}, {cx}, {cy}]
+  resolution: [{width}, {height}]
+  rostopic: /c/image_raw
+"""
+
+
+def kalibr(cameras: list[Camera]) -> str:
+    """A chain of cameras, each placed by the one before it."""
+    text, before = "", None
+    for i, c in enumerate(cameras):
+        lens = {"model": "equidistant" if c.fisheye else "radtan", "coefficients": c.distortion[:4].tolist()}
+        (fx, _, cx), (_, fy, cy), _ = c.K.tolist()
+        size = dict(zip(("width", "height"), c.image_size, strict=True))
+        text += KALIBR.format(name=f"cam{i}", fx=fx, fy=fy, cx=cx, cy=cy, **lens, **size)
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = c.R_camera_world, c.t_camera_world
+        text += "" if before is None else f"  T_cn_cnm1: {(T @ np.linalg.inv(before)).tolist()}\n"
+        before = T
+    return text
+
+
+def test_kalibr(tmp_path: Path) -> None:
+    """In the frame of the first camera."""
+    brown, fisheye = np.append(BROWN[:4], 0.0), lens_camera("fisheye", 75.0)
+    cameras = [camera_at(20.0, distortion=brown), camera_at(110.0, focal=710.0, distortion=brown), fisheye]
+    cameras = [replace(c, K=c.K * (1.0 - np.eye(3, k=1))) for c in cameras]  # Kalibr's has no skew
+    first, points = cameras[0], np.random.default_rng(3).normal(scale=0.6, size=(40, 3))
+    again = read(tmp_path, "camchain.yaml", kalibr(cameras))
+    assert list(again) == ["cam0", "cam1", "cam2"]
+    in_first = points @ first.R_camera_world.T + first.t_camera_world
+    for camera, seen in zip(cameras, again.values(), strict=True):
+        np.testing.assert_allclose(seen.project(in_first), camera.project(points), atol=1e-6)
+    (alone,) = read(tmp_path, "camchain.yaml", kalibr(cameras[:1])).values()
+    assert np.array_equal(alone.K, first.K)
+
+
+def test_either_file_of_easymocap_stands_for_both(tmp_path: Path) -> None:
+    cameras = [replace(camera_at(20.0 + 60.0 * i), name=name) for i, name in enumerate(("01", "02", "010"))]
+    _easymocap(tmp_path / "extri.yml", cameras)
+    both = [load_cameras(tmp_path / f"{part}.yml") for part in ("intri", "extri")]
+    assert [list(c) for c in both] == [["01", "02", "010"]] * 2
+    (tmp_path / "intri.yml").unlink()
+    with pytest.raises(InputError, match=r"extri\.yml: has one half of the cameras: intri\.yml is not beside it"):
+        load_cameras(tmp_path / "extri.yml")
+
+
+@pytest.mark.parametrize("layout", ["ours.json", "camera_array.toml", "extri.yml", "cameras.yml", "calibration.toml"])
+def test_lengths_that_cannot_be_metres_are_refused(layout: str, tmp_path: Path) -> None:
+    cameras = [camera_at(20.0, distance=3.1), replace(camera_at(110.0, distance=4.3), name="b")]
+    far = [replace(c, t_camera_world=1e3 * c.t_camera_world, name=f"cam_{i}") for i, c in enumerate(cameras)]
+    WRITERS[layout](tmp_path / layout, far)
+    if layout == "calibration.toml":  # the writer's own unit
+        text = (tmp_path / layout).read_text().replace('units = "mm"', "")
+        (tmp_path / layout).write_text(text)
+    with pytest.raises(InputError, match=r"the cameras are \d+ m apart"):
+        load_cameras(tmp_path / layout)
+
+
+def test_our_own_file_may_say_its_unit(tmp_path: Path) -> None:
+    camera = camera_at(20.0, distance=3.1)
+    entry = camera_to_json(replace(camera, t_camera_world=1e3 * camera.t_camera_world))
+    (again,) = read(tmp_path, "a.json", json.dumps({"units": "mm", "cameras": [entry]})).values()
+    np.testing.assert_allclose(again.t_camera_world, camera.t_camera_world, atol=1e-12)
 
 
 def test_the_real_qualisys_file(shared_data: Path) -> None:
@@ -321,10 +449,10 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
         ("a.yml", "%YAML:1.0\n---\nimage_width: 3\n", "OpenCV YAML: has no camera_matrix, but image_width"),
         ("a.yml", OPENCV.format(fisheye="", count=5, distortion="1, 2"), "_coefficients: rows, cols and data"),
         ("a.yml", OPENCV.format(fisheye="", count=3, distortion="1, 2, 3"), "OpenCV YAML.*4, 5, 8, 12 or 14 coeff"),
-        ("a.yml", OPENCV.format(fisheye="", count=1, distortion="[1"), "OpenCV YAML, line"),
+        ("a.yml", OPENCV.format(fisheye="", count=1, distortion="[1"), r"line \d+: is not YAML"),
         ("a.yml", OPENCV.replace("image_w", "w").format(fisheye="", count=4, distortion="0,0,0,0"), "image_width"),
         ("a.yml", "a: &x [1]\nb: *x\n", "aliases"),
-        ("a.yml", "[" * 100_000, "OpenCV YAML"),
+        ("a.yml", "[" * 100_000, "is not (usable )?YAML"),
         ("a.xml", QUALISYS.format(**GOOD | {"turn": "90"}), "Qualisys calibration, camera cam03: its view is turned"),
         ("a.xml", QUALISYS.format(**GOOD | {"sensor": "1087"}), "no sensor in 1/64 pixels"),
         ("a.xml", QUALISYS.format(**GOOD).replace("fov_video", "fov"), "<fov_video> is missing"),
@@ -334,6 +462,15 @@ def test_a_stereo_pair(tmp_path: Path) -> None:
         ("a.xml", "<robot/>", "read are OpenCV JSON, kinemode JSON"),
         ("a.txt", "1 2 3", "read are OpenCV JSON, kinemode JSON"),
         ("a.json", '{"a": 1}', "read are OpenCV JSON, kinemode JSON"),
+        ("a.json", OURS.replace("distortion", "distCoef"), r"cameras\[0\]: the member 'distCoef' is unknown \("),
+        ("a.json", OURS.replace('"fisheye"', '"fish_eye"'), r"'fish_eye' is unknown \(did you mean fisheye"),
+        ("a.json", OURS.replace('"units"', '"unit"'), r"'unit' is unknown \(did you mean units"),
+        ("a.toml", POSE2SIM.replace("distortions", "distortion"), r"'distortion' is unknown \(did you mean dist"),
+        ("a.yml", OPENCV.replace("distortion_co", "distortion_of_co").format(fisheye="", count=4, distortion="0,0,0,0"),
+         "OpenCV YAML: the member 'distortion_of_coefficients' is unknown"),
+        ("a.yaml", kalibr([camera_at(0.0)]).replace("pinhole", "omni"), r"YAML, cam0\.camera_model: 'omni' is not"),
+        ("a.yaml", kalibr([camera_at(0.0)]).replace("radtan", "fov"), r"cam0\.distortion_model: 'fov' is not read"),
+        ("a.yaml", kalibr([camera_at(0.0)] * 2).replace("T_cn_cnm1", "T"), r"Kalibr YAML, cam1\.T_cn_cnm1: is missing"),
     ],
 )  # fmt: skip
 def test_faults_name_format_and_place(name: str, text: str, said: str, tmp_path: Path) -> None:

@@ -200,7 +200,25 @@ def _camera_texts() -> list[Files]:
         ' radialDistortion1="0.1"/>'
         "</camera></cameras></calibration>"
     )
-    return [{"a.toml": toml.encode()}, {"a.yml": yaml.encode()}, {"a.qca.txt": qualisys.encode()}]
+    kalibr = "".join(
+        f"cam{i}:\n  camera_model: pinhole\n  intrinsics: [80., 80., 31.5, 23.5]\n  resolution: [64, 48]\n"
+        f"  distortion_model: radtan\n  distortion_coeffs: [0.1, -0.1, 0., 0.]\n{placed}"
+        for i, placed in enumerate(("", "  T_cn_cnm1: [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"))
+    )
+    matrix = "!!opencv-matrix\n   rows: 3\n   cols: {}\n   dt: d\n   data: [{}]\n"
+    easymocap = (
+        "%YAML:1.0\n---\nnames:\n   - '01'\nW_01: 64\nH_01: 48\nK_01: "
+        + matrix.format(3, "80., 0., 31.5, 0., 80., 23.5, 0., 0., 1.")
+        + f"R_01: {matrix.format(1, '0.1, 0.2, 0.3')}T_01: {matrix.format(1, '0., 0., 3.')}"
+    )
+    entry = {"name": "00_00", "type": "vga", "resolution": list(SIZE), "K": np.diag([80.0, 80.0, 1.0]).tolist()}
+    entry |= {"distCoef": [0.1, 0, 0, 0, 0], "R": np.eye(3).tolist(), "t": [[0.0], [0.0], [300.0]]}
+    caliscope = toml.replace("[cam_", "[cameras.").replace("fisheye = false", "ignore = false")
+    texts = {
+        "a.toml": toml, "a.yml": yaml, "a.qca.txt": qualisys, "b.yml": kalibr, "c.yml": easymocap, "b.toml": caliscope,
+        "a.json": json.dumps({"cameras": [entry]}),
+    }  # fmt: skip
+    return [{name: text.encode()} for name, text in texts.items()]
 
 
 def npz(arrays: Mapping[str, np.ndarray]) -> bytes:

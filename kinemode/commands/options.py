@@ -59,8 +59,9 @@ class InputOptions:
     Parameters
     ----------
     cameras
-        Calibration of each camera: kinemode's JSON (K, distortion, R, t; `calibrate` writes it), Pose2Sim or Anipose
-        TOML, OpenCV YAML, JSON or XML, Qualisys .qca.txt or .xml; one camera without it is guessed.
+        Calibration of each camera: kinemode's JSON (K, distortion, R, t; `calibrate` writes it), Pose2Sim, Anipose or
+        Caliscope TOML, OpenCV YAML, JSON or XML, Kalibr's or EasyMocap's YAML, CMU Panoptic JSON, Qualisys .qca.txt or
+        .xml; one camera without it is guessed.
     keypoints
         2D keypoint files or folders: MediaPipe 33, OpenPose BODY_25 or COCO 18, COCO 17, Halpe 26, `annotate`'s;
         AlphaPose, MMPose, rtmlib, COCO data sets, DeepLabCut csv, npy and npz. Names that the file does not have, or

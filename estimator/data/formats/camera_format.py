@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from estimator.data.cameras.camera import Camera
-from estimator.data.formats.checked_json import mapping, read_json
+from estimator.data.formats.checked_config import parsed_yaml
+from estimator.data.formats.checked_json import decoded, mapping, parsed_json
 from humanoid.subject.urdf_document import Document, read_document
 from humanoid.support.errors import InputError
 
@@ -36,7 +37,15 @@ class CameraFile:
         """What it says as JSON, None where neither its ending nor its first character says that it is some. Raises
         InputError where it is damaged."""
         looks_so = self.start.startswith(b"{") or self.ending == ".json"
-        return mapping(read_json(self.path), self.path) if looks_so and not self.start.startswith(b"<") else None
+        if not looks_so or self.start.startswith(b"<"):
+            return None
+        return mapping(parsed_json(decoded(self.content, self.path), self.path), self.path)
+
+    @cached_property
+    def yaml(self) -> Mapping[str, Any] | None:
+        """The same for YAML."""
+        looks_so = self.start.startswith(b"%YAML") or self.ending in (".yml", ".yaml")
+        return parsed_yaml(self.content, self.path) if looks_so else None
 
     @cached_property
     def xml(self) -> Document | None:

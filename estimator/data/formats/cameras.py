@@ -1,7 +1,7 @@
 """Camera files of every registered format, told apart by what they hold; kinemode's own JSON is written.
 
-Formats: `cameras_json` (our own), `cameras_toml` (Pose2Sim, Anipose), `cameras_opencv` (YAML, JSON, XML),
-`cameras_qualisys` (QTM's calibration).
+Formats: `cameras_json` (our own), `cameras_toml` (Pose2Sim, Anipose, Caliscope), `cameras_opencv` (YAML, JSON, XML),
+`cameras_kalibr`, `cameras_easymocap`, `cameras_panoptic`, `cameras_qualisys` (QTM's calibration).
 """
 
 from __future__ import annotations
@@ -12,8 +12,11 @@ from pathlib import Path
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
+from estimator.data.formats.cameras_easymocap import EASYMOCAP
 from estimator.data.formats.cameras_json import JSON, camera_to_json
+from estimator.data.formats.cameras_kalibr import KALIBR
 from estimator.data.formats.cameras_opencv import OPENCV_JSON, OPENCV_XML, OPENCV_YAML
+from estimator.data.formats.cameras_panoptic import PANOPTIC
 from estimator.data.formats.cameras_qualisys import QUALISYS
 from estimator.data.formats.cameras_toml import TOML
 from humanoid.support.atomic import replacing
@@ -22,7 +25,7 @@ from humanoid.support.files import read_bytes
 from humanoid.support.plugins import Registry
 
 CAMERA_FORMATS: Registry[CameraFormat] = Registry(
-    "camera format", (OPENCV_JSON, JSON, TOML, OPENCV_YAML, QUALISYS, OPENCV_XML)
+    "camera format", (OPENCV_JSON, JSON, PANOPTIC, TOML, OPENCV_YAML, EASYMOCAP, KALIBR, QUALISYS, OPENCV_XML)
 )
 """Formats that are read, by name; those registered last are asked first."""
 register = CAMERA_FORMATS.register
@@ -31,8 +34,9 @@ _PICKLED = b"\x80"  # the first byte of a pickle since protocol 2
 
 
 def load_cameras(path: str | Path) -> dict[str, Camera]:
-    """Cameras of a file by name, in its order: kinemode's own JSON, Pose2Sim or Anipose TOML, OpenCV YAML, JSON or XML,
-    Qualisys .qca.txt or .xml, or a format that a plugin registers.
+    """Cameras of a file by name, in its order: kinemode's own JSON, Pose2Sim, Anipose or Caliscope TOML, OpenCV YAML,
+    JSON or XML, Kalibr's or EasyMocap's YAML, CMU Panoptic JSON, Qualisys .qca.txt or .xml, or a format that a plugin
+    registers.
 
     R and t may be left out where the file has a single camera, which then stands as a guessed one does. No pickle is
     ever loaded.

@@ -7,6 +7,8 @@ x_camera = R x_world + t in metres; camera axes x right, y down, z forward; pixe
 coefficients are OpenCV's 4, 5, 8, 12 or 14, or with "fisheye": true the 4 of its fisheye model. With "parallel": true
 the camera is parallel (orthographic), without distortion, and K's scale is in pixels per metre.
 Taken are images of up to 16384 pixels a side, focal lengths of 1 to 1e6 pixels (a metre), coefficients up to 1e4.
+Lengths are in metres unless `"units": "mm"` (or "cm") stands beside "cameras". A member that is not known is refused,
+unless it is text, such as a note.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.cameras.lens import COUNTS
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
+from estimator.data.formats.cameras_units import check_members, in_metres
 from estimator.data.formats.checked_json import mapping, numbers, sequence, shaped
 from humanoid.support.errors import InputError
 
@@ -28,6 +31,7 @@ _MOST_PIXELS = 16384  # on a side of an image
 _FOCAL = (1.0, 1e6)  # px
 _COEFFICIENT = 1e4
 _MEMBERS = ("name", "image_size", "K", "distortion", "fisheye", "parallel", "R", "t")
+_DERIVED = ("centre_world",)  # follows from the others
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
@@ -46,9 +50,14 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 def cameras_from_json(root: Mapping[str, Any], source: str | Path) -> list[Camera]:
     """All cameras of a file of our own."""
     entries = sequence(root.get("cameras"), source, "cameras")
-    return [
+    check_members(root, ("cameras", "units"), source, "", near=True)
+    cameras = [
         camera_from_json(entry, source, f"cameras[{i}]", alone=len(entries) == 1) for i, entry in enumerate(entries)
     ]
+    placed = any(isinstance(entry, dict) and entry.get("t") is not None for entry in entries)
+    return (
+        in_metres(cameras, root.get("units"), source, "", 'write "units": "mm" beside "cameras"') if placed else cameras
+    )
 
 
 def camera_from_json(
@@ -59,6 +68,7 @@ def camera_from_json(
     called: what the members are called in a file of another format, for errors.
     """
     entry = mapping(value, source, place)
+    check_members(entry, (*_MEMBERS, *_DERIVED), source, place)
     places = {key: f"{place}.{(called or {}).get(key, key)}" for key in _MEMBERS}
 
     def needed(key: str) -> Any:

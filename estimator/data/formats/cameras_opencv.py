@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.cameras_json import camera_from_json
 from estimator.data.formats.cameras_units import check_apart, in_metres, rotation_matrix
-from estimator.data.formats.checked_json import mapping, numbers
+from estimator.data.formats.checked_json import numbers
 from humanoid.subject.urdf_document import Document, elements
-from humanoid.support.errors import InputError
+from humanoid.support.errors import InputError, shown
 
 _CALLED = {
     "name": ("name", "cameraname"),
@@ -95,13 +94,18 @@ def _entry(root: Mapping[str, Any], source: str | Path, place: str, suffix: str 
     for key in ("K", "distortion", "R", "t"):
         value = _of(root, key, suffix)
         if value is not None:
-            entry[key] = _matrix(value, source, f"{place}.{_NAMED[key]}{suffix}")
+            entry[key] = opencv_matrix(value, source, f"{place}.{_NAMED[key]}{suffix}")
     for key in ("distortion", "t"):
         if key in entry:
             entry[key] = entry[key].ravel()
     if "R" in entry:
         entry["R"] = rotation_matrix(entry["R"].tolist(), source, f"{place}.R")
     entry |= {key: entry[key].tolist() for key in ("K", "distortion", "t") if key in entry}
+    if "distortion" not in entry and not suffix:
+        for key, value in root.items():  # a lens by a word that is not known must not become none
+            if "dist" in _plain(key) and isinstance(value, (list, dict)):
+                remedy = "call it distortion_coefficients"
+                raise InputError(source, f"the member {shown(key)} is unknown", place=place, remedy=remedy)
     size = _size(root)
     if size is not None:
         entry["image_size"] = size
@@ -144,7 +148,7 @@ def _plain(key: object) -> str:
     return str(key).lower().replace("_", "").replace("-", "").replace(" ", "")
 
 
-def _matrix(value: Any, source: str | Path, place: str) -> np.ndarray:
+def opencv_matrix(value: Any, source: str | Path, place: str) -> np.ndarray:
     """A matrix of OpenCV (rows, cols, data), or nested lists."""
     if not isinstance(value, dict):
         return numbers(value, source, place)
@@ -157,41 +161,6 @@ def _matrix(value: Any, source: str | Path, place: str) -> np.ndarray:
     if array.ndim != 1 or rows.ndim or columns.ndim or rows * columns != array.size or rows < 1:
         raise InputError(source, "rows, cols and data do not fit each other", place=place)
     return array.reshape(int(rows), int(columns))
-
-
-class _Loader(yaml.SafeLoader):
-    """OpenCV's YAML: its matrices are mappings, and what refers to another place is refused."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("it has aliases, which OpenCV never writes")
-        return super().compose_node(parent, index)
-
-
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, deep=True)
-)
-
-
-def opencv_yaml(content: bytes, source: str | Path) -> Mapping[str, Any]:
-    """The members of an OpenCV YAML file; raises InputError with the line where it breaks off."""
-    kind = "OpenCV YAML"
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(source, "is not text", place=kind) from None
-    if text.startswith("%YAML"):  # %YAML:1.0 is no directive of YAML's
-        text = "#" + text
-    try:
-        return mapping(yaml.load(text, _Loader), source, kind)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        place = f"{kind}, line {mark.line + 1}" if mark else kind
-        raise InputError(source, f"is not YAML: {error.problem}", place=place) from None
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(source, f"is not usable YAML: {error}", place=kind) from None
 
 
 def opencv_xml(document: Document) -> Mapping[str, Any]:
@@ -217,7 +186,8 @@ def _xml_numbers(element: Any) -> Any:
 
 
 def _read_yaml(file: CameraFile) -> list[Camera]:
-    return cameras_from_opencv(opencv_yaml(file.content, file.path), file.path, "OpenCV YAML")
+    assert file.yaml is not None
+    return cameras_from_opencv(file.yaml, file.path, "OpenCV YAML")
 
 
 def _read_json(file: CameraFile) -> list[Camera]:
@@ -230,10 +200,6 @@ def _read_xml(file: CameraFile) -> list[Camera]:
     return cameras_from_opencv(opencv_xml(file.xml), file.path, "OpenCV XML")
 
 
-def _is_yaml(file: CameraFile) -> bool:
-    return file.start.startswith(b"%YAML") or file.ending in (".yml", ".yaml")
-
-
-OPENCV_YAML = CameraFormat("OpenCV YAML", _is_yaml, _read_yaml)
+OPENCV_YAML = CameraFormat("OpenCV YAML", lambda file: file.yaml is not None, _read_yaml)
 OPENCV_JSON = CameraFormat("OpenCV JSON", lambda file: file.json is not None and is_opencv(file.json), _read_json)
 OPENCV_XML = CameraFormat("OpenCV XML", lambda file: file.root == "opencv_storage", _read_xml)

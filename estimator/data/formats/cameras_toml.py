@@ -1,4 +1,4 @@
-"""Cameras in TOML as Pose2Sim and Anipose write them (FreeMoCap and Caliscope too): a section for each.
+"""Cameras in TOML as Pose2Sim and Anipose write them (FreeMoCap too): a section for each.
 
     [cam_0]
     name = "cam01"
@@ -11,6 +11,7 @@
     [metadata]
     units = "mm"                             # our addition: no tool writes the unit
 
+Caliscope calls its sections [cameras.0], has rotations as matrices too, and leaves out cameras with `ignore = true`.
 Both tools project by `cv2.projectPoints` with rotation and translation as they stand (`aniposelib.cameras`;
 `Pose2Sim.common.computeP`). Pose2Sim's translations are metres, Anipose's in the unit of its board, often millimetres.
 """
@@ -24,8 +25,8 @@ from typing import Any
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.camera_format import CameraFile, CameraFormat
 from estimator.data.formats.cameras_json import camera_from_json
-from estimator.data.formats.cameras_units import check_apart, in_metres, rotation_matrix
-from estimator.data.formats.checked_toml import parsed_toml
+from estimator.data.formats.cameras_units import check_apart, check_members, in_metres, rotation_matrix
+from estimator.data.formats.checked_config import parsed_toml
 from humanoid.support.errors import InputError
 
 _CALLED = {
@@ -38,9 +39,13 @@ _NEEDED = "a section for each camera with name, size, matrix, distortions, rotat
 def cameras_from_toml(content: bytes, source: str | Path) -> list[Camera]:
     """The cameras of a Pose2Sim or Anipose file; raises InputError naming format, section and key."""
     root = parsed_toml(content, source, remedy=f"Pose2Sim and Anipose TOML have {_NEEDED}")
-    sections = {k: v for k, v in root.items() if isinstance(v, dict) and len(v.keys() & _CALLED_BY.keys()) > 1}
+    sections = {k: v for k, v in root.items() if _is_camera(v)}
     by_number = all(name.partition("_")[0] == "cam" for name in sections)
     kind = "Anipose TOML" if by_number else "Pose2Sim TOML"
+    numbered = root.get("cameras")
+    if not sections and isinstance(numbered, dict):
+        kind = "Caliscope TOML"
+        sections = {f"cam_{k}": v for k, v in numbered.items() if _is_camera(v) and v.get("ignore") is not True}
     if not sections:
         raise InputError(source, "has no camera", place="Pose2Sim TOML", remedy=_NEEDED)
     cameras = [
@@ -52,7 +57,12 @@ def cameras_from_toml(content: bytes, source: str | Path) -> list[Camera]:
     return in_metres(cameras, unit, source, kind, 'write units = "mm" below [metadata]')
 
 
+def _is_camera(section: Any) -> bool:
+    return isinstance(section, dict) and len(section.keys() & _CALLED_BY.keys()) > 1
+
+
 def _camera(section: Mapping[str, Any], name: str, source: str | Path, place: str, *, alone: bool) -> Camera:
+    check_members(section, ("distortions", "fisheye"), source, place, near=True)
     entry = {ours: section[theirs] for theirs, ours in _CALLED_BY.items() if theirs in section}
     entry |= {key: section[key] for key in ("name", "fisheye") if key in section}
     if entry.get("R") is not None:
@@ -64,4 +74,6 @@ def _is_toml(file: CameraFile) -> bool:
     return file.ending == ".toml" or (file.start.startswith(b"[") and file.ending != ".json")
 
 
-TOML = CameraFormat("Pose2Sim and Anipose TOML", _is_toml, lambda file: cameras_from_toml(file.content, file.path))
+TOML = CameraFormat(
+    "Pose2Sim, Anipose and Caliscope TOML", _is_toml, lambda file: cameras_from_toml(file.content, file.path)
+)

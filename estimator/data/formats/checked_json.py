@@ -20,7 +20,11 @@ _MOST_BYTES = 2_000_000_000  # hours of keypoints
 
 def read_json(path: str | Path) -> Any:
     """The JSON value in a file; raises InputError with the line where it breaks off."""
-    text = read_text(path)
+    return parsed_json(read_text(path), path)
+
+
+def parsed_json(text: str, path: str | Path) -> Any:
+    """The JSON value of a text; `path` is where it is from."""
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
@@ -32,8 +36,13 @@ def read_json(path: str | Path) -> Any:
 
 def read_text(path: str | Path) -> str:
     """The text of a file that has some."""
+    return decoded(read_bytes(Path(path), most=_MOST_BYTES), path)
+
+
+def decoded(content: bytes, path: str | Path) -> str:
+    """The text that a file's content is."""
     try:
-        text = read_bytes(Path(path), most=_MOST_BYTES).decode("utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(path, "is not text") from None
     if not text.strip():

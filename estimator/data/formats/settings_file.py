@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from estimator.data.formats.checked_toml import parsed_toml
+from estimator.data.formats.checked_config import parsed_toml
 from humanoid.support.files import read_bytes
 from humanoid.support.settings import declared, is_group, members
 
