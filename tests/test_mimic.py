@@ -175,7 +175,6 @@ def test_what_cannot_move_is_fixed_where_its_master_leaves_it(tmp_path: Path) ->
 FAULTS = {
     "of itself": (('<mimic joint="drive"', '<mimic joint="inner"'), "follows itself"),
     "of nothing": (('<mimic joint="drive"', '<mimic joint="drives"'), "no joint 'drives' to follow.*mean drive"),
-    "of a mimic": (("</joint>\n      <landmark", '<mimic joint="inner"/></joint>\n      <landmark'), "follows a joint"),
     "of what it carries": (('<mimic joint="drive"', '<mimic joint="outer"'), "'inner' carries the joint 'outer'"),
     "no number": (('multiplier="-0.5"', 'multiplier="x"'), "'x' is not a number"),
     "no value left": (('offset="0.2"', 'offset="9"'), "leave its master 'drive' no value"),
@@ -234,3 +233,58 @@ def test_a_motion_with_followers_is_found_again(tmp_path: Path) -> None:
     names, values = read_mot(km.export(run, tmp_path / "a.mot"))[0][:2]
     drive, inner = (values[:, names.index(name)] for name in ("drive", "inner"))
     assert np.abs(inner - (MULTIPLIER * drive + np.rad2deg(OFFSET))).max() < 1e-6
+
+
+def fan_of(masters: dict[str, tuple[str, float, float]], order: list[str]) -> str:
+    """Joints a, b, c, ... of one link, in some order of the file; masters: whom a joint follows, with multiplier and
+    offset."""
+    names = sorted(order)
+    joints = {}
+    for i, name in enumerate(names):
+        follows = '<mimic joint="{}" multiplier="{}" offset="{}"/>'.format(*masters[name]) if name in masters else ""
+        axis = "0 1 0" if i % 2 else "0.6 0 0.8"
+        joints[name] = (
+            f'<joint name="{name}" type="revolute"><parent link="l0"/><child link="l{i + 1}"/>'
+            f'<origin xyz="0.01 0.02 {0.1 * i:.1f}"/><axis xyz="{axis}"/>'
+            f'<limit lower="-2" upper="2" effort="1" velocity="1"/>{follows}</joint>'
+        )
+    links = "".join(f'<link name="l{i}"/>' for i in range(len(names) + 1))
+    return f'<robot name="chain">{links}{"".join(joints[name] for name in order)}</robot>'
+
+
+def value_of(joint: str, masters: dict[str, tuple[str, float, float]], q: dict[str, float]) -> float:
+    if joint not in masters:
+        return q[joint]
+    master, multiplier, offset = masters[joint]
+    return multiplier * value_of(master, masters, q) + offset
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_follows_a_follower_follows_its_master(seed: int, tmp_path: Path) -> None:
+    """Any tree of followers over seven joints, in any order of the file."""
+    rng = np.random.default_rng(seed)
+    names, ranks = list("abcdefg"), rng.permutation(7)
+    masters = {}
+    for k in np.flatnonzero(ranks > 1):
+        master = names[int(rng.choice(np.flatnonzero(ranks < ranks[k])))]
+        masters[names[k]] = (master, *rng.uniform(-0.9, 0.9, 2).round(3).tolist())
+    text = fan_of(masters, [names[k] for k in rng.permutation(7)])
+    body = Body(load(tmp_path, text, base="fixed"))
+    assert body.nv == 2
+    q = 0.5 * (body.lower + body.upper) + 0.3 * rng.uniform(-1.0, 1.0, 2) * (body.upper - body.lower)
+    by_name = dict(zip(body.q_names, q.tolist(), strict=True))
+    free = Body(subject_from_text(fan_of({}, names), source="free", base="fixed"))
+    q_free = np.array([value_of(name, masters, by_name) for name in free.q_names])
+    assert np.abs(q_free).max() <= 2.0 + 1e-12  # limits of all hold
+    placed, alone = body.at(q).placements, free.at(q_free).placements
+    for name in names:
+        ours, theirs = placed[body.model.getJointId(name)], alone[free.model.getJointId(name)]
+        assert np.abs(ours - theirs).max() < 1e-14
+    again = subject_from_text(body.subject.urdf, source="again", base="fixed")
+    assert again.mimics == body.subject.mimics
+
+
+def test_joints_that_follow_each_other_are_refused(tmp_path: Path) -> None:
+    masters = {"a": ("b", 1.0, 0.0), "b": ("c", 0.5, 0.0), "c": ("a", 2.0, 0.0)}
+    with pytest.raises(InputError, match=r"line \d+.*joints follow each other in a circle: [abc], [abc], [abc]"):
+        load(tmp_path, fan_of(masters, ["a", "b", "c", "d"]))

@@ -6,13 +6,14 @@ import xml.etree.ElementTree as ET
 
 from humanoid.subject.urdf_document import Document, elements
 from humanoid.subject.urdf_edit import few, lock_joint
-from humanoid.subject.urdf_mimic import Mimic, read_mimics
+from humanoid.subject.urdf_mimic import Mimic, compose_mimics, read_mimics
 
 
 def settle_mimics(document: Document) -> tuple[str, ...]:
     """Make what follows from <mimic> explicit in a checked URDF; returns notes. Done twice it changes nothing more.
 
-    Limits of masters are narrowed so that those of their followers hold; a follower without limits takes its master's.
+    What follows a follower follows its master. Limits of masters are narrowed so that those of their followers hold; a
+    follower without limits takes its master's.
     A follower whose value cannot change, because its master is fixed or its multiplier zero, becomes fixed.
 
     Raises
@@ -23,6 +24,7 @@ def settle_mimics(document: Document) -> tuple[str, ...]:
     for joint in joints.values():
         for idle in list(elements(joint, "mimic")) if joint.get("type") == "fixed" else ():
             joint.remove(idle)
+    compose_mimics(document)
     narrowed = []
     for mimic in read_mimics(document):
         joint, master = joints[mimic.joint], joints[mimic.master]

@@ -26,7 +26,8 @@ def check_mimic(document: Document, joint: ET.Element, mimic: ET.Element, joints
 
     Raises
     ------
-    InputError: its master is no joint, is the joint itself, follows a third, or has no single value; a number is none.
+    InputError: its master is no joint, is the joint itself, follows it in turn, or has no single value; a number is
+        none.
     """
     name = mimic.get("joint", "")
     if name not in joints:
@@ -42,10 +43,32 @@ def check_mimic(document: Document, joint: ET.Element, mimic: ET.Element, joints
         if end.get("type") in ("planar", "floating"):
             problem = f"joint {end.get('name')!r} is {end.get('type')} and has no single value"
             raise document.fault(mimic, problem, "only joints of one degree of freedom can follow and be followed")
-    of_master = mimic_of(joints[name])
-    if of_master is not None:
-        remedy = f"follow {of_master.get('joint', '')!r}, with the multipliers and offsets of both put together"
-        raise document.fault(mimic, f"{name!r} follows a joint itself", remedy)
+    chain, master = [joint], joints.get(name)
+    while master is not None and (of_master := mimic_of(master)) is not None:
+        chain.append(master)
+        master = joints.get(of_master.get("joint", ""))  # one that there is not is told where it is named
+        if master in chain:
+            circle = ", ".join(str(each.get("name")) for each in chain)
+            raise document.fault(mimic, f"joints follow each other in a circle: {circle}", "remove one <mimic>")
+
+
+def compose_mimics(document: Document) -> None:
+    """Let every joint of a checked URDF follow one that follows none: what follows a follower follows its master, with
+    multipliers and offsets put together."""
+    joints = {joint.get("name", ""): joint for joint in elements(document.root, "joint")}
+    for joint in joints.values():
+        mimic = mimic_of(joint)
+        while mimic is not None and (of_master := mimic_of(joints[mimic.get("joint", "")])) is not None:
+            multiplier, offset = _line(document, mimic)
+            inner, shift = _line(document, of_master)
+            mimic.set("joint", of_master.get("joint", ""))
+            mimic.set("multiplier", repr(multiplier * inner))
+            mimic.set("offset", repr(multiplier * shift + offset))
+
+
+def _line(document: Document, mimic: ET.Element) -> tuple[float, float]:
+    """Multiplier and offset."""
+    return document.number(mimic, "multiplier", "1"), document.number(mimic, "offset", "0")
 
 
 def mimic_of(joint: ET.Element) -> ET.Element | None:
@@ -60,8 +83,7 @@ def read_mimics(document: Document) -> tuple[Mimic, ...]:
         Mimic(
             joint.get("name", ""),
             mimic.get("joint", ""),
-            document.number(mimic, "multiplier", "1"),
-            document.number(mimic, "offset", "0"),
+            *_line(document, mimic),
             joint.get("type") == "prismatic",
         )
         for joint, mimic in following
