@@ -1,4 +1,4 @@
-"""What a COLLADA file must be before coal's mesh loader sees it.
+"""What a COLLADA file must be before coal's mesh loader sees it, and the unit that the loader does not look at.
 
 The loader, Assimp, believes the numbers it finds: a word among them makes it fill the memory, a count or an index
 beyond what is there makes it read what is not its own.
@@ -6,6 +6,7 @@ beyond what is there makes it read what is not its own.
 
 from __future__ import annotations
 
+import io
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -44,6 +45,34 @@ def check_collada(path: Path) -> None:
     for element in root.iter():
         if element.tag in _COUNTED:
             _check_primitives(path, element, longest)
+
+
+def collada_unit(path: Path) -> float:
+    """How many metres a COLLADA file's numbers count: its <unit meter="...">, 1 where it has none.
+
+    Raises
+    ------
+    InputError: the file cannot be read, or its unit is no length.
+    """
+    content = read_bytes(path, most=MOST_BYTES)
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise _damaged(path, "a DOCTYPE is refused: it can fill the memory")
+    text = "1"
+    try:
+        for _, element in ET.iterparse(io.BytesIO(content)):  # the unit stands at its beginning
+            name = element.tag.rpartition("}")[2]
+            text = element.get("meter", "1") if name == "unit" else text
+            if name in ("unit", "asset"):
+                break
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise _damaged(path, f"malformed XML, {error}") from None
+    try:
+        unit = float(text)
+    except ValueError:
+        unit = 0.0
+    if not 0.0 < unit < np.inf:
+        raise _damaged(path, f'<unit meter="{text[:20]}"> is no length')
+    return unit
 
 
 def _check_numbers(path: Path, root: ET.Element) -> None:

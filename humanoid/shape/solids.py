@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from humanoid.kinematics.body import Body
-from humanoid.shape.collada_check import check_collada
+from humanoid.shape.collada_check import check_collada, collada_unit
 from humanoid.subject.subject import Flesh
 from humanoid.subject.urdf_elements import parse
 from humanoid.subject.urdf_flesh import limb_capsule
@@ -91,7 +91,7 @@ def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[ConvexSolid, ...]:
     tag = "visual" if kind == pin.GeometryType.VISUAL else "collision"
     for mesh in collada_meshes(subject.urdf, tag):
         check_collada(mesh)
-    plain = parse(subject.urdf, subject.source).plain_urdf  # with all that Pinocchio's reader asks for
+    plain = in_metres(parse(subject.urdf, subject.source).plain_urdf)  # with all that Pinocchio's reader asks for
     try:
         with quiet():  # Eigen complains of vertices that are not finite, which are refused below
             geometries = pin.buildGeomFromUrdfString(model, plain, kind)
@@ -101,6 +101,17 @@ def _urdf_solids(body: Body, kind: pin.GeometryType) -> tuple[ConvexSolid, ...]:
         _solid(model.frames[o.parentFrame].name, o.parentJoint, _convex(o, subject.source), o.placement)
         for o in geometries.geometryObjects
     )
+
+
+def in_metres(urdf: str) -> str:
+    """A URDF whose COLLADA meshes are scaled by their own units, as the URDF's readers do and coal's does not."""
+    root = ET.fromstring(urdf)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "")
+        if name.lower().endswith(".dae") and (unit := collada_unit(Path(name))) != 1.0:
+            factors = (unit * float(text) for text in mesh.get("scale", "1 1 1").split())
+            mesh.set("scale", " ".join(map(repr, factors)))
+    return ET.tostring(root, encoding="unicode")
 
 
 def collada_meshes(urdf: str, tag: str) -> list[Path]:

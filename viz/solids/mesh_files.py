@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from humanoid.shape.collada_check import collada_unit
 from humanoid.support.errors import InputError
 from viz.palette import Rgb
 from viz.solids.triangles import Triangles, merged_vertices
@@ -27,7 +28,8 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its complaints
 
 
 class ColouredMesh(NamedTuple):
-    """triangles in the file's own units; their labels are places in `colours`, where None stands for no colour."""
+    """triangles in metres if the file says its unit (COLLADA), else in its own; their labels are places in `colours`,
+    where None stands for no colour."""
 
     triangles: Triangles
     colours: tuple[Rgb | None, ...]
@@ -52,7 +54,7 @@ def mesh_file(path: str) -> MeshFile | None:
 
 @lru_cache(maxsize=256)
 def read_mesh(file: MeshFile) -> ColouredMesh:
-    """All triangles of a mesh file, in its own units; read once as long as it does not change.
+    """All triangles of a mesh file, see `ColouredMesh`; read once as long as it does not change.
 
     Raises
     ------
@@ -80,7 +82,8 @@ def read_mesh(file: MeshFile) -> ColouredMesh:
         raise InputError(
             file.path, "the mesh has coordinates out of all range", remedy="metres or millimetres are meant"
         )
-    mesh = _joined(pieces)
+    unit = collada_unit(Path(file.path)) if file.path.lower().endswith(".dae") else 1.0
+    mesh = _joined([(unit * corners, label, colours) for corners, label, colours in pieces])
     if len(mesh.triangles.faces) == 0:
         raise InputError(file.path, "the mesh has no triangles with an extent", remedy=_REMEDY)
     return mesh
