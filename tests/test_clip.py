@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import struct
 import threading
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 
 from estimator.data.media.clip import Clip
+from estimator.data.media.container import Container, container_of
 from estimator.data.media.picture import read_picture
 from humanoid.support.errors import InputError
 from humanoid.support.quiet import captured_output
@@ -173,3 +176,79 @@ def test_threads_do_not_lose_standard_error(capfd: pytest.CaptureFixture[str]) -
         thread.join()
     os.write(2, b"still there")
     assert capfd.readouterr().err == "still there"
+
+
+def with_edit(path: Path, first: int, last: int) -> Path:
+    """The same MP4 with an edit list that shows the frames from `first` to before `last` alone."""
+    content = bytearray(path.read_bytes())
+    movie, media, edit = (content.find(kind) + 4 for kind in (b"mvhd", b"mdhd", b"elst"))
+    (movies,), (medias,) = (struct.unpack_from(">I", content, at) for at in (movie + 12, media + 12))
+    struct.pack_into(">Ii", content, edit + 8, round((last - first) / 25.0 * movies), round(first / 25.0 * medias))
+    edited = path.with_name("edited.mp4")
+    edited.write_bytes(content)
+    return edited
+
+
+@pytest.mark.parametrize(("first", "last"), [(30, COUNT), (0, 55), (20, 61)])
+def test_what_an_edit_list_leaves_out_is_no_damage(first: int, last: int, tmp_path: Path) -> None:
+    clip = Clip.open(with_edit(video(tmp_path / "a.mp4", "mp4v"), first, last))
+    assert clip.report.notes == ()
+    assert clip.report.declared is None
+    assert number(clip.frame(0)) == first
+    assert abs(clip.report.read - (last - first)) <= 1
+
+
+def test_a_damaged_header_says_nothing(tmp_path: Path) -> None:
+    whole = bytearray(with_edit(video(tmp_path / "a.mp4", "mp4v"), 30, COUNT).read_bytes())
+    header, rng = whole.find(b"moov"), np.random.default_rng(0)
+    for _ in range(300):
+        content = whole.copy()
+        for at in rng.integers(header - 8, len(content), 12):
+            content[at] = rng.integers(256)
+        (tmp_path / "b.mp4").write_bytes(content[: rng.integers(header, len(content) + 1)])
+        shown = container_of(tmp_path / "b.mp4").shown
+        assert shown is None or shown >= 0.0
+    (tmp_path / "b.mp4").write_bytes(b"\0\0\0\x10ftypisom\0\0\0\0" + b"\x7f\0\0\0moov" * 30_000)
+    assert container_of(tmp_path / "b.mp4").shown is None
+
+
+def test_a_count_that_is_an_estimate_is_no_damage(tmp_path: Path) -> None:
+    """Matroska stores a duration alone; a file that ends before it is said to."""
+    path = video(tmp_path / "a.webm", "VP80")
+    clip = Clip.open(path)
+    assert (clip.frame_count, clip.report.declared, clip.report.read, clip.report.notes) == (None, None, COUNT, ())
+    content = path.read_bytes()
+    path.write_bytes(content[: int(0.6 * len(content))])
+    (note,) = Clip.open(path).report.notes
+    assert re.fullmatch(r"ends early: \d\.\d of 3\.6 declared seconds could be read", note)
+
+
+def test_a_stream_without_times_has_no_rate_of_its_own(tmp_path: Path) -> None:
+    """Whatever FFmpeg assumes; what the user says holds."""
+    path = tmp_path / "a.mjpeg"
+    path.write_bytes(b"".join(cv2.imencode(".jpg", picture(i))[1].tobytes() for i in range(COUNT)))
+    clip = Clip.open(path)
+    assert (clip.rate_known, clip.fps, clip.report.read) == (False, 30.0, COUNT)
+    np.testing.assert_allclose(clip.times, np.arange(COUNT) / 30.0)
+    assert clip.report.notes == ("no usable frame rate: 30 assumed, --fps says it",)
+    given = Clip.open(path, fps=50.0)
+    assert (given.rate_known, given.report.notes) == (True, ())
+    np.testing.assert_allclose(given.times, np.arange(COUNT) / 50.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "timed", "counted"),
+    [
+        (b"\x00\x00\x00\x01\x67\x64\x00\x1e", False, False),  # H.264
+        (b"\x00\x00\x01\x09\x10\x00\x00\x01", False, False),  # H.264 that begins with a delimiter
+        (b"\x00\x00\x00\x01\x40\x01\x0c\x01", False, False),  # H.265
+        (b"\x00\x00\x01\xba\x44\x00\x04\x00", True, False),  # MPEG program stream
+        (b"\x1aE\xdf\xa3\xa3B\x86\x81", True, False),  # Matroska
+        (b"RIFF\x10\x00\x00\x00AVI LIST", True, True),
+        (b"\x00\x00\x00\x10ftypisom\x00\x00\x00\x00\x00\x00\x10\x00moov", True, True),  # cut short
+        (b"", True, False),
+    ],
+)
+def test_what_containers_say(start: bytes, timed: bool, counted: bool, tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(start)
+    assert container_of(tmp_path / "a") == Container(timed=timed, counted=counted)

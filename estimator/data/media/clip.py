@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.data.media.container import container_of
 from estimator.data.media.picture import read_picture
 from humanoid.support.errors import InputError
 
@@ -23,6 +24,8 @@ if "OPENCV_LOG_LEVEL" not in os.environ:
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 DEFAULT_FPS = 30.0
 FPS_RANGE = (0.5, 2000.0)
+_FFMPEGS_OWN = 25.0  # frames per second, of streams that store no time
+_SHORT, _SHARE = 0.5, 0.02  # s, and share of a duration, by which a clip may be shorter than an estimate of it
 _READ_ON = 30  # a frame this little ahead is reached sooner by reading on than by seeking
 
 
@@ -30,7 +33,7 @@ _READ_ON = 30  # a frame this little ahead is reached sooner by reading on than 
 class ClipReport:
     """What one pass through a clip found.
 
-    declared: frames the file claims, None where it makes no usable claim.
+    declared: frames the file claims, None where it makes no usable claim, or FFmpeg only estimates it.
     read: frames that could be decoded.
     times (read,): time of each frame [s], the first at 0, strictly increasing.
     fps: mean frame rate of `times`, the declared one for a single frame.
@@ -59,7 +62,7 @@ class Clip:
     path: where it comes from.
     image_size: width, height [px] as displayed (a video's rotation flag is applied).
     fps: declared frames per second; 30 where nothing sensible is declared.
-    frame_count: declared number of frames, None if unknown; `report.read` is the verified one.
+    frame_count: declared number of frames, None if unknown or only estimated; `report.read` is the verified one.
     rate_known: whether the frame rate is given or declared, not assumed.
     """
 
@@ -158,9 +161,14 @@ class VideoClip(Clip):
         self._capture = _capture(path)
         self._next = 0
         declared_fps, count = self._capture.get(cv2.CAP_PROP_FPS), self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        self._fps_known = fps is not None or _sane_fps(declared_fps)
+        self._container = container_of(path)
+        said = _sane_fps(declared_fps) and (self._container.timed or declared_fps != _FFMPEGS_OWN)
+        self._fps_known = fps is not None or said
         self.fps = float(fps or (declared_fps if self._fps_known else DEFAULT_FPS))
-        self.frame_count = int(count) if np.isfinite(count) and 0 < count < 1e9 else None
+        estimate = int(count) if np.isfinite(count) and 0 < count < 1e9 else None
+        self.frame_count = estimate if self._container.counted else None
+        lasts = self._container.shown or (None if estimate is None or not said else estimate / declared_fps)
+        self._lasts = None if self._container.counted else lasts
         first = self._read()
         if first is None:
             raise InputError(path, "has no frame that can be decoded")
@@ -196,9 +204,13 @@ class VideoClip(Clip):
         """See `Clip.report`."""
         stamps = self._stamps
         notes: list[str] = []
+        times, fps, timing = self._timing(stamps)
         if self.frame_count is not None and len(stamps) < self.frame_count:
             notes.append(f"ends early: {len(stamps)} of {self.frame_count} declared frames could be read")
-        times, fps, timing = self._timing(stamps)
+        elif self._lasts is not None and self._given_fps is None and len(times):
+            lasted = times[-1] + 1.0 / fps
+            if lasted < self._lasts - max(_SHORT, _SHARE * self._lasts):
+                notes.append(f"ends early: {lasted:.1f} of {self._lasts:.1f} declared seconds could be read")
         return ClipReport(self.frame_count, len(stamps), times, fps, tuple(notes) + timing)
 
     def close(self) -> None:
@@ -219,7 +231,7 @@ class VideoClip(Clip):
     def _timing(self, stamps: np.ndarray) -> tuple[np.ndarray, float, tuple[str, ...]]:
         """Frame times, rate and notes: the file's own stamps where they make sense, else a constant rate."""
         count = len(stamps)
-        if count > 1 and self._given_fps is None and _increasing(stamps):
+        if count > 1 and self._given_fps is None and self._container.timed and _increasing(stamps):
             times = stamps - stamps[0]
             rate = (count - 1) / times[-1]
             if _sane_fps(rate) and (not self._fps_known or 0.25 < rate / self.fps < 4.0):
@@ -227,7 +239,7 @@ class VideoClip(Clip):
                 varies = intervals.max() > 1.5 * intervals.min()
                 notes = ("the frame rate varies: the frames' own times are used",) if varies else ()
                 return times, float(rate), notes
-        known = ((),) if self._fps_known else ((f"no usable frame rate: {DEFAULT_FPS:g} assumed",),)
+        known = ((),) if self._fps_known else ((f"no usable frame rate: {DEFAULT_FPS:g} assumed, --fps says it",),)
         return np.arange(count) / self.fps, self.fps, known[0]
 
     def _read(self) -> np.ndarray | None:
