@@ -12,11 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
+from estimator.data.formats.keypoints import KeypointTrack, write_keypoints
 from estimator.data.media.clip import Clip
 from estimator.data.media.container import Container, container_of
 from estimator.data.media.picture import read_picture
+from humanoid.kinematics.body import Body
+from humanoid.subject.subject import load_subject
 from humanoid.support.errors import InputError
 from humanoid.support.quiet import captured_output
+from kinemode.inputs.files import InputFiles
+from kinemode.inputs.load import load_inputs
 
 COUNT, SIZE = 90, (96, 64)
 
@@ -252,3 +257,34 @@ def test_a_stream_without_times_has_no_rate_of_its_own(tmp_path: Path) -> None:
 def test_what_containers_say(start: bytes, timed: bool, counted: bool, tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(start)
     assert container_of(tmp_path / "a") == Container(timed=timed, counted=counted)
+
+
+def with_pixels(path: Path, wide: int, high: int) -> Path:
+    """The same MP4, its pixels said to be `wide` to `high` (a box `pasp` at the end of the sample's description)."""
+    content = bytearray(path.read_bytes())
+    at = content.find(b"mp4v", content.find(b"stsd")) - 4
+    end = at + struct.unpack_from(">I", content, at)[0]
+    for kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", None):
+        size = at if kind is None else content.find(kind) - 4
+        struct.pack_into(">I", content, size, struct.unpack_from(">I", content, size)[0] + 16)
+    content[end:end] = struct.pack(">I4sII", 16, b"pasp", wide, high)
+    changed = path.with_name("pixels.mp4")
+    changed.write_bytes(content)
+    return changed
+
+
+@pytest.mark.parametrize(("wide", "high"), [(64, 45), (8, 9), (1, 1)])
+def test_pixels_need_not_be_square(wide: int, high: int, tmp_path: Path) -> None:
+    path = with_pixels(video(tmp_path / "a.mp4", "mp4v"), wide, high)
+    clip = Clip.open(path)
+    assert clip.pixel_aspect == pytest.approx(wide / high)
+    assert clip.image_size == SIZE
+    names = ("nose", "left_shoulder", "right_shoulder", "left_hip", "right_hip", "left_knee")
+    pixels = np.tile(np.random.default_rng(0).uniform(10.0, 50.0, (6, 2)), (COUNT, 1, 1))
+    track = KeypointTrack("names", names, pixels, np.ones((COUNT, 6)), SIZE, 25.0)
+    write_keypoints(tmp_path / "k.json", track)
+    inputs = load_inputs(Body(load_subject("human34")), InputFiles({"a": path}, {"a": tmp_path / "k.json"}, None))
+    (camera,) = inputs.observations[0].cameras
+    assert camera.K[1, 1] / camera.K[0, 0] == pytest.approx(wide / high)
+    assert camera.K[1, 1] == pytest.approx(1.2 * max(SIZE[0] * wide / high, SIZE[1]))
+    assert any("not square" in note for note in inputs.notes) == (wide != high)

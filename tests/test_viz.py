@@ -20,7 +20,7 @@ import pinocchio as pin
 import pytest
 import umsgpack
 
-from estimator.data.cameras.camera import Camera
+from estimator.data.cameras.camera import Camera, guessed_camera
 from estimator.data.observation import Observation
 from estimator.runs.run_file import Run, RunHeader, RunWriter
 from estimator.trackers.frame_result import FrameResult
@@ -304,3 +304,19 @@ def test_served_page_follows_the_run_and_the_server_ends(tmp_path: Path) -> None
 
     serve(run, open_browser=False, ready=visit)
     assert counts == [1, 2]
+
+
+def test_pixels_that_are_not_square_are_shown_square() -> None:
+    """A disc that faces the camera is round in the view, and keypoints lie where their points do."""
+    camera = guessed_camera("a", (720, 576), 64.0 / 45.0)
+    view = camera_view(camera, 800)
+    assert view.size == (800, 450)
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    disc = np.stack([np.full(60, 3.0), np.cos(angle), np.sin(angle)], axis=1)  # the camera looks along x
+    pixels = view.project(disc)[0]
+    wide, high = np.ptp(pixels, axis=0)
+    assert wide == pytest.approx(high, rel=2e-3)
+    np.testing.assert_allclose(view.pixels(camera.project(disc)), pixels)
+    square = camera_view(guessed_camera("a", (720, 576)), 800)
+    assert square.size == (720, 576)
+    np.testing.assert_array_equal(square.pixels(np.array([3.0, 4.0])), [3.0, 4.0])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -163,6 +164,7 @@ def _read(body: Body, files: InputFiles, persons: Mapping[str, str], keypoints_n
     with ExitStack() as stack:
         opened = {name: stack.enter_context(closing(Clip.open(path))) for name, path in clip_files.items()}
         sizes = {name: clip.image_size for name, clip in opened.items()}
+        known = known._replace(aspects={name: clip.pixel_aspect for name, clip in opened.items()})
         # sizes, rates and lengths, but no points yet
         outlines = {name: file.track_of({}) for name, file in people.items()}
         outlines = outlines or {name: _without_keypoints(clip) for name, clip in opened.items()}
@@ -222,10 +224,12 @@ def camera_for(name: str, size: Size, given: Cameras, *, chosen: bool) -> tuple[
 
 
 class _KnownCameras(NamedTuple):
-    """The cameras that are given, by name, None for none; source: the file they are from, for errors."""
+    """The cameras that are given, by name, None for none; source: the file they are from, for errors. aspects: of the
+    clips' pixels, by name, where they are known."""
 
     cameras: Mapping[str, Camera] | None
     source: str = "cameras"
+    aspects: Mapping[str, float] = MappingProxyType({})
 
     @staticmethod
     def of(given: Cameras) -> _KnownCameras:
@@ -324,9 +328,11 @@ def _cameras(
     if size is None:
         remedy = "give the clip, a camera file or --keypoint-size WxH"
         raise InputError(track.source, "does not say the size of the image", remedy=remedy)
-    focal = guessed_camera(name, size).K[0, 0]
-    note = f"no camera given: a focal length of {focal:.0f} px is guessed for {name}; sizes and distances depend on it"
-    return {name: guessed_camera(name, size)}, [note]
+    guess = guessed_camera(name, size, known.aspects.get(name, 1.0))
+    wide, high = (f"{guess.K[k, k]:.0f}" for k in range(2))
+    focal = f"{wide} px" if wide == high else f"{wide} by {high} px (its pixels are not square)"
+    note = f"no camera given: a focal length of {focal} is guessed for {name}; sizes and distances depend on it"
+    return {name: guess}, [note]
 
 
 def _choose(name: str, known: _KnownCameras, *, alone: bool) -> Camera:

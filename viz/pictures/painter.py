@@ -21,6 +21,7 @@ _SHIFT = 4  # binary places of OpenCV's fixed-point coordinates
 _NEAR = 0.05  # what is closer to the eye than this is not drawn [m]
 _AMBIENT, _DIFFUSE, _RIM = 0.55, 0.55, 0.2
 _LIGHT = np.array([-0.45, -0.65, -0.62])  # towards the viewer's upper left
+_SQUARE = 0.02  # logarithm of the aspect of pixels up to which they count as square: lenses are calibrated so well
 
 
 class ImageProjection(Protocol):
@@ -39,10 +40,10 @@ class ImageProjection(Protocol):
 
 @dataclass(frozen=True)
 class CameraProjection:
-    """What a camera sees, lens distortion included, reduced by `scale`."""
+    """What a camera sees, lens distortion included, reduced by `scale` across and down."""
 
     camera: Camera
-    scale: float
+    scale: tuple[float, float]
     size: tuple[int, int]
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +53,7 @@ class CameraProjection:
 
     def pixels(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels of the full image -> pixels of the reduced one (centres at integers in both)."""
-        return (pixels + 0.5) * self.scale - 0.5
+        return np.asarray((pixels + 0.5) * np.array(self.scale) - 0.5)
 
     def axes(self) -> np.ndarray:
         """See `ImageProjection`."""
@@ -79,10 +80,16 @@ class OrthographicView:
 
 
 def camera_view(camera: Camera, longest: int) -> CameraProjection:
-    """The camera's view, its longer side at most `longest` px and both sides even (video coders want that)."""
-    scale = min(1.0, longest / max(camera.image_size))
-    width, height = (max(2, round(side * scale / 2.0) * 2) for side in camera.image_size)
-    return CameraProjection(camera, scale, (width, height))
+    """The camera's view, its longer side at most `longest` px and both sides even (video coders want that).
+
+    Pixels that are not square, by the camera's focal lengths, become so.
+    """
+    aspect = camera.K[1, 1] / camera.K[0, 0]
+    stretch = np.array([aspect if abs(np.log(aspect)) > _SQUARE else 1.0, 1.0])
+    sides = np.array(camera.image_size) * stretch
+    scale = min(1.0, longest / sides.max()) * stretch
+    width, height = (max(2, round(side / 2.0) * 2) for side in np.array(camera.image_size) * scale)
+    return CameraProjection(camera, (float(scale[0]), float(scale[1])), (width, height))
 
 
 class BodyPainter:

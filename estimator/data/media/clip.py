@@ -26,6 +26,7 @@ DEFAULT_FPS = 30.0
 FPS_RANGE = (0.5, 2000.0)
 _FFMPEGS_OWN = 25.0  # frames per second, of streams that store no time
 _SHORT, _SHARE = 0.5, 0.02  # s, and share of a duration, by which a clip may be shorter than an estimate of it
+_ASPECTS = (0.25, 4.0)  # of pixels, that a file may mean
 _READ_ON = 30  # a frame this little ahead is reached sooner by reading on than by seeking
 
 
@@ -64,6 +65,7 @@ class Clip:
     fps: declared frames per second; 30 where nothing sensible is declared.
     frame_count: declared number of frames, None if unknown or only estimated; `report.read` is the verified one.
     rate_known: whether the frame rate is given or declared, not assumed.
+    pixel_aspect: width of a pixel over its height, as the file says it (sample aspect ratio); 1 where it does not.
     """
 
     path: Path
@@ -71,6 +73,7 @@ class Clip:
     fps: float
     frame_count: int | None
     rate_known: bool
+    pixel_aspect: float = 1.0
 
     @staticmethod
     def open(path: str | Path, *, fps: float | None = None) -> Clip:
@@ -162,6 +165,8 @@ class VideoClip(Clip):
         self._next = 0
         declared_fps, count = self._capture.get(cv2.CAP_PROP_FPS), self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         self._container = container_of(path)
+        aspect = self._capture.get(cv2.CAP_PROP_SAR_NUM) / max(self._capture.get(cv2.CAP_PROP_SAR_DEN), 1.0)
+        self.pixel_aspect = aspect if _ASPECTS[0] <= aspect <= _ASPECTS[1] else 1.0
         said = _sane_fps(declared_fps) and (self._container.timed or declared_fps != _FFMPEGS_OWN)
         self._fps_known = fps is not None or said
         self.fps = float(fps or (declared_fps if self._fps_known else DEFAULT_FPS))
