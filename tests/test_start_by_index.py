@@ -19,9 +19,9 @@ from estimator.data.observation import Observation
 from estimator.inference.mixture import mixture_of
 from estimator.runs.reference_motion import Reference
 from estimator.trackers.mixture_state import MixtureState
-from estimator.tracking.idle_settings import fit_settings
 from estimator.tracking.registry import TRACKERS, make_tracker, settings_for
 from estimator.tracking.settings import Settings
+from estimator.tracking.unused_settings import fit_settings
 from estimator.vision.likelihood.reader import CueReader
 from estimator.vision.likelihood.settings import cue_settings
 from humanoid.kinematics.body import ROOT_Q, Body

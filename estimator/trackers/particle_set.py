@@ -22,14 +22,14 @@ from estimator.trackers.mixture_state import classify_frame, predict_unobserved
 from estimator.trackers.particle_state import ParticleState
 from estimator.vision.cues.base import PastPose
 from humanoid.kinematics.body import Body, PlacedBodies
-from humanoid.support.idle import idle_where
+from humanoid.support.unused import unused_where
 
 DYNAMICS_ALONE = (
-    idle_where("search.follow", "no search begins where its parent was"),
-    idle_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
-    idle_where("search.flow_in_covariance", "covariances are those of the particles"),
+    unused_where("search.follow", "no search begins where its parent was"),
+    unused_where("cost.transition_potential cost.transition_nu", "particles move by their dynamics alone"),
+    unused_where("search.flow_in_covariance", "covariances are those of the particles"),
 )
-"""What has no effect on a particle tracker (`estimator.trackers.spec.Spec.idle`)."""
+"""What has no effect on a particle tracker (`estimator.trackers.spec.Spec.unused`)."""
 
 
 class FrameEnergy:

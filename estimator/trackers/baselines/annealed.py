@@ -104,5 +104,5 @@ SPEC = Spec(
     group="annealed",
     settings=AnnealedSettings(),
     defaults=FROM_A_PAPER,
-    idle=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
+    unused=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
 )

@@ -108,5 +108,5 @@ SPEC = Spec(
     group="condensation",
     settings=CondensationSettings(),
     defaults=FROM_A_PAPER,
-    idle=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
+    unused=(ONLY_TO_BEGIN, *DYNAMICS_ALONE),
 )

@@ -26,7 +26,7 @@ from estimator.search.search_pool import search_pool
 from estimator.trackers.capabilities import Capabilities
 from estimator.trackers.css.budget import Source, allocated
 from estimator.trackers.css.frame_proposals import Proposals
-from estimator.trackers.css.settings import IDLE, PAPER, REFINE_ALL, CssSettings
+from estimator.trackers.css.settings import PAPER, REFINE_ALL, UNUSED, CssSettings
 from estimator.trackers.defaults import FROM_A_PAPER
 from estimator.trackers.frame_result import FrameResult
 from estimator.trackers.initialisation import Initialisation, observable
@@ -157,7 +157,7 @@ def _spec(name: str, sentence: str, settings: CssSettings, defaults: Mapping[str
         group="css",
         settings=settings,
         defaults=defaults,
-        idle=IDLE,
+        unused=UNUSED,
         may_look_up=lambda own: own.examples > 0 or own.lost_examples > 0,
     )
 

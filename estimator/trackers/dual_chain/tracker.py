@@ -40,7 +40,7 @@ from estimator.vision.likelihood.outline_values import OutlineLikelihood
 from estimator.vision.skin import SkinModel
 from humanoid.limbs.graph import limb_graph
 from humanoid.subject.landmarks import mirror_index
-from humanoid.support.idle import PICTURES, idle_where, idle_without
+from humanoid.support.unused import PICTURES, unused_where, unused_without
 
 _FIELDS = {
     "pose_q": Field("f", ("N", "nq")),
@@ -213,19 +213,19 @@ def _of_all(evidence: Evidence) -> Evidence:
 
 
 _PLAIN = PoseChainSettings(particles=1000, tempering=TemperingSettings(powers=1))
-_IDLE = (
+_UNUSED = (
     ONLY_TO_BEGIN,
     *DYNAMICS_ALONE,
-    idle_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
-    idle_where(
+    unused_where("dual_chain.points dual_chain.exchange", dual_chain__chain=False),
+    unused_where(
         "dual_chain.pose.by_past dual_chain.pose.by_image dual_chain.pose.lost dual_chain.pose.renewed",
         dual_chain__past=False,
     ),
-    idle_where("dual_chain.pose.groups", dual_chain__chain=False),
-    idle_where(
+    unused_where("dual_chain.pose.groups", dual_chain__chain=False),
+    unused_where(
         "dual_chain.pose.tempering.survival dual_chain.pose.tempering.moves", dual_chain__pose__tempering__powers=1
     ),
-    idle_without(PICTURES, "dual_chain.outline"),
+    unused_without(PICTURES, "dual_chain.outline"),
 )
 
 
@@ -237,7 +237,7 @@ def _spec(name: str, sentence: str, settings: DualChainSettings) -> Spec:
         group="dual_chain",
         settings=settings,
         defaults=together(ONLY_FILTERS, AS_DETECTED),
-        idle=_IDLE,
+        unused=_UNUSED,
     )
 
 

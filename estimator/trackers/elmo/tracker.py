@@ -37,7 +37,7 @@ from estimator.trackers.mixture_state import MixtureState, classify_frame, predi
 from estimator.trackers.spec import Spec, by_search
 from estimator.vision.cues.cue_picture import CuePicture
 from humanoid.kinematics.body import ROOT_JOINT, Body
-from humanoid.support.idle import idle_where
+from humanoid.support.unused import unused_where
 
 
 @dataclass(frozen=True)
@@ -258,9 +258,9 @@ def _spec(name: str, sentence: str, settings: ElmoSettings, start: str = BY_INDE
         group="elmo",
         settings=settings,
         defaults=together(FROM_A_PAPER, _OWN, {"search": {"start": start}}),
-        idle=(
-            idle_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),
-            idle_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
+        unused=(
+            unused_where("search.index", search__start=BY_KEYPOINTS, elmo__neighbours=0),
+            unused_where("cost.transition_potential cost.transition_nu", elmo__settle=False),
         ),
         looks_up=lambda own: own.neighbours > 0,
     )
