@@ -217,11 +217,11 @@ class FeatureDensity:
     @cached_property
     def _collapsed(self) -> FeatureDensity:
         share, size = self.weights, len(self.names)
-        told = share @ self.known
-        known = told > 0.5
+        known_share = share @ self.known
+        known = known_share > 0.5
         mean = np.zeros((size, 2))
         for f in np.flatnonzero(known):
-            mean[f] = (share * self.known[:, f]) @ self.mean[:, f] / told[f]
+            mean[f] = (share * self.known[:, f]) @ self.mean[:, f] / known_share[f]
         off = (self.mean - mean) * self.known[:, :, None]
         off = off.reshape(len(share), -1)
         both = np.repeat(self.known, 2, axis=1)

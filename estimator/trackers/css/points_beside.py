@@ -12,7 +12,7 @@ import numpy as np
 from estimator.data.cameras.camera import Camera
 from estimator.data.formats.checked_arrays import DamageError, Field, check_arrays
 from estimator.data.observation import Observation
-from estimator.inference.chains.each_point import Normals, told_each, updated_each
+from estimator.inference.chains.each_point import Normals, messages_each, updated_each
 from estimator.inference.chains.evidence import EvidenceSettings
 from estimator.inference.chains.exchange import APART, EXCHANGES, GATED
 from estimator.inference.chains.kalman import PointChain, PointSettings
@@ -178,7 +178,7 @@ class PointsBeside:
         sizes = self._sizes(state.mixture, observation)
         mean, covariance = state.mean.copy(), state.covariance.copy()
         for c, k in np.argwhere(new):
-            began = self._chain(sizes[c]).begun(observation.pixels[c, k][None], sigma[c, k] ** 2 * np.eye(2))
+            began = self._chain(sizes[c]).initial_state(observation.pixels[c, k][None], sigma[c, k] ** 2 * np.eye(2))
             mean[c, k], covariance[c, k] = began.mean[0], began.covariance
         return replace(state, known=state.known | new, mean=mean, covariance=covariance)
 
@@ -205,8 +205,8 @@ class PointsBeside:
             detected = Normals(observation.pixels[c, known, None], sigma[c, known, None, None, None] ** 2 * np.eye(2))
             by_pose = self._by_pose(before.mixture, std, camera)
             theirs = Normals(by_pose.mean[known], by_pose.covariance[known])
-            told = told_each(detected, seen, theirs, s.evidence, s.exchange)
-            after, spread = updated_each(mean[c, known], covariance[c, known], told)
+            received = messages_each(detected, seen, theirs, s.evidence, s.exchange)
+            after, spread = updated_each(mean[c, known], covariance[c, known], received)
             mean[c, known], covariance[c, known] = after, self._chain(sizes[c]).bounded(spread)
         return replace(expected, mean=mean, covariance=covariance)
 

@@ -23,12 +23,12 @@ _BY_PAST, _UPDATED, _BY_IMAGE = range(3)
 
 @dataclass(frozen=True, eq=False)
 class PartialSamples:
-    """Even samples of some parts: tangents x (N, nv), and told (N,), the sum of what each was chosen by: what the
-    message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean of
-    that under what was expected."""
+    """Even samples of some parts: tangents x (N, nv), and log_message (N,), the sum of what each was chosen by: what
+    the message says of its features by themselves, and of some parts the outlines. log_evidence: logarithm of the mean
+    of that under what was expected."""
 
     x: np.ndarray
-    told: np.ndarray
+    log_message: np.ndarray
     log_evidence: float = 0.0
 
 
@@ -59,7 +59,7 @@ class PartDraws:
         its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
         elsewhere, count = part in target.elsewhere, len(drawn.x)
-        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (drawn.x, drawn.told))
+        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (drawn.x, drawn.log_message))
         reach = target.past_of(part)
         kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
         steps, centres = reach.steps, reach.centres[kernel]
@@ -82,17 +82,17 @@ class PartDraws:
             angles = x[:, group] + target.prior.reference[proposal.ik.entries]
             log_q = np.logaddexp(log_q, proposal.log_density(angles, placed) + log_shares[_BY_IMAGE])
         past = own if self.past else target.of_group(x, part)
-        told = target.evidence(placed, target.parts.of_part[part])
+        log_message = target.evidence(placed, target.parts.of_part[part])
         if elsewhere:
-            told = told + GUIDED * target.outlines_of(part, placed)
-        ok &= np.isfinite(log_q) & np.isfinite(told)
+            log_message = log_message + GUIDED * target.outlines_of(part, placed)
+        ok &= np.isfinite(log_q) & np.isfinite(log_message)
         if not ok.any():
             return None
         log_weight = np.full(len(x), -np.inf)
-        log_weight[ok] = (past + told - log_q)[ok]
+        log_weight[ok] = (past + log_message - log_q)[ok]
         weights, log_mean = normalised(log_weight)
         kept = systematic(self.rng, weights, count)
-        return PartialSamples(x[kept], before[kept] + told[kept], drawn.log_evidence + log_mean)
+        return PartialSamples(x[kept], before[kept] + log_message[kept], drawn.log_evidence + log_mean)
 
     def _sampled(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, updated: KalmanSteps,
@@ -129,7 +129,7 @@ class PartDraws:
         target, parts = self.target, self.target.parts
         group, moved = parts.dofs[part], parts.of_part[part]
         names = [parts.features.names[f] for f in moved]
-        told = self.target.message.guide.over(parts.features.names).marginal(names).merged().reduced(_WAYS)
+        received = self.target.message.guide.over(parts.features.names).marginal(names).merged().reduced(_WAYS)
         centres, std = centres[:, group], _WIDER * steps.std[group]
         lengths = [Length(1.0 - steps.share, std), Length(steps.share, steps.wide * std)]
         if not self.past:
@@ -145,7 +145,7 @@ class PartDraws:
             at, centres = at[first], centres[first]
         predicted, jacobian = parts.features.in_image(target.body, target.at(at), target.camera, moved)
         lengths = [length for length in lengths if length.share > 0.0]
-        return kalman_steps(centres, lengths, told, predicted, jacobian[..., group]).of(rows)
+        return kalman_steps(centres, lengths, received, predicted, jacobian[..., group]).of(rows)
 
     def _seen_end(self, part: int) -> ImageProposal | None:
         """Where the image may show the end of a limb; None for the trunk, and where nothing tells."""
@@ -153,8 +153,8 @@ class PartDraws:
             return None
         parts = self.target.parts
         name = parts.features.names[int(parts.of_part[part][-1])]
-        told = self.target.message.guide.over(parts.features.names).marginal([name]).merged()
-        seen = np.flatnonzero(told.known[:, 0])
+        received = self.target.message.guide.over(parts.features.names).marginal([name]).merged()
+        seen = np.flatnonzero(received.known[:, 0])
         if not len(seen):
             return None
-        return ImageProposal(parts.ik[part - 1], self.target.camera, told.of(seen))
+        return ImageProposal(parts.ik[part - 1], self.target.camera, received.of(seen))
