@@ -105,8 +105,8 @@ def length_notes(tracks: Mapping[str, KeypointTrack], frame_count: int, remedy: 
             note = f"{name}: keypoints of {track.frame_count} frames, only the first {frame_count} are used"
             doubt = "if the clip has every {} of these frames, they are matched wrongly"
         if note and ratio is not None:
-            told = f"{note}; {doubt.format(_ORDINALS[ratio])}"
-            note = f"{told} ({remedy})" if remedy else told
+            warning = f"{note}; {doubt.format(_ORDINALS[ratio])}"
+            note = f"{warning} ({remedy})" if remedy else warning
         notes += [note] if note else []
     return tuple(notes)
 

@@ -32,11 +32,11 @@ class KnownPerson:
     @cached_property
     def instants(self) -> np.ndarray:
         """The instants (K,) with enough keypoints to tell."""
-        told = [
+        sufficient = [
             seen.sum() >= _FEWEST and self.limbs.scale(pixels, seen) > 0.0
             for pixels, seen in zip(self.pixels, self.seen, strict=True)
         ]
-        return np.flatnonzero(told)
+        return np.flatnonzero(sufficient)
 
     def drawn(self, instant: int, size: tuple[int, int], width: float) -> np.ndarray:
         """Mask (H, W) bool of the body in a picture of `size` (width, height), at `width` times its own width."""

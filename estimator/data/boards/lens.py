@@ -51,7 +51,7 @@ def fit_lens(
     InputError: too few views, or all with the board at one tilt, which says nothing of the focal length.
     """
     if len(views) < FEWEST_VIEWS:
-        problem = f"{len(views)} pictures show {board.told}, at least {FEWEST_VIEWS} are needed"
+        problem = f"{len(views)} pictures show {board.description}, at least {FEWEST_VIEWS} are needed"
         remedy = "10 to 20, near and far, tilted to all sides, up to the corners of the picture"
         raise InputError(source, problem, place=name, remedy=remedy)
     some = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, min(len(views), MOST_VIEWS)).astype(int))]

@@ -54,12 +54,12 @@ def train_index(
     painting = Painting(subject.urdf, subject.source, subject.base, recipe, _side(body, recipe))
     kept = _Kept(parts, f"{FORMAT}{painting!r}")
     counts = [-(-recipe.pairs // PAIRS_AT_ONCE), -(-recipe.examples // EXAMPLES_AT_ONCE)]
-    told = _Told(progress, sum(counts))
+    piece_progress = _PieceProgress(progress, sum(counts))
     with worker_pool(painting, processes) as workers:
         workers.show(Gallery(painting))
-        bits = _bits(list(_made(workers, kept, "pairs", Gallery.pairs, range(counts[0]), told)), recipe)
+        bits = _bits(list(_made(workers, kept, "pairs", Gallery.pairs, range(counts[0]), piece_progress)), recipe)
         work = partial(Gallery.examples, bits=bits)
-        made = list(_made(workers, kept, "examples", work, range(counts[1]), told))
+        made = list(_made(workers, kept, "examples", work, range(counts[1]), piece_progress))
     q, codes = (np.concatenate([part[name] for part in made])[: recipe.examples] for name in ("q", "codes"))
     keys = drawn_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
     return ExampleIndex(recipe, body.q_names, painting.side, q, bits, HashTables(codes, keys))
@@ -154,7 +154,7 @@ class _Kept:
 
 
 @dataclass
-class _Told:
+class _PieceProgress:
     """Progress over all pieces."""
 
     report: Report | None
@@ -173,7 +173,7 @@ def _made(
     kind: str,
     work: Callable[[Gallery, int], dict[str, np.ndarray]],
     pieces: Sequence[int],
-    told: _Told,
+    piece_progress: _PieceProgress,
 ) -> Iterator[dict[str, np.ndarray]]:
     """What comes out of every piece, in their order; some at a time, since each is told and kept when done."""
     for first in range(0, len(pieces), workers.size):
@@ -183,7 +183,7 @@ def _made(
         for k, arrays in zip(missing, workers.each(work, missing), strict=True):
             kept.put(kind, k, arrays)
             done[k] = arrays
-        told.more(len(some))
+        piece_progress.more(len(some))
         yield from (done[k] for k in some)
 
 

@@ -90,8 +90,8 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
         mixture = self.search.best_of(candidates, case, self.settings.modes, rng, every=every)  # 3, 4
         if not self.settings.transition:
             mixture = self._matched(prior, mixture)  # 5, 6; with a transition the parent is known
-        told = self._searches(candidates, StepCounts.between(before, self.search.steps))
-        return classify_frame(self.search, observation, mixture, told)
+        diagnostics = self._searches(candidates, StepCounts.between(before, self.search.steps))
+        return classify_frame(self.search, observation, mixture, diagnostics)
 
     @property
     def capabilities(self) -> Capabilities:

@@ -71,7 +71,7 @@ class Elmo(Initialisation):
         """See `estimator.trackers.base.TrackerProtocol`."""
         if self.needs_keypoints or not self.settings.neighbours:
             mixture = start_modes(self.search, rng, observation, self.settings.modes)
-            return self._judged(observation, mixture, None)
+            return self._classify(observation, mixture, None)
         self.search.examples.check(observation)
         return self._searched(observation, None)
 
@@ -137,8 +137,8 @@ class Elmo(Initialisation):
             if self.settings.settle:
                 mixture = self._settled(mixture, state, case._replace(dt=observation.time - state.seen))
             mixture = self._moving(mixture, state, observation.time)
-        told = _told(looks, starts, StepCounts.between(before, self.search.steps))
-        return self._judged(observation, mixture, told)
+        diagnostics = _diagnostics(looks, starts, StepCounts.between(before, self.search.steps))
+        return self._classify(observation, mixture, diagnostics)
 
     def _starts(self, looks: Sequence[Looked], state: ElmoState | None, anew: bool) -> list[Hypothesis]:
         starts = example_starts(self.body, looks, self.settings.away if anew else 0.0)
@@ -224,14 +224,14 @@ class Elmo(Initialisation):
         )
         return replace(mixture, modes=tuple(modes))
 
-    def _judged(
-        self, observation: Observation, mixture: Mixture, told: Mapping[str, np.ndarray] | None
+    def _classify(
+        self, observation: Observation, mixture: Mixture, diagnostics: Mapping[str, np.ndarray] | None
     ) -> tuple[ElmoState, FrameResult]:
-        after, result = classify_frame(self.search, observation, mixture, told)
+        after, result = classify_frame(self.search, observation, mixture, diagnostics)
         return ElmoState(after.mixture, after.time, after.time), result
 
 
-def _told(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
+def _diagnostics(looks: Sequence[Looked], starts: Sequence[Hypothesis], steps: StepCounts) -> dict[str, np.ndarray]:
     counts = {f: sum(h.origin.family is f for h in starts) for f in (Family.EXAMPLE, Family.KEPT)}
     return {
         **search_counts(counts, steps),

@@ -128,7 +128,7 @@ def _view(cues: ImageCues) -> LimbView:
 def shows_person(views: Sequence[LimbView], least: float = 0.002) -> bool:
     """Whether a view has the person in at least that share of its pixels, or none knows where the person is and some
     picture is not of one colour."""
-    told = [view for view in views if view.foreground.size]
-    if told:
-        return any(float((view.foreground == 1).mean()) >= least for view in told)
+    with_foreground = [view for view in views if view.foreground.size]
+    if with_foreground:
+        return any(float((view.foreground == 1).mean()) >= least for view in with_foreground)
     return any(max(float(np.abs(m).max()) for m in view.ridges.first) > 0.0 for view in views)

@@ -60,10 +60,10 @@ def _moved(
 def _followed_pixels(flow: FlowField, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How far the pixels (N, 2) move, (N, 2), led by the dense field; how sure that is, (N,); the pixels."""
     x, y = cells.astype(np.int64).T
-    led = cells + flow.flow[y, x]
-    places, sure = _refined(flow, cells, led)
+    predicted = cells + flow.flow[y, x]
+    places, sure = _refined(flow, cells, predicted)
     lost = sure <= 0.0
-    places[lost], sure[lost] = led[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
+    places[lost], sure[lost] = predicted[lost], 0.5 * (1.0 - flow.outlier[y, x][lost])
     return places - cells, sure, cells
 
 

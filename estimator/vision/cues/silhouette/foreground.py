@@ -64,7 +64,7 @@ def foreground_mask(image: np.ndarray, background: Background, settings: Silhoue
     small holes filled.
     """
     squared = departure(smoothed(image), background, settings).squared
-    return _told_apart(squared, np.ones(squared.shape, dtype=bool), background.known, settings)
+    return _segment(squared, np.ones(squared.shape, dtype=bool), background.known, settings)
 
 
 @one_thread()
@@ -77,12 +77,10 @@ def person_mask(
         return _tidy(person, settings.smallest * person.size)
     near = widened(person, _REACH)
     squared = np.where(near, departure(smoothed(image), background, settings).squared, np.float32(0.0))
-    return _told_apart(squared, person, background.known, settings)
+    return _segment(squared, person, background.known, settings)
 
 
-def _told_apart(
-    squared: np.ndarray, elsewhere: np.ndarray, known: np.ndarray, settings: SilhouetteSettings
-) -> np.ndarray:
+def _segment(squared: np.ndarray, elsewhere: np.ndarray, known: np.ndarray, settings: SilhouetteSettings) -> np.ndarray:
     """Foreground (H, W) bool by squared departures from the background where this is known, and `elsewhere`."""
     mask = _tidy(((squared > 1.0) & known) | (elsewhere & ~known), settings.smallest * squared.size)
     trimmed, box = np.zeros_like(mask), box_about(mask, _BESIDE)
