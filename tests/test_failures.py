@@ -19,7 +19,7 @@ from benchmarks.papers_css.failure_table import PAPER, in_markdown, order, summe
 from benchmarks.papers_css.failures import BY_ONE_CAMERA
 from benchmarks.papers_css.runs_plot import write_differences, write_runs
 from benchmarks.papers_css.sequences import FPS, Task
-from benchmarks.papers_css.summaries import gain, judged, paired, spread_of
+from benchmarks.papers_css.summaries import gain, paired, spread_of, track_statistics
 from benchmarks.support.common import CUES
 from benchmarks.support.kept_runs import INTERRUPTED, Figures, Kept, all_done
 from benchmarks.support.scores import TRAJECTORIES, Outcome, TrackErrors
@@ -115,14 +115,14 @@ def test_differences_are_those_of_pairs() -> None:
     assert not noisy.shown(0.1)  # one standard error
 
 
-def test_runs_are_judged() -> None:
+def test_runs_have_track_statistics() -> None:
     runs = [errors_of(10.0, None, 0.4), errors_of(20.0, 7, 1.5), errors_of(60.0, 3, math.inf)]
-    j = judged(runs, ["a", "b", "c"])
+    j = track_statistics(runs, ["a", "b", "c"])
     assert (j.error.mean, j.lost, j.runs, j.lost_at) == (30.0, 2, 3, 5.0)
     assert j.of_limits == pytest.approx(0.95)
     assert j.worst_of_limits == math.inf
     assert j.doubled == 0
-    assert judged([replace(runs[0], pixels=30.1), replace(runs[0], worst=math.nan)], "ab").doubled == 2
+    assert track_statistics([replace(runs[0], pixels=30.1), replace(runs[0], worst=math.nan)], "ab").doubled == 2
 
 
 KEYS = {(clip, seed): 30.0 + clip + 0.1 * seed for clip in (1, 2, 3) for seed in (0, 1, 2)}

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from benchmarks.papers_css.ablation_runs import SUITES, Measured, Wanted, parts, prepared
 from benchmarks.papers_css.runs_plot import Difference, write_differences
-from benchmarks.papers_css.summaries import Judged, Spread, gain, judged, paired
+from benchmarks.papers_css.summaries import Spread, TrackStatistics, gain, paired, track_statistics
 from benchmarks.support.common import (
     Changes,
     Data,
@@ -68,8 +68,8 @@ class Row:
 
     suite: str
     name: str
-    filtered: Judged
-    smoothed: Judged
+    filtered: TrackStatistics
+    smoothed: TrackStatistics
     more: Difference
     lost_more: Difference
     cpu: float
@@ -171,8 +171,8 @@ def _row(suite: str, name: str, done: Sequence[Measured]) -> Row:
     return Row(
         suite=suite,
         name=name,
-        filtered=judged([m.errors["filtered"] for m in of], clips, measure),
-        smoothed=judged([m.errors["smoothed"] for m in of], clips, measure),
+        filtered=track_statistics([m.errors["filtered"] for m in of], clips, measure),
+        smoothed=track_statistics([m.errors["smoothed"] for m in of], clips, measure),
         more=Difference(more("filtered", False), more("smoothed", False)),
         lost_more=Difference(more("filtered", True), more("smoothed", True)),
         cpu=float(np.mean([m.cpu for m in of])),
@@ -269,7 +269,7 @@ def figures_of(row: Row) -> dict[str, object]:
     """A row as JSON, its named tuples with their names."""
     plain: dict[str, object] = {"suite": row.suite, "row": row.name, "cpu": row.cpu}
     for kind in ("filtered", "smoothed"):
-        j: Judged = getattr(row, kind)
+        j: TrackStatistics = getattr(row, kind)
         plain[kind] = j._asdict() | {
             "error": j.error._asdict(),
             "more": getattr(row.more, kind)._asdict(),

@@ -62,8 +62,8 @@ def main(*, walks: int = 400, particles: int = 1000, seed: int = 0, json: Json =
     checks = [*exactness(seed), *samples(seed, particles)]
     shares = coverage(walks, seed)
     bars = {GATED: "85 to 95 %", "eq. 4, exact": "", PRINTED: ""}
-    told = f"inside after {DARK_FRAMES} dark frames"
-    checks += [Check(f"{told}, {name}", f"{share:.1%}", bars.get(name, "")) for name, share in shares.items()]
+    label = f"inside after {DARK_FRAMES} dark frames"
+    checks += [Check(f"{label}, {name}", f"{share:.1%}", bars.get(name, "")) for name, share in shares.items()]
     table = report.table("chains combined", "", "figure", "bar")
     for check in checks:
         table.add_row(check.what, check.figure, check.bar)

@@ -48,13 +48,13 @@ class Walk:
 
     def update(self, prior: Belief, message: Message) -> tuple[Belief, float]:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
-        told = message.evidence.collapsed()
-        if not told.known.any():
-            return prior, float(told.log_weight[0])
-        variance = prior.variance + self.r + float(told.covariance[0, 0, 0])
+        received = message.evidence.collapsed()
+        if not received.known.any():
+            return prior, float(received.log_weight[0])
+        variance = prior.variance + self.r + float(received.covariance[0, 0, 0])
         gain = prior.variance / variance
-        off = told.mean[0, 0] - prior.mean
-        weight = told.log_weight[0] - 0.5 * off @ off / variance - np.log(2.0 * np.pi * variance)
+        off = received.mean[0, 0] - prior.mean
+        weight = received.log_weight[0] - 0.5 * off @ off / variance - np.log(2.0 * np.pi * variance)
         return Belief(prior.mean + gain * off, (1.0 - gain) * prior.variance), float(weight)
 
 
@@ -95,11 +95,11 @@ class ParticleWalk:
 
     def update(self, prior: Crowd, message: Message) -> tuple[Crowd, float]:
         """See `estimator.inference.chains.exchange.FeatureChain`."""
-        told = message.evidence
-        if not told.known.any():
-            return prior, float(told.log_weight[0])
+        received = message.evidence
+        if not received.known.any():
+            return prior, float(received.log_weight[0])
         blurred = FeatureDensity(
-            told.names, told.log_weight, told.known, told.mean, told.covariance + self.r * np.eye(2)
+            received.names, received.log_weight, received.known, received.mean, received.covariance + self.r * np.eye(2)
         )
         log_weights = np.log(prior.weights) + blurred.log_density(prior.states[:, None])
         weights, log_mean = normalised(log_weights)

@@ -104,7 +104,7 @@ class GapRun:
         return {name: value for name, value in asdict(self).items() if name != "folder"}
 
     def work(self, kept: Kept) -> Figures:
-        """See `told_of`, and `seconds` of processor time a frame."""
+        """See `run_figures`, and `seconds` of processor time a frame."""
         folder, out = Path(self.folder), kept.scratch(self, ".run")
         subject, keypoints = kept.scratch(self, ".urdf"), kept.scratch(self, ".json")
         subject.write_text(kept.of(Fitted(self.camera, self.folder))["urdf"], encoding="utf-8")
@@ -117,7 +117,7 @@ class GapRun:
             {self.camera: keypoints}, folder / "calibration.json", out,
             subject=subject, fit="off", tracker=self.tracker, seed=self.seed, settings=settings,
         )  # fmt: skip
-        figures = told_of(run, Reference.load(folder / "reference3d.npz"), gone)
+        figures = run_figures(run, Reference.load(folder / "reference3d.npz"), gone)
         for path in (out, subject, keypoints):
             removed(path)
         return {**figures, "seconds": times.cpu_tracking}
@@ -144,7 +144,7 @@ def with_gaps(source: Path, to: Path, seed: int) -> dict[str, np.ndarray]:
     return gone
 
 
-def told_of(run: Run, reference: Reference, gone: Mapping[str, np.ndarray]) -> Figures:
+def run_figures(run: Run, reference: Reference, gone: Mapping[str, np.ndarray]) -> Figures:
     """Mean distances [mm] after the best similarity of each frame, of its best hypothesis as tracked: `pa` of all limb
     joints, `there` and `gone` of those whose keypoint is seen and is missing; and credible levels of the joints' true
     places, as they are, `levels_there`, `levels_gone`."""

@@ -84,9 +84,9 @@ class EventRun:
             if self.clip.event == SWAPPED and seen.index == parted(film.q, on) and state is not None:
                 state = exchanged(state)
             state = (tracker.init(rng, seen) if state is None else tracker.step(rng, state, seen))[0]
-            told = told_of(state, hands[seen.index], seen, np.random.default_rng([self.clip.seed, seen.index, 1]))
+            row = frame_figures(state, hands[seen.index], seen, np.random.default_rng([self.clip.seed, seen.index, 1]))
             off = np.linalg.norm(film.arms(state.q) - true[seen.index], axis=2).mean()
-            rows.append({**told, "error": float(off), "on": bool(on[seen.index])})
+            rows.append({**row, "error": float(off), "on": bool(on[seen.index])})
         return {name: [row[name] for row in rows] for name in rows[0]}
 
 
@@ -130,7 +130,7 @@ def exchanged(state: DualState) -> DualState:
     return replace(state, points=points)
 
 
-def told_of(state: DualState, true: np.ndarray, seen: Observation, rng: np.random.Generator) -> dict[str, Any]:
+def frame_figures(state: DualState, true: np.ndarray, seen: Observation, rng: np.random.Generator) -> dict[str, Any]:
     """Of one frame, see `EventRun.work`; true (3, 3) [m]: head and hands."""
     camera, places = seen.cameras[0], hands_of(state.q)
     pixels, true_pixels = camera.project(places), camera.project(true)

@@ -115,12 +115,13 @@ class ChainRun:
         return asdict(self)
 
     def work(self, kept: Kept) -> Figures:
-        """Of every frame but the first: see `told_of`, and `seconds` of processor time, with reading the picture."""
+        """Of every frame but the first: see `frame_figures`, and `seconds` of processor time, with reading the
+        picture."""
         film = Film(self.clip.files(kept.folder))
         true, rows = film.arms(film.q), []
         for state, result, seconds in tracked(film, json.loads(self.settings), self.frames, self.seed):
             if result.index > 0:
-                rows.append({**told_of(film, state, result, true[result.index], self.seed), "seconds": seconds})
+                rows.append({**frame_figures(film, state, result, true[result.index], self.seed), "seconds": seconds})
         return {name: [row[name] for row in rows] for name in rows[0]}
 
 
@@ -135,7 +136,9 @@ def tracked(
         yield state, result, reading + time.process_time() - began
 
 
-def told_of(film: Film, state: DualState, result: km.FrameResult, true: np.ndarray, seed: int) -> dict[str, float]:
+def frame_figures(
+    film: Film, state: DualState, result: km.FrameResult, true: np.ndarray, seed: int
+) -> dict[str, float]:
     """Figures of one frame, true (6, 3) [mm].
 
     expected, of_mean [mm]: mean distance of the arm joints, expected over the poses, and of the joints' mean places.

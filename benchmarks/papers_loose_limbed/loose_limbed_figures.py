@@ -226,8 +226,8 @@ def write_tracking(path: Path, stage: Stage, seed: int) -> None:
         if result is None or (result.index - FIRST) % STEP or "limb_points" not in result.extra:
             continue
         for camera, row in enumerate(rows):
-            told = result.extra["limb_points"], result.extra["limb_weights"]
-            row.append((f"frame {result.index - FIRST}", stage.tile(result.index, camera, *told)))
+            belief = result.extra["limb_points"], result.extra["limb_weights"]
+            row.append((f"frame {result.index - FIRST}", stage.tile(result.index, camera, *belief)))
         tell(f"frame {result.index}")
     write_tiles(path, rows)
 

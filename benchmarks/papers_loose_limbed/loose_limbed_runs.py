@@ -102,7 +102,7 @@ def _loose(run: LimbRun) -> Figures:
         result = frames.push(shown[frame])
         if result is not None:
             spent = time.process_time() - began
-            _told(rows, clip, result, spent, tracker.instants.log_ratio(shown.pop(result.index)))
+            _append_row(rows, clip, result, spent, tracker.instants.log_ratio(shown.pop(result.index)))
     return rows
 
 
@@ -110,7 +110,7 @@ def _observation(run: LimbRun, clip: LimbClip, frame: int) -> Observation:
     return clip.observation(frame, blank=frame in run.blank, detected=run.detected)
 
 
-def _told(
+def _append_row(
     rows: dict[str, list[Any]], clip: LimbClip, result: FrameResult, seconds: float, log_ratio: LimbLogRatio | None
 ) -> None:
     markers, graph, body = Markers.of(clip.graph), clip.graph, clip.body

@@ -123,7 +123,7 @@ def main(
 
 
 def work(
-    judged: Iterator[tuple[Case, Verdict]],
+    outcomes: Iterator[tuple[Case, Verdict]],
     count: int,
     files: Mapping[str, list[Files]],
     tally: Tally,
@@ -131,7 +131,7 @@ def work(
 ) -> None:
     """Count the verdicts on so many cases as they come, and keep the inputs that fail."""
     with reported("damaged inputs") as progress:
-        for done, (case, verdict) in enumerate(judged, 1):
+        for done, (case, verdict) in enumerate(outcomes, 1):
             tally.add(case, verdict)
             if not verdict.good and keep is not None:
                 kept(case, verdict, files, keep)
