@@ -61,7 +61,7 @@ class FrameSearch:
 
     def score(self, h: Hypothesis) -> float:
         """Work: log-weight of a hypothesis as it is, by all but the flow."""
-        return self._looked(h, self._assigned(h.q, brief=True))
+        return self._score_assigned(h, self._assigned(h.q, brief=True))
 
     def score_keypoints(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
         """Log-weights of hypotheses as they are, pictures left out; all are placed at once."""
@@ -91,7 +91,7 @@ class FrameSearch:
     def refine(self, c: Candidate) -> Refined:
         """Work: a search to convergence, parts kept apart."""
         base, (model, settings) = self._base(c.hypothesis), (self._model, self._settings)
-        q, q_assigned, assigned, steps = self._settled(base, c.q)
+        q, q_assigned, assigned, steps = self._reassign_features(base, c.q)
         cost = base.plus(assigned)
         solution, penetration = self._seeker.seek(cost, q, settings.refine), 0.0
         if model.self_collision is not None:
@@ -144,7 +144,7 @@ class FrameSearch:
         likelihood = self.case.likelihood
         return likelihood.assigned(self._body.at(q), brief) if likelihood.cameras else []
 
-    def _looked(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
+    def _score_assigned(self, h: Hypothesis, assigned: Sequence[Term]) -> float:
         association = self.case.associations[h.association]
         terms = [*assigned, *self._pulled(h.pull)]
         cost = self._model.cost(association.term, h.origin.transition_from, self.case.dt, terms)
@@ -178,7 +178,7 @@ class FrameSearch:
             start = previous.q_predicted
         return self._seeker.seek(cost, start, self._settings.follow)
 
-    def _settled(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
+    def _reassign_features(self, base: Cost, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[Term], StepCounts]:
         """Where the last search begins, (nq,), what the pictures say there, and the pose around which they say it: they
         are asked anew until that moves the pose no more, or `rounds` times. Besides, the steps that it took."""
         steps = StepCounts()

@@ -152,7 +152,7 @@ def summarised(
         parent = int(np.argmax(np.bincount(particles.owner[own], weights=weight)))
         q_previous = before.modes[parent].q
         velocity = body.velocity(q_previous, mean, dt)
-        previous = PreviousPose(q_previous, paid=False)
+        previous = PreviousPose(q_previous, has_transition=False)
         origin = Origin(Family.PARTICLES, previous, q_assigned=energy.assigned_at(mean), extent=energy.extent)
         modes.append(_mode(search, energy.at(mean, parent), covariance, parent, velocity, origin))
         weights.append(weight.sum())

@@ -38,8 +38,8 @@ class BoardCalibration:
     cameras: by name; several in the world of the board in frame `origin` (see `estimator.data.boards.placement`), a
     single one so too where an origin was asked for, else as one without a calibration stands. views: all with a board.
     lens_errors: root mean square distance of the corners by camera, the board placed in each view alone [px];
-    placed_errors: with the board in one place for all cameras, empty for a single one. looked_at: pictures by camera.
-    notes: what the user should know.
+    placed_errors: with the board in one place for all cameras, empty for a single one. looked_at: pictures by
+    camera. notes: what the user should know.
     """
 
     cameras: dict[str, Camera]

@@ -43,7 +43,7 @@ def sees_person(observation: Observation, evidence: PersonEvidence) -> bool:
     return any(_shown(cues, evidence.cue) for cues in observation.cues)
 
 
-def can_be_looked_up(observation: Observation, evidence: PersonEvidence) -> bool:
+def can_look_up(observation: Observation, evidence: PersonEvidence) -> bool:
     """Whether some camera sees the person, and where they are."""
     return any(True for _ in persons(observation, evidence))
 

@@ -15,7 +15,7 @@ from estimator.data.formats.npz import read_npz
 from estimator.data.media.threads import one_thread
 from estimator.numerics.pool import Workers, worker_pool
 from estimator.search.examples.bits import Bits, learned_bits
-from estimator.search.examples.hashing import HashTables, drawn_keys, packed
+from estimator.search.examples.hashing import HashTables, packed, random_keys
 from estimator.search.examples.index import FORMAT, ExampleIndex, IndexRecipe
 from estimator.synthesis.examples.pictures import Example, ExamplePainter, variants
 from estimator.synthesis.examples.poses import sampler_of
@@ -61,7 +61,7 @@ def train_index(
         work = partial(Gallery.examples, bits=bits)
         made = list(_made(workers, kept, "examples", work, range(counts[1]), piece_progress))
     q, codes = (np.concatenate([part[name] for part in made])[: recipe.examples] for name in ("q", "codes"))
-    keys = drawn_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
+    keys = random_keys(len(bits), np.random.default_rng((recipe.seed, _KEYS)), recipe.tables, recipe.key_bits)
     return ExampleIndex(recipe, body.q_names, painting.side, q, bits, HashTables(codes, keys))
 
 

@@ -16,7 +16,7 @@ from estimator.inference.merge import bhattacharyya
 from estimator.inference.mixture import Mixture, mixture_of
 from estimator.inference.origin import Family
 from estimator.search.cost_model import ALL_DETECTED
-from estimator.search.examples.person_seen import can_be_looked_up
+from estimator.search.examples.person_seen import can_look_up
 from estimator.search.first_pose import start_modes
 from estimator.search.frame_search import FrameProblem
 from estimator.search.hypothesis import Candidate
@@ -77,7 +77,7 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
         candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
-        looks_up = by_index and can_be_looked_up(observation, self.search.evidence)
+        looks_up = by_index and can_look_up(observation, self.search.evidence)
         lost = looks_up and (state.unseen > 0.0 or self._lost(candidates, case, observation))
         doubt = 1.0 if lost else 1.0 - float(prior.weights[0])
         left = self.settings.budget.left(len(candidates), _rise(candidates, prior), doubt)

@@ -105,7 +105,7 @@ class PartDraws:
         x[np.ix_(by_past, group)] = steps.moved_group(self.rng, centres[by_past], group)
         x[np.ix_(is_updated, group)] = updated.sample(self.rng, 1)[is_updated, 0]
         if proposal is not None:
-            limbs = proposal.drawn(self.rng, self.target.prepared(x[by_image]))
+            limbs = proposal.sample(self.rng, self.target.prepared(x[by_image]))
             x[np.ix_(by_image, group)] = limbs.angles - self.target.prior.reference[proposal.ik.entries]
             ok[by_image] = limbs.ok
         lower, upper = steps.lower[group], steps.upper[group]

@@ -193,9 +193,9 @@ class _Frame(NamedTuple):
         """The mode of the frame before that a pose (nq,) continues, -1 for none, and what it hands on [nats]."""
         handed_on, posed = self.settings.forgetting * before.log_scores, self.search.body.at(q)
         model, dt = self.search.model, self.case.dt
-        paid = np.array([model.transition(m.q, dt).value(posed) for m in before.modes]) - handed_on
-        best = int(np.argmin(paid))
-        return (best, float(handed_on[best])) if paid[best] <= self.settings.jump else (-1, 0.0)
+        transition_energy = np.array([model.transition(m.q, dt).value(posed) for m in before.modes]) - handed_on
+        best = int(np.argmin(transition_energy))
+        return (best, float(handed_on[best])) if transition_energy[best] <= self.settings.jump else (-1, 0.0)
 
     def scores(self, searched: Sequence[Scored]) -> np.ndarray:
         """Log-weights (N,) of hypotheses as far as they are searched: their own, what the limbs' likelihood says of
