@@ -155,7 +155,7 @@ def test_the_index_is_the_same_with_any_number_of_processes_and_after_an_interru
 
 
 def test_pieces_of_another_index_are_not_taken(tmp_path: Path) -> None:
-    own, other = (training._Kept(tmp_path, what) for what in ("one", "another"))
+    own, other = (training._PieceStore(tmp_path, what) for what in ("one", "another"))
     own.put("pairs", 0, {"a": np.arange(3)})
     piece = own.of("pairs", 0)
     assert piece is not None

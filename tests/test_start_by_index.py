@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import kinemode as km
-from benchmarks.papers_css.beginnings import WITHIN, begun, verdict
+from benchmarks.papers_css.beginnings import WITHIN, start_errors, verdict
 from benchmarks.papers_elmo.elmo_recovery import LONGEST, SHORTEST, spans
 from estimator.data.formats.cameras import load_cameras
 from estimator.data.observation import Observation
@@ -249,7 +249,7 @@ def test_occlusions_are_dealt_out() -> None:
 
 def test_a_run_s_beginning_is_measured(clip: RenderedClip) -> None:
     run = km.track(clip.subject, None, cameras=clip.cameras, keypoints=clip.keypoints, fit="off", settings=QUICK)
-    measured = begun(run, clip.truth, 5.0, ((0.2, 0.4),))
+    measured = start_errors(run, clip.truth, 5.0, ((0.2, 0.4),))
     assert measured.first_best <= measured.first < 120.0
     assert len(measured.after) == 1
     assert len(measured.after[0]) == min(WITHIN, len(run) - 2)

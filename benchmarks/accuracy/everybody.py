@@ -76,7 +76,7 @@ def crossing(body: Body, clip: Clip, rng: np.random.Generator) -> list[np.ndarra
 
 def unhidden(people: Detections, motions: Sequence[np.ndarray], cameras: Sequence[Camera]) -> Detections:
     """Without the detections of those who are hidden, for the most part, by somebody nearer to the camera."""
-    kept: dict[str, list[list[tuple[int, Person]]]] = {}
+    visible: dict[str, list[list[tuple[int, Person]]]] = {}
     for camera in cameras:
         frames = []
         for t, frame in enumerate(people[camera.name]):
@@ -87,8 +87,8 @@ def unhidden(people: Detections, motions: Sequence[np.ndarray], cameras: Sequenc
                 for n, person in frame
                 if not any(depth[m] < depth[n] and _covered(boxes[n], boxes[m]) > HIDDEN for m in boxes)
             ])  # fmt: skip
-        kept[camera.name] = frames
-    return kept
+        visible[camera.name] = frames
+    return visible
 
 
 def _box(person: Person) -> np.ndarray:

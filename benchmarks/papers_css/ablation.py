@@ -25,7 +25,7 @@ from benchmarks.support.common import (
     save,
     work_folder,
 )
-from benchmarks.support.kept_runs import Kept, all_done
+from benchmarks.support.result_store import ResultStore, all_done
 from benchmarks.support.scores import LOST
 from humanoid.support.errors import InputError
 from kinemode.terminal import report
@@ -125,7 +125,7 @@ def main(
     chosen = [WHOLE, *(name for name in rows if name != WHOLE)]
     given = nested(changes)
     with work_folder(work) as folder:
-        kept, wanted = Kept(folder), Wanted(folder / "clips", data, motions, clip_seeds, seeds, seconds, given)
+        store, wanted = ResultStore(folder), Wanted(folder / "clips", data, motions, clip_seeds, seeds, seconds, given)
         every = [
             part
             for suite in suites
@@ -137,8 +137,8 @@ def main(
             raise InputError("--motions", "names no clip of the suites")
         in_processes(prepared, list({(part.suite, part.clip): part for part in every}.values()), jobs)
         pieces = [part.piece for part in every]
-        results = all_done("ablation", kept, pieces, jobs)
-        done, codes = [part.read(r) for part, r in zip(every, results, strict=True)], len(kept.codes(pieces))
+        results = all_done("ablation", store, pieces, jobs)
+        done, codes = [part.read(r) for part, r in zip(every, results, strict=True)], len(store.codes(pieces))
     table = summed(done)
     show(table)
     for line in (*verdicts(done), *([] if codes == 1 else [f"the runs are of {codes} states of the code"])):

@@ -170,12 +170,12 @@ def distinct(problem: Problem, searches: Searches, rule: Rule = RULE, tolerance:
     else:
         places = searches.landmarks[ends]
         known = problem.body.landmarks(problem.mode.quadratic.posed)[None]
-    kept: list[int] = []
+    distinct_ends: list[int] = []
     for k, place in enumerate(places):
         if np.all(_apart(known, place, rule) > rule.threshold):
-            kept.append(k)
+            distinct_ends.append(k)
             known = np.concatenate([known, place[None]])
-    return ends[kept]
+    return ends[distinct_ends]
 
 
 def low(problem: Problem, searches: Searches) -> np.ndarray:

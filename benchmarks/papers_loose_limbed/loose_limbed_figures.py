@@ -71,7 +71,7 @@ def main(
     stage = Stage(LimbClip(folder / "mocap" / f"{WALK}.bvh", CLIP_SEED, 0, LAST + 2))
     paths = {name: out / f"loose_limbed_{name}.png" for name in FIGURES}
     needed = seeds if "iterations" in figures else seeds[:1] if {"messages", "start"} & set(figures) else ()
-    beginnings = [stage.begun(seed) for seed in needed]
+    beginnings = [stage.beginning(seed) for seed in needed]
     if "messages" in figures:
         write_messages(paths["messages"], stage, beginnings[0])
     if "start" in figures:
@@ -111,7 +111,7 @@ class Stage:
         """A frame."""
         return self.clip.observation(frame)
 
-    def begun(self, seed: int) -> Beginning:
+    def beginning(self, seed: int) -> Beginning:
         """The first two frames, as the tracker begins with them, looked into."""
         tracker, rng = self.tracker, np.random.default_rng(seed)
         instants = [tracker.instants.instant(rng, self.seen(FIRST + k), anew=True) for k in range(2)]

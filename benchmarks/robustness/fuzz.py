@@ -134,11 +134,11 @@ def work(
         for done, (case, verdict) in enumerate(outcomes, 1):
             tally.add(case, verdict)
             if not verdict.good and keep is not None:
-                kept(case, verdict, files, keep)
+                keep_input(case, verdict, files, keep)
             progress(done, count)
 
 
-def kept(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], folder: Path) -> None:
+def keep_input(case: Case, verdict: Verdict, files: Mapping[str, list[Files]], folder: Path) -> None:
     """Keep a failing input with what it did."""
     place = folder / str(case)
     place.parent.mkdir(parents=True, exist_ok=True)

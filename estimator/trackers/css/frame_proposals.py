@@ -71,7 +71,7 @@ class Proposals:
         predicted = [search.body.integrate(m.q, step * m.velocity) if moves else None for m in prior.modes]
         self._previous = [self._previous_pose(m.q, q) for m, q in zip(prior.modes, predicted, strict=True)]
 
-    def kept(self) -> list[Hypothesis]:
+    def parent_poses(self) -> list[Hypothesis]:
         """Every parent where it was."""
         return [
             self._continued(i, m.q, self._own[i], self._origin(i, Family.KEPT)) for i, m in enumerate(self._prior.modes)
@@ -93,8 +93,8 @@ class Proposals:
         hypotheses = []
         for i in np.unique(parents):
             proposal, origin = self._proposal(int(i)), self._origin(int(i), Family.SAMPLE)
-            drawn = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
-            about = [self._continued(int(i), q, self._own[i], origin) for q in drawn]
+            samples = [proposal.sample(self._rng) for _ in range(int(np.count_nonzero(parents == i)))]
+            about = [self._continued(int(i), q, self._own[i], origin) for q in samples]
             hypotheses += [h._replace(relative_to_previous=True) for h in about]
         return hypotheses
 

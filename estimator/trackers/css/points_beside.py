@@ -129,7 +129,7 @@ class PointsBeside:
             inner, np.zeros((cameras, marks), dtype=bool), np.zeros((cameras, marks, 4)),
             np.tile(np.eye(4), (cameras, marks, 1, 1)),
         )  # fmt: skip
-        return self._begun(empty, observation), result
+        return self._with_new_keypoints(empty, observation), result
 
     def step(
         self, rng: np.random.Generator, state: BesideState, observation: Observation
@@ -141,8 +141,8 @@ class PointsBeside:
         inner, result = self.inner.step(rng, state.inner, filled)
         after = self._updated(state.inner, expected, observation)
         if result.extra:
-            result = replace(result, extra={**result.extra, **_kept(observation, filled)})
-        return self._begun(replace(after, inner=inner), observation), result
+            result = replace(result, extra={**result.extra, **_filled_arrays(observation, filled)})
+        return self._with_new_keypoints(replace(after, inner=inner), observation), result
 
     def seen_as(self, observation: Observation, result: FrameResult) -> Observation:
         """See `estimator.trackers.capabilities.Capabilities.seen_as`."""
@@ -169,7 +169,7 @@ class PointsBeside:
         missing &= spread <= self.settings.farthest * self._sizes(expected.mixture, observation)[:, None]
         return _with(observation, expected.mean[..., :2], np.where(missing, spread, 0.0))
 
-    def _begun(self, state: BesideState, observation: Observation) -> BesideState:
+    def _with_new_keypoints(self, state: BesideState, observation: Observation) -> BesideState:
         """With the keypoints that are seen for the first time."""
         new = _detected(observation) & ~state.known
         if not new.any():
@@ -233,19 +233,19 @@ class PointsBeside:
 
 def _with(observation: Observation, pixels: np.ndarray, std: np.ndarray) -> Observation:
     """With keypoints at pixels (C, L, 2), of standard deviations std (C, L) [px], where these are above 0."""
-    kept = std > 0.0
-    if not kept.any():
+    is_filled = std > 0.0
+    if not is_filled.any():
         return observation
     least = float(observation.confidence[_detected(observation)].min(initial=1.0))
     return replace(
         observation,
-        pixels=np.where(kept[..., None], pixels, observation.pixels),
-        confidence=np.where(kept, least, observation.confidence),
-        spread=np.where(kept, std, 0.0),
+        pixels=np.where(is_filled[..., None], pixels, observation.pixels),
+        confidence=np.where(is_filled, least, observation.confidence),
+        spread=np.where(is_filled, std, 0.0),
     )
 
 
-def _kept(observation: Observation, filled: Observation) -> dict[str, np.ndarray]:
+def _filled_arrays(observation: Observation, filled: Observation) -> dict[str, np.ndarray]:
     """Which keypoints of a frame were kept, for `_with`; 0 where none was."""
     std = np.zeros(observation.confidence.shape) if filled.spread is None else filled.spread
     return {"kept_pixels": np.where((std > 0.0)[..., None], filled.pixels, 0.0), "kept_std": std}

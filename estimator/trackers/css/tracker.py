@@ -76,7 +76,7 @@ class CovarianceScaledSampling(Initialisation, CarriesMixture):
         case = FrameProblem(self.search.associations(observation), elapsed + state.unseen, likelihood)
         proposals = Proposals(self.search, self._limb_proposal, self.settings.proposals, rng, prior, case, observation)
         before = self.search.steps
-        candidates = self.search.explored(proposals.kept(), case) if self.settings.keep else []
+        candidates = self.search.explored(proposals.parent_poses(), case) if self.settings.keep else []
         looks_up = by_index and can_look_up(observation, self.search.evidence)
         lost = looks_up and (state.unseen > 0.0 or self._lost(candidates, case, observation))
         doubt = 1.0 if lost else 1.0 - float(prior.weights[0])

@@ -196,16 +196,16 @@ class PoseChain:
         s = self.settings
         some = np.linspace(0, len(prior.samples) - 1, count).astype(np.int64)
         target = replace(self._target(prior, message), elsewhere=way.elsewhere)
-        drawn = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
-        if drawn is None:
+        partial = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
+        if partial is None:
             return None
         # parts were chosen by what is told of each alone: in the end they are weighed by what is told of all
-        log_message = target.log_message(target.prepared(drawn.x))
+        log_message = target.log_message(target.prepared(partial.x))
         possible = np.isfinite(log_message)
-        log_weight = np.where(possible, log_message - drawn.log_message, -np.inf)
+        log_weight = np.where(possible, log_message - partial.log_message, -np.inf)
         least_power = GUIDED if way.elsewhere and self.outlines else 0.0
         box = SampleBox(self.parts.dofs, prior.steps.std, prior.steps.lower, prior.steps.upper)
-        result = tempered(self.rng, drawn.x, log_weight, target, box, s.tempering, least_power)
+        result = tempered(self.rng, partial.x, log_weight, target, box, s.tempering, least_power)
         if result is None:
             return None
         if not way.elsewhere:
@@ -214,7 +214,7 @@ class PoseChain:
                 result.effective,
             )
             self.diagnostics["powers"], self.diagnostics["accepted"] = float(result.powers), result.accepted
-        return result._replace(log_evidence=result.log_evidence + drawn.log_evidence)
+        return result._replace(log_evidence=result.log_evidence + partial.log_evidence)
 
     def without_samples(self, prior: Expected) -> tuple[ParticleSet, float]:
         """Where the image shows nothing that a pose could be drawn from: what was expected."""

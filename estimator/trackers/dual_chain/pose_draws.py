@@ -49,17 +49,17 @@ class PartDraws:
     def all_parts(self, x: np.ndarray) -> PartialSamples | None:
         """As many poses as there are at tangents x (N, nv), with every part drawn in turn; None where the image shows
         nothing that one can be drawn from."""
-        drawn: PartialSamples | None = PartialSamples(x, np.zeros(len(x)))
+        partial: PartialSamples | None = PartialSamples(x, np.zeros(len(x)))
         for part in range(self.target.parts.count):
-            drawn = None if drawn is None else self._with_part(drawn, part)
-        return drawn
+            partial = None if partial is None else self._with_part(partial, part)
+        return partial
 
-    def _with_part(self, drawn: PartialSamples, part: int) -> PartialSamples | None:
+    def _with_part(self, partial: PartialSamples, part: int) -> PartialSamples | None:
         """The same poses with one more part. Each comes from its own kernel of the past, an auxiliary variable, so that
         its weight is by that alone; likelihood sampling, which knows no kernels, is weighed by all of them."""
         target, group = self.target, self.target.parts.dofs[part]
-        elsewhere, count = part in target.elsewhere, len(drawn.x)
-        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (drawn.x, drawn.log_message))
+        elsewhere, count = part in target.elsewhere, len(partial.x)
+        x, before = (np.repeat(each, TRIES if elsewhere else 1, axis=0) for each in (partial.x, partial.log_message))
         reach = target.past_of(part)
         kernel = self.rng.choice(len(reach.centres), size=len(x), p=reach.weights)
         steps, centres = reach.steps, reach.centres[kernel]
@@ -92,7 +92,7 @@ class PartDraws:
         log_weight[ok] = (past + log_message - log_q)[ok]
         weights, log_mean = normalised(log_weight)
         kept = systematic(self.rng, weights, count)
-        return PartialSamples(x[kept], before[kept] + log_message[kept], drawn.log_evidence + log_mean)
+        return PartialSamples(x[kept], before[kept] + log_message[kept], partial.log_evidence + log_mean)
 
     def _sampled(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, group: np.ndarray, updated: KalmanSteps,

@@ -139,8 +139,8 @@ def assembled(
     case = FrameProblem(search.associations(observation), elapsed, pulls=fine)
     frame = _Frame(search, graph, pulls, case, likelihood, before, s, left_over)
     coarse = [pulls.of_choice(choice, weight, s.coarse) for choice in made]
-    drawn = frame.drawn(coarse)
-    hypotheses = [h for q, k in drawn for h in frame.hypotheses(q, k, made[k])]
+    coarse_poses = frame.coarse_poses(coarse)
+    hypotheses = [h for q, k in coarse_poses for h in frame.hypotheses(q, k, made[k])]
     best = frame.refined(frame.best(search.explored(hypotheses, case), count + search.settings.spare), case)
     if rng is not None and likelihood is not None and s.rounds:
         best = frame.moved_on(rng, likelihood, frame.best(best, count))
@@ -166,7 +166,7 @@ class _Frame(NamedTuple):
         """Modes of the frame before."""
         return () if self.before is None else self.before.modes
 
-    def drawn(self, coarse: Sequence[LimbPull]) -> list[tuple[np.ndarray, int]]:
+    def coarse_poses(self, coarse: Sequence[LimbPull]) -> list[tuple[np.ndarray, int]]:
         """Poses (nq,) that the choices have drawn the body to, coarsely, each with the choice's index; and the modes of
         the frame before, for the first."""
         body, starts = self.search.body, []

@@ -117,9 +117,9 @@ def _fitting(
     fit = np.empty((len(cells), len(ways)))
     size = np.array([0.5 * (limb.end - limb.start), cone[2:].mean()])
     _fits(size, hull.middles(cells), _frames(ways), hull.low, hull.spacing, hull.state, fit)
-    drawn = fit.ravel() + settings.evenness * rng.gumbel(size=fit.size)
-    count = min(settings.poses // 2, int(np.isfinite(drawn).sum()))
-    chosen = np.sort(np.argpartition(-drawn, count - 1)[:count]) if count else np.zeros(0, np.int64)
+    noisy_fit = fit.ravel() + settings.evenness * rng.gumbel(size=fit.size)
+    count = min(settings.poses // 2, int(np.isfinite(noisy_fit).sum()))
+    chosen = np.sort(np.argpartition(-noisy_fit, count - 1)[:count]) if count else np.zeros(0, np.int64)
     cell, way = np.divmod(chosen, len(ways))
     middle = hull.middles(cells[cell]) + hull.spacing * rng.uniform(-0.5, 0.5, (count, 3))
     between = math.sqrt(2.0 * math.pi / len(ways))  # rad, from direction to direction
@@ -155,21 +155,21 @@ def _distinct(t: np.ndarray, R: np.ndarray, log: np.ndarray, count: int, apart: 
     at once; none that cannot be."""
     order = np.argsort(-log, kind="stable")
     order = order[np.isfinite(log[order])]
-    kept = np.empty(count, np.int64)
-    many = _unlike(t[order], np.ascontiguousarray(R[order, :, 2]), apart**2, math.cos(min(turned, math.pi)), kept)
-    return np.asarray(order[kept[:many]])
+    distinct = np.empty(count, np.int64)
+    many = _unlike(t[order], np.ascontiguousarray(R[order, :, 2]), apart**2, math.cos(min(turned, math.pi)), distinct)
+    return np.asarray(order[distinct[:many]])
 
 
 @jit
-def _unlike(t, axis, square, cosine, kept):  # type: ignore[no-untyped-def]
-    """Fills kept (K,) with the first of t (N, 3), axis (N, 3) that are like none before; returns how many."""
+def _unlike(t, axis, square, cosine, distinct):  # type: ignore[no-untyped-def]
+    """Fills distinct (K,) with the first of t (N, 3), axis (N, 3) that are like none before; returns how many."""
     count = 0
     for i in range(t.shape[0]):
-        if count == kept.shape[0]:
+        if count == distinct.shape[0]:
             break
         new = True
         for j in range(count):
-            k = kept[j]
+            k = distinct[j]
             away, along = 0.0, 0.0
             for c in range(3):
                 away += (t[i, c] - t[k, c]) ** 2
@@ -178,7 +178,7 @@ def _unlike(t, axis, square, cosine, kept):  # type: ignore[no-untyped-def]
                 new = False
                 break
         if new:
-            kept[count] = i
+            distinct[count] = i
             count += 1
     return count
 

@@ -126,20 +126,20 @@ def _larger(mask: np.ndarray, smallest: float) -> np.ndarray:
 def _count(label, areas):  # type: ignore[no-untyped-def]
     """Add the pixels of each part, label (H, W), to areas (P,)."""
     for y in range(label.shape[0]):
-        begun, part = 0, label[y, 0]
+        start, part = 0, label[y, 0]
         for x in range(label.shape[1]):
             if label[y, x] != part:
-                areas[part] += x - begun
-                begun, part = x, label[y, x]
-        areas[part] += label.shape[1] - begun
+                areas[part] += x - start
+                start, part = x, label[y, x]
+        areas[part] += label.shape[1] - start
 
 
 @jit
-def _of_parts(label, kept, mask):  # type: ignore[no-untyped-def]
-    """Fill a mask (H, W) with whether the part that each pixel is in, label (H, W), is kept (P,) bool."""
+def _of_parts(label, is_large, mask):  # type: ignore[no-untyped-def]
+    """Fill a mask (H, W) with whether the part that each pixel is in, label (H, W), is large: is_large (P,) bool."""
     for y in range(mask.shape[0]):
         for x in range(mask.shape[1]):
-            mask[y, x] = kept[label[y, x]]
+            mask[y, x] = is_large[label[y, x]]
 
 
 @one_thread()
