@@ -256,6 +256,9 @@ def test_former_names_of_settings_and_groups_are_taken() -> None:
     notes = chosen.notes(cues=chosen.settings.cues, cameras=4, fits=False)
     assert "the setting loose_limbed.shout is called loose_limbed.part_detectors now" in notes
     assert choose("css", {"css": {"other_readings": 3}}).settings.own.swapped_readings == 3
+    assert choose("css", {"search": {"settled": 0.02}}).settings.search.reassign_tolerance == 0.02
+    by_hull = {"loose_limbed": {"part_detectors": {"hull": {"kept": 7}}}}
+    assert choose("loose-limbed", by_hull).settings.own.part_detectors.hull.survivors == 7
 
 
 def test_settings_of_another_group_once_are_found_where_they_are_now() -> None:

@@ -186,7 +186,7 @@ class FrameSearch:
             before, assigned = q, self._assigned(q)
             solution = self._seeker.seek(base.plus(assigned), before, self._settings.explore)
             q, steps = solution.q, steps.plus(solution.steps)
-            if float(np.abs(self._body.difference(before, q)).max()) < self._settings.settled:
+            if float(np.abs(self._body.difference(before, q)).max()) < self._settings.reassign_tolerance:
                 return q, before, assigned, steps
         return q, q, self._assigned(q), steps
 

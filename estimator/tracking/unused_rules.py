@@ -25,7 +25,7 @@ RULES = (
     ),
     unused_without(
         PICTURES,
-        "cues search.follow search.settled search.flow_in_covariance smooth.rounds smooth.round_gain"
+        "cues search.follow search.reassign_tolerance search.flow_in_covariance smooth.rounds smooth.round_gain"
         " smooth.renewed",
     ),
 )  # fmt: skip

@@ -33,12 +33,11 @@ class HullSettings(CheckedSettings):
     not show the person where a limb is, if two others do. places: cells that limbs are tried in, at most. directions:
     of a limb's axis, without its sense. evenness: 0 would draw only the poses that lie best in the hull, whose fit is 0
     to 2, and large values any. poses: evaluated of a limb at first, half in either sense. rounds: of looking on about
-    the best. kept: of which it is looked on. tries: poses about each. metres, radians: deviations of those, half as
-    large in each further round. count: candidates of a limb, at most. apart [m], turned [rad]: any two of them differ
-    by one of these at least, in the proximal joint or the axis. temper: share of the log ratio in a weight: views and
-    cues are not quite as independent as the likelihood takes them, and a good candidate is to be looked at even beside
-    a better one.
-    Raises InputError where a value cannot be.
+    the best. survivors: the poses that are looked on about. tries: poses about each. metres, radians: deviations of
+    those, half as large in each further round. count: candidates of a limb, at most. apart [m], turned [rad]: any two
+    of them differ by one of these at least, in the proximal joint or the axis. temper: share of the log ratio in a
+    weight: views and cues are not quite as independent as the likelihood takes them, and a good candidate is to be
+    looked at even beside a better one. Raises InputError where a value cannot be.
     """
 
     spacing: float = setting(0.06, at_least=0.01)
@@ -48,7 +47,7 @@ class HullSettings(CheckedSettings):
     evenness: float = setting(0.15, at_least=0)
     poses: int = setting(4000, at_least=2)
     rounds: int = setting(2, at_least=0)
-    kept: int = setting(200, at_least=1)
+    survivors: int = setting(200, at_least=1, formerly=("kept",))
     tries: int = setting(8, at_least=1)
     metres: float = setting(0.04, at_least=0)
     radians: float = setting(0.25, at_least=0)
@@ -93,7 +92,7 @@ def _proposals(
     t, R = np.concatenate([middle, middle]) - half * axis, _rolled(rng, axis)
     log = likelihood.log_ratio(index, t, R)
     for k in range(settings.rounds):
-        best = _distinct(t, R, log, settings.kept, 0.5 * settings.apart, 0.5 * settings.turned)
+        best = _distinct(t, R, log, settings.survivors, 0.5 * settings.apart, 0.5 * settings.turned)
         near = np.repeat(points_of(t[best], R[best]), settings.tries, axis=0)
         off = np.array([settings.metres, settings.radians]).repeat(3) * 0.5**k
         more_t, more_R = placements_of(PLACEMENTS.moved(near, off * rng.standard_normal((len(near), 6))))
