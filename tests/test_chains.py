@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.papers_dual_chain import chains, chains_toy
 from benchmarks.papers_dual_chain.chains import exactness
-from benchmarks.papers_dual_chain.chains_toy import POINT, Belief, Crowd, Joint, ParticleWalk, Walk, seen
+from benchmarks.papers_dual_chain.chains_toy import POINT, Belief, Joint, ParticleWalk, Walk, WeightedStates, seen
 from estimator.inference.chains.evidence import Detections, Evidence, EvidenceSettings, evidence_of
 from estimator.inference.chains.exchange import APART, GATED, ONE_WAY, PRINTED, WHICH, Message, messages, step
 from estimator.inference.chains.feature_density import FeatureDensity, gaussian, uniform
@@ -84,8 +84,8 @@ def test_seen_again_gated_is_as_printed() -> None:
 def test_samples_agree_with_the_closed_form() -> None:
     rng = np.random.default_rng(0)
     chains: list[Any] = [ParticleWalk(rng), Walk()]
-    crowd = Crowd(rng.standard_normal((20_000, 2)), np.full(20_000, 1.0 / 20_000))
-    after, _ = step(chains, [crowd, START], seen(np.array([0.7, -0.2])), 1.0)
+    weighted_states = WeightedStates(rng.standard_normal((20_000, 2)), np.full(20_000, 1.0 / 20_000))
+    after, _ = step(chains, [weighted_states, START], seen(np.array([0.7, -0.2])), 1.0)
     truth, _ = step([Walk(), Walk()], [START, START], seen(np.array([0.7, -0.2])), 1.0)
     error = np.sqrt(truth[0].variance / 20_000)
     np.testing.assert_allclose(after[0].mean, truth[0].mean, atol=4.0 * error)

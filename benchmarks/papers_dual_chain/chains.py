@@ -20,12 +20,12 @@ from benchmarks.papers_dual_chain.chains_toy import (
     GRID,
     NOISE,
     Belief,
-    Crowd,
     Joint,
     ParticleWalk,
     Q,
     R,
     Walk,
+    WeightedStates,
     on_grid,
     seen,
 )
@@ -117,7 +117,7 @@ def samples(seed: int, particles: int, repeats: int = 200) -> list[Check]:
     for k in range(repeats):
         rng = np.random.default_rng([seed, k])
         states: list[Any] = [
-            Crowd(rng.standard_normal((particles, 2)), np.full(particles, 1.0 / particles)),
+            WeightedStates(rng.standard_normal((particles, 2)), np.full(particles, 1.0 / particles)),
             Belief(np.zeros(2), 1.0),
         ]
         chains: list[Any] = [ParticleWalk(rng), Walk()]
