@@ -84,7 +84,7 @@ class Origin(NamedTuple):
     previous: the pose in the frame before, None where there was none or none counts.
     penalty: flat penalty of a jump. The weight includes it, the energy does not.
     q_assigned (nq,): of a mode, the pose at which the pictures' features were assigned, None without pictures.
-    extent (C,): of a mode, extent of the body in each camera's pictures [px], by which their noise is told; empty
+    extent (C,): of a mode, extent of the body in each camera's pictures [px], from which their noise follows; empty
         without.
     """
 

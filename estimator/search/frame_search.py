@@ -152,7 +152,7 @@ class FrameSearch:
 
     def _followed(self, h: Hypothesis) -> tuple[np.ndarray, StepCounts]:
         """Where keypoints and flow take a hypothesis, (nq,): pictures are only looked at near it. One that begins where
-        it has the body in the frame before is led from there; one about that pose moves along. Besides, the steps that
+        it has the body in the frame before starts from there; one about that pose moves along. Besides, the steps that
         it took."""
         previous = h.origin.previous
         if previous is None or not (h.origin.family.at_previous or h.relative_to_previous):

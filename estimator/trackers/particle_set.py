@@ -132,7 +132,7 @@ def summarised(
     """The hypotheses of a particle set, and the one (N,) each particle belongs to.
 
     A hypothesis is the mean of a cluster on the manifold, with its covariance (of rank below the cluster's count) and
-    its share of the weights; clusters are told apart by the root mean square distance of their landmarks. A compact
+    its share of the weights; clusters are distinguished by the root mean square distance of their landmarks. A compact
     particle set thus has one hypothesis, its mean, which is what the papers report. Energies and KKT residuals are
     those of the means, which are not minima.
 

@@ -1,4 +1,4 @@
-"""Settings that were changed and have no effect: the user is told of them."""
+"""Settings that were changed and have no effect, for messages to the user."""
 
 from __future__ import annotations
 

@@ -126,5 +126,5 @@ def _check_tilts(turns: Sequence[np.ndarray], name: str, source: str) -> None:
     widest = float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1.0, 1.0).min())))
     if widest < LEAST_TILT:
         problem = f"the board has one tilt in all {len(turns)} views (within {widest:.1f} degrees)"
-        remedy = "the focal length cannot be told: take views tilted by 20 to 45 degrees to several sides"
+        remedy = "the focal length cannot be measured: take views tilted by 20 to 45 degrees to several sides"
         raise InputError(source, problem, place=name, remedy=remedy)

@@ -40,7 +40,7 @@ def subject_tracks(
     times: of each frame of a file [s], on one clock; without them frames of the same number were taken together.
 
     Where there are several people and several cameras, those left to "auto" are chosen to fit each other and
-    the ones given; otherwise each file chooses for itself, and what does not fit is told.
+    the ones given; otherwise each file chooses for itself, and what does not fit is noted.
 
     Raises
     ------

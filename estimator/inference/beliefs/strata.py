@@ -132,7 +132,7 @@ def node_samples(
     """Samples of a node's outgoing messages, or of its belief; all incoming messages are evaluated once for all of
     them.
 
-    factors: the incoming messages; without any there has to be a proposal. What has no support is told by the status.
+    factors: the incoming messages; without any there has to be a proposal. What has no support is in the status.
     """
     everything = tuple(range(len(factors)))
     # where candidates are weighed by the likelihood Q is one of their sources, and each counts by all of its weight; a

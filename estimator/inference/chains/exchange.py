@@ -59,8 +59,8 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
     exchange: "printed" is that and nothing else. While nothing is seen chains then go on confirming what they have from
     each other, and are sure of it. "gated": where no detection is a feature's, what the others expect of it is no
     evidence, only a guide; it still counts in how much an association weighs. "which": it counts in that alone, and
-    where a detection is, the chain is told of nothing but it: two chains that know the past from the same images do not
-    count it twice. "one-way": as gated, and nobody but the first is told anything. "apart": nobody is.
+    where a detection is, the chain receives nothing but it: two chains that know the past from the same images do not
+    count it twice. "one-way": as gated, and nobody but the first receives anything. "apart": nobody does.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def messages(expected: Sequence[FeatureDensity], evidence: Evidence, exchange: s
 
 def _gated(seen: FeatureDensity, theirs: FeatureDensity, factor: FeatureDensity, which: bool) -> FeatureDensity:
     """The product of what is seen with what others expect, in which nothing is left of the latter where no detection is
-    (and, if only `which` is told, where one is) but how much an association weighs.
+    (and, if only `which` is sent, where one is) but how much an association weighs.
 
     What is left out is not 1, but as high as it is on average where it is expected: a density has a unit, and beside
     one that is not left out 1 would be as much as any evidence.

@@ -40,7 +40,7 @@ class RigExample(NamedTuple):
 class RigPainter:
     """Paints poses of bodies as all cameras of a rig see them at one instant.
 
-    graph: the limbs whose placements are told. variants: the bodies in the pictures. box (2, 3) [m]: where the middle
+    graph: the limbs whose placements are given. variants: the bodies in the pictures. box (2, 3) [m]: where the middle
     of the limbs may be; a body with a fixed root stays where it is.
     """
 

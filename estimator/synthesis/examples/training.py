@@ -175,7 +175,7 @@ def _made(
     pieces: Sequence[int],
     piece_progress: _PieceProgress,
 ) -> Iterator[dict[str, np.ndarray]]:
-    """What comes out of every piece, in their order; some at a time, since each is told and kept when done."""
+    """What comes out of every piece, in their order; some at a time, since each is counted and stored when done."""
     for first in range(0, len(pieces), workers.size):
         some = pieces[first : first + workers.size]
         done = {k: arrays for k in some if (arrays := store.of(kind, k)) is not None}

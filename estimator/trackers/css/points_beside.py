@@ -39,7 +39,7 @@ class BesideSettings(CheckedSettings):
 
     points: how they move. evidence: how keypoints are detected. exchange: what the chains tell each other, see
     `estimator.inference.chains.exchange.messages`. farthest: standard deviation [sizes of the person] up to which a
-    missing keypoint is told from where the chain has it; 0 for never.
+    missing keypoint is filled in from where the chain has it; 0 for never.
     Raises InputError where a value cannot be.
     """
 
@@ -93,11 +93,11 @@ class PointsBeside:
     """A tracker of hypotheses, which sees missing keypoints where the chain of keypoints expects them, with the doubt
     that is left about that, and all others as they are.
 
-    Each keypoint is a chain of its own, as features that are independent are. It is told the keypoint that was
+    Each keypoint is a chain of its own, as features that are independent are. It receives the keypoint that was
     detected, which may be wrong, and where the tracker's hypotheses expect it (J Sigma J'). What the
-    tracker is told in turn is what the chain expects before the frame is looked at: never what the tracker itself said
-    of this frame. By the default exchange a chain without a detection is told nothing, so that in a gap its uncertainty
-    grows as its motion says, whatever the tracker makes of it.
+    tracker receives in turn is what the chain expects before the frame is looked at: never what the tracker itself said
+    of this frame. By the default exchange a chain without a detection receives nothing, so that in a gap its
+    uncertainty grows as its motion says, whatever the tracker makes of it.
     """
 
     def __init__(self, inner: TrackerProtocol[Any], search: ModeSearch, settings: BesideSettings) -> None:
@@ -246,7 +246,7 @@ def _with(observation: Observation, pixels: np.ndarray, std: np.ndarray) -> Obse
 
 
 def _filled_arrays(observation: Observation, filled: Observation) -> dict[str, np.ndarray]:
-    """Which keypoints of a frame were kept, for `_with`; 0 where none was."""
+    """Which keypoints of a frame were filled in, for `_with`; 0 where none was."""
     std = np.zeros(observation.confidence.shape) if filled.spread is None else filled.spread
     return {"kept_pixels": np.where((std > 0.0)[..., None], filled.pixels, 0.0), "kept_std": std}
 

@@ -22,7 +22,7 @@ class CssSettings(CheckedSettings):
     transition: penalise the change since the parent; off in the paper, whose search is static (footnote 5). keep:
     search from the parents' own poses too, not from samples alone. momentum: share of its velocity that carries a
     parent to where pictures are looked at too (constant velocity beside driftless dynamics). refine: which searches
-    are led to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that differ after a short
+    are searched to convergence, "all" as printed (Figure 6, step 2.3), or the "best" of those that differ after a short
     search.
 
     budget: how many searches a frame gets. What the parents leave of it is shared in proportion to:

@@ -1,4 +1,4 @@
-"""Steps of a pose that are led to seen features: Kalman's update of each step, one for every way to see them and every
+"""Steps of a pose towards seen features: Kalman's update of each step, one for every way to see them and every
 length of a step."""
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ def kalman_steps(
     predicted: np.ndarray,
     jacobian: np.ndarray,
 ) -> KalmanSteps:
-    """Steps of some lengths from centres (N, D), given what is told of the features F that they move.
+    """Steps of some lengths from centres (N, D), given the message about the features F that they move.
 
-    predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing leads these. jacobian
+    predicted (N, F, 2) [px]: features at the centres, NaN where they have no image: nothing moves these. jacobian
     (N, F, 2, D): of the features. Each kernel of `received` is one normal density, exact where features are linear in
     the degrees of freedom; one that says nothing is the step as it is.
     """
@@ -88,8 +88,8 @@ def _update(  # type: ignore[no-untyped-def]
     """Fill log_weight (N, E), mean (N, E, D) and root (N, E, D, D), all lengths of one kernel after the other's.
 
     centres (N, D), at (N, P) [px] and H (N, P, D): where features are, and their derivatives; whole (N,): whether they
-    have an image. std (L, D), log_share (L,): of steps. means (K, P) [px], precisions (K, P, P), heights (K,): of what
-    is told, the logarithms of kernels in their means.
+    have an image. std (L, D), log_share (L,): of steps. means (K, P) [px], precisions (K, P, P), heights (K,): of the
+    message, the logarithms of kernels in their means.
     """
     count, size = centres.shape
     kernels, pixels = means.shape

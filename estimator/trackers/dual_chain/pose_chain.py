@@ -1,7 +1,7 @@
 """A chain of poses by weighted samples, drawn part by part from where an image shows their features.
 
 Likelihood sampling (Taycher and Darrell 2003; Taycher et al. 2004, section 4) as one chain of several: samples come
-from what is told of the features, by inverse kinematics, and from the past, and are weighed by past, features and
+from messages about the features, by inverse kinematics, and from the past, and are weighed by past, features and
 outlines.
 """
 
@@ -42,7 +42,7 @@ class PoseChainSettings(CheckedSettings):
     particles: how many. draws: "parts", trunk and limbs one after the other from where past and image have them, or
     "past", whole poses from the past alone, as CONDENSATION has it. kernels: of the past, by which parts are weighed.
     by_past, by_image: shares of the parts that come from the past as it is, and from inverse kinematics; the others are
-    led from the past to the features. groups: of samples that the features are expected by.
+    Kalman-updated from the past by the features. groups: of samples that the features are expected by.
     noise: of the dynamics, as a share of the energy's turn_speed and its like. far, wide: share of steps that are long,
     and how many times as long; of trunk and limbs each by itself. lost: odds that a limb is not where the past has it
     but anywhere, 0 for never; renewed: share of the samples that look for limbs there (`PoseChain.update`).
@@ -88,7 +88,7 @@ class _Way(NamedTuple):
 class PoseChain:
     """One frame's chain of poses (`estimator.inference.chains.exchange.FeatureChain`).
 
-    camera: in which features are told. outlines: what else the picture says of poses, None where nothing.
+    camera: of the features in messages. outlines: what else the picture says of poses, None where nothing.
     past: whether samples also come from the past, as they have to where the image does not show everything; without, as
     likelihood sampling has it, there are none where a feature is not detected. std (nv,): of the dynamics, for a step.
     pose_prior, if_hidden: see `PoseTarget`. diagnostics: filled with how it went: samples, effective_sample_size,
@@ -199,7 +199,7 @@ class PoseChain:
         partial = PartDraws(self.rng, target, self.past, s.by_past, s.by_image).all_parts(prior.samples[some])
         if partial is None:
             return None
-        # parts were chosen by what is told of each alone: in the end they are weighed by what is told of all
+        # parts were chosen by the message about each alone: in the end they are weighed by that about all
         log_message = target.log_message(target.prepared(partial.x))
         possible = np.isfinite(log_message)
         log_weight = np.where(possible, log_message - partial.log_message, -np.inf)

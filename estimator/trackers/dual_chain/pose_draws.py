@@ -16,8 +16,8 @@ from estimator.search.proposals.limb_ik import ImageProposal
 from estimator.trackers.dual_chain.kalman_steps import KalmanSteps, Length, kalman_steps
 from estimator.trackers.dual_chain.pose_target import BY_IMAGE, GUIDED, TRIES, PoseTarget
 
-_WAYS = 6  # to see the features of a part, that lead it
-_WIDER = 1.3  # are led steps, which are linear, than those of the past
+_WAYS = 6  # to see the features of a part, that update it
+_WIDER = 1.3  # are Kalman-updated steps, which are linear, than those of the past
 _BY_PAST, _UPDATED, _BY_IMAGE = range(3)
 
 
@@ -37,7 +37,7 @@ class PartDraws:
     """How the parts of one frame are drawn.
 
     past: whether they also come from the past. by_past, by_image: shares of what comes from the past as it is, and from
-    inverse kinematics of the end of a limb; all others are steps from the past that are led to the features.
+    inverse kinematics of the end of a limb; all others are steps from the past, Kalman-updated by the features.
     """
 
     rng: np.random.Generator
@@ -114,7 +114,7 @@ class PartDraws:
         return x, ok
 
     def _shares(self, part: int, seen: bool) -> np.ndarray:
-        """Of draws by past, led and by the image (3,)."""
+        """Of draws by the past, Kalman-updated and by the image (3,)."""
         if not self.past:
             return np.array([0.0, 1.0, 0.0]) if part == 0 else np.array([0.0, 0.0, 1.0])
         by_image = (BY_IMAGE if part in self.target.elsewhere else self.by_image) if seen else 0.0
@@ -124,7 +124,7 @@ class PartDraws:
     def _kalman_updated(
         self, x: np.ndarray, steps: TruncatedSteps, centres: np.ndarray, kernel: np.ndarray, part: int
     ) -> KalmanSteps:
-        """Where the features that a part moves lead it, on each of the poses x (N, nv): from its centre (N, nv), that
+        """Where the features that a part moves put it, on each of the poses x (N, nv): from its centre (N, nv), that
         of a kernel (N,), or, where the past says nothing, from rest."""
         target, parts = self.target, self.target.parts
         group, moved = parts.dofs[part], parts.of_part[part]

@@ -42,11 +42,11 @@ class PoseTarget:
     What the past expects of trunk and limbs is taken as independent: of a thousand poses that were put together of
     parts drawn apart hardly any is near a whole pose of the past, and the next ones would descend from these few.
 
-    camera: in which features are told. outlines: what else the picture says, None where nothing. elsewhere: the parts,
-    by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses people
-    take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much more an
-    association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and for one
-    that has none (`EvidenceSettings.if_hidden`).
+    camera: of the features in the message. outlines: what else the picture says, None where nothing. elsewhere: the
+    parts, by number, of which the past is taken to be wrong, and where they may be instead. pose_prior: which poses
+    people take, where that was learned: the features of one image leave the depth of limbs open. if_hidden: how much
+    more an association weighs, as logarithms, for a feature that a pose hides and that has a detection of its own, and
+    for one that has none (`EvidenceSettings.if_hidden`).
     """
 
     parts: PoseParts
@@ -152,7 +152,7 @@ BY_IMAGE = 0.6  # share of a limb that may be anywhere
 TRIES = 8  # for each sample of it that is kept: of arms by inverse kinematics a fifth are inside their limits
 
 
-GUIDED = 0.5  # the power of what its outlines say by which these are chosen, beside what is told of its features
+GUIDED = 0.5  # the power of what its outlines say by which these are chosen, beside the message about its features
 
 
 def anywhere(parts: PoseParts, prior: Expected) -> Reach:

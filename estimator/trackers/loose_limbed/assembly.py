@@ -37,8 +37,8 @@ class AssemblySettings(CheckedSettings):
     first pull, from wherever the body is. alone_place [m], alone_turn [rad]: the same floors where there is one camera:
     how far away a limb is, hardly anything says, and samples collapse there without being right.
 
-    clusters: places that are told apart in a belief, of which the limb's ends are about `apart` [m] from each other or
-    more. least: share of a belief from which another of its places is tried. same [m]: two limbs are believed in one
+    clusters: places that are distinguished in a belief, of which the limb's ends are about `apart` [m] from each other
+    or more. least: share of a belief from which another of its places is tried. same [m]: two limbs are believed in one
     place whose ends are nearer than this. exchange [nats]: what a hypothesis pays that takes limbs for each other or
     the front for the back, or leaves one out. jump [nats]: what it pays at most for being far from all modes of the
     frame before. forgetting: power of the parent's weight that is handed on.
@@ -124,7 +124,7 @@ def assembled(
     search: of the body. graph: its limbs, or those of the same subject with other lengths. beliefs (L): of each limb,
     of `PLACEMENTS`; one without points draws nothing. observation: the frame, its pictures left to the likelihood.
     before: the mixture of a frame `elapsed` [s] ago. rng: of what is sampled near modes; without one nothing is.
-    left_over: the person in the pictures, None where that does not count. heard: by outermost limb, other places.
+    left_over: the person in the pictures, None where that does not count. received: by outermost limb, other places.
 
     Raises
     ------

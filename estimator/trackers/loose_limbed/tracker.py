@@ -163,7 +163,7 @@ class LooseLimbed:
         return result, mixture
 
     def _tied(self, rng: np.random.Generator, beliefs: Beliefs, mixture: Mixture) -> Beliefs:
-        """What the next frame is told: some of it as the assembled poses have each limb, since limbs alone do not know
+        """What the next frame receives: some of it as the assembled poses have each limb, since limbs alone do not know
         that two of them are in one place."""
         tied = []
         for belief, points in zip(beliefs, self._limbs_in(mixture), strict=True):

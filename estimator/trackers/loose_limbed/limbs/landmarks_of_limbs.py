@@ -54,7 +54,7 @@ def landmarks_of_limbs(body: Body, graph: LimbGraph) -> tuple[LimbLandmarks, ...
 
 
 def longest_of(graph: LimbGraph) -> float:
-    """Length of the longest limb [m], by which errors of detectors are told: they grow with the person."""
+    """Length of the longest limb [m], with which errors of detectors are scaled: they grow with the person."""
     return max(limb.length for limb in graph.limbs)
 
 

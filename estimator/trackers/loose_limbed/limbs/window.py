@@ -48,9 +48,9 @@ def window(
 ) -> Graph:
     """The graph of one instant or more: limb l at instant k is node k L + l, and behind them the limbs of the past.
 
-    Limbs of an instant are connected as the body is, every limb with itself at the instants beside. The past tells the
-    first instant, and is told nothing; with ten limbs it and two instants are 30 nodes. share: lambda0, of the outlier
-    process, which is even in the instant's box.
+    Limbs of an instant are connected as the body is, every limb with itself at the instants beside. The past sends to
+    the first instant, and receives nothing; with ten limbs it and two instants are 30 nodes. share: lambda0, of the
+    outlier process, which is even in the instant's box.
 
     Raises
     ------

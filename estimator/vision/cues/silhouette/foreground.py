@@ -44,7 +44,7 @@ class Silhouette:
     nearest (H, W) int32: index into boundary of the outline point nearest to each pixel; -1 where there is none.
     distance (H, W) float32: distance to the outline [px], negative inside; infinite where there is none.
     known (H, W) bool: where the background is known; elsewhere the mask is True for want of knowledge.
-    certain (M,) bool: whether the outline point bounds a region that was told from a known background.
+    certain (M,) bool: whether the outline point bounds a region that was separated from a known background.
     """
 
     mask: np.ndarray
